@@ -193,6 +193,7 @@ class CompiledMachine:
         max_rows: int | None = None,
         max_seconds: float | None = None,
         recording: Recording | None = None,
+        stream: str | Path | None = None,
         **values: Any,
     ) -> Trajectory:
         """Run the machine with these values of its parameters; those not given stay as compiled.
@@ -218,6 +219,7 @@ class CompiledMachine:
             max_rows: rows after which it is.
             max_seconds: s of the wall's clock after which it is.
             recording: as there.
+            stream: as there.
             values: of the parameters, by their names.
 
         Raises:
@@ -242,6 +244,7 @@ class CompiledMachine:
             max_rows=max_rows,
             max_seconds=max_seconds,
             recording=recording,
+            stream=stream,
         )
         return self.run(on_every_rank(self.team, settings), **values)
 
@@ -276,7 +279,7 @@ class CompiledMachine:
                 start, method, t_start=settings.t_start, t_end=settings.t_end, rtol=settings.rtol, h=settings.h
             )
         else:
-            snapshot = settings.restart.of(start.scene, method, controllers=code_of(self.controllers))
+            snapshot = settings.restart.of(start, method, controllers=code_of(self.controllers))
         bodies = {body.name: body for body in self.bodies}
         return run(
             start, bodies, settings=settings, method=method, snapshot=snapshot, team=self.team,

@@ -296,6 +296,7 @@ class System(MachineAssembly):
         max_rows: int | None = None,
         max_seconds: float | None = None,
         recording: Recording | None = None,
+        stream: str | Path | None = None,
     ) -> Trajectory:
         """Run the machine from ``t_start`` to ``t_end`` (s).
 
@@ -324,9 +325,12 @@ class System(MachineAssembly):
             max_seconds: s of the wall's clock after which it is broken off.
             recording: a file that the fields of bodies with history go to at a rate of one's own, for the trajectory's
                 ``recorded``, its films and stresses.
+            stream: a file that the trajectory goes to while the machine runs, about once a second, so that
+                ``Trajectory.load`` reads it at any time: from another process, and after this one was killed.  An
+                existing one is replaced, or goes on where the run is a restart.
 
         Raises:
-            RecordError: the recording cannot be written.
+            RecordError: the recording or the stream cannot be written.
             SceneError, AssemblyError: as ``start``; or a bad argument.
             SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
                 faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
@@ -350,6 +354,7 @@ class System(MachineAssembly):
             max_rows=max_rows,
             max_seconds=max_seconds,
             recording=recording,
+            stream=stream,
         )
         checked, machine = on_every_rank(self.team, lambda: (settings(), self.compile()))
         return machine.run(checked)

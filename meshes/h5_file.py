@@ -2,7 +2,8 @@
 
 The file (any HDF5 library can read it):
 
-    /               attributes `format` = "flexmbd mesh", `version` = 1, `cell` (basix's name of the
+    bytes 0-511     user block: what the file is, its size and SHA-256 (`files.tree_file`)
+    /               attributes `format` = "flexmbd mesh", `version` = 2, `cell` (basix's name of the
                     cells) and `degree` (of the geometry, 1 or 2)
     points          (n, 3) f8, m
     cells           (m, k) i8, rows of points, in basix's order of a cell's nodes
@@ -21,8 +22,8 @@ of the mesh, so that a mesh read from it has the same fingerprint.
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -38,14 +39,16 @@ from flexmbd.continuum.grid.mesh_blocks import BELOW, mesh_blocks, numbered
 from flexmbd.continuum.grid.mesh_input import MeshInput
 from flexmbd.continuum.grid.row_exchange import blocks_on_root, share_of
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.continuum.parallel import raise_collectively
-from flexmbd.errors import MeshError
+from flexmbd.continuum.parallel import on_root, raise_collectively
+from flexmbd.errors import MeshError, RecordError
+from flexmbd.files.tree_file import HEAD, FileKind, check_seal, seal
+from flexmbd.files.whole_file import first_line, open_part, take_part
 from flexmbd.meshes.dimension import check_arguments
 from flexmbd.meshes.group_choice import chosen
 
 IntArray = npt.NDArray[np.int64]
 
-_FORMAT, _VERSION = "flexmbd mesh", 1
+MESH = FileKind("flexmbd mesh", 2, "flexmbd.meshes.write")
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -74,17 +77,22 @@ def write(part: TaggedMesh, path: str | Path) -> None:
             raise MeshError(f"{path}: only meshes of degree 1 and 2 are written")
 
     check_arguments(part.comm, {"path": path}, check)
-    fresh = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
-    file: Any = None
+    destination = Path(os.path.realpath(target))
+    fresh: Path | None = None
+    descriptor, file = -1, None
 
     def begin() -> None:
-        nonlocal file
-        file = h5py.File(fresh, "w")
+        nonlocal fresh, descriptor, file
+        fresh, descriptor = open_part(destination)
+        # HDF5 needs no lock of its own: nobody else knows the file
+        file = h5py.File(fresh, "w", userblock_size=HEAD, locking=False)
         _write_head(file, part)
 
     def end() -> None:
-        file.close()
-        os.replace(fresh, target)
+        if file is not None and fresh is not None:
+            file.close()
+            seal(descriptor, MESH)
+            take_part(fresh, destination, file=descriptor)
 
     try:
         _at_root(part.comm, target, begin)
@@ -92,10 +100,12 @@ def write(part: TaggedMesh, path: str | Path) -> None:
             _write_block(part.comm, target, file, name, block)
         _at_root(part.comm, target, end)
     finally:
-        if part.comm.rank == 0:
-            if file:  # a closed one is false
-                file.close()
-            fresh.unlink(missing_ok=True)
+        if file:  # a closed one is false
+            file.close()
+        if fresh is not None:
+            os.close(descriptor)
+            with suppress(OSError):
+                fresh.unlink(missing_ok=True)
 
 
 def _at_root(comm: MPI.Comm, target: Path, function: Callable[[], None]) -> None:
@@ -110,13 +120,13 @@ def _at_root(comm: MPI.Comm, target: Path, function: Callable[[], None]) -> None
 
 def _not_written(target: Path, error: Exception) -> MeshError:
     return MeshError(
-        f"cannot write {target}: {error}; nothing was changed there: choose a folder that you may write "
+        f"cannot write {target}: {first_line(error)}; nothing was changed there: choose a folder that you may write "
         "to and that has the space"
     )
 
 
 def _write_head(file: Any, part: TaggedMesh) -> None:
-    file.attrs["format"], file.attrs["version"] = _FORMAT, _VERSION
+    file.attrs["format"], file.attrs["version"] = MESH.format, MESH.version
     file.attrs["cell"] = part.mesh.topology.cell_name()
     file.attrs["degree"] = geometry_degree(part.mesh)
     groups = {
@@ -170,6 +180,8 @@ def h5_input(
         MeshError: on all ranks; a rank cannot open the file, it is no such file, its arrays do not fit
             together, or a name is not there.
     """
+    # before the HDF5 library sees a byte: on a damaged file it may never return
+    on_root(comm, lambda: _refuse_damaged(path))
     share: MeshInput | None = None
     error: Exception | None = None
     try:
@@ -177,12 +189,25 @@ def h5_input(
             share = _share(path, file, comm, cell_groups, facet_groups)
     except MeshError as caught:
         error = caught
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as caught:
-        error = MeshError(f"{path}: not a whole file of a {_FORMAT}: {caught}")
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as caught:
+        error = MeshError(f"{path}: not a whole file of a {MESH.format}: {first_line(caught)}")
     raise_collectively(comm, error)
     if share is None:  # for the type checker: without a share there is an error
         raise MeshError(f"{path}: not read")
     return share
+
+
+def _refuse_damaged(path: Path) -> None:
+    try:
+        check_seal(path, kind=MESH)
+    except RecordError as error:
+        raise MeshError(f"{error}; meshes of flexmbd 0.1 had no checksum and are written again from their source"
+                        if _is_plain_hdf5(path) else str(error)) from error  # fmt: skip
+
+
+def _is_plain_hdf5(path: Path) -> bool:
+    with open(path, "rb") as file:
+        return file.read(4) == b"\x89HDF"
 
 
 def _share(
@@ -192,10 +217,6 @@ def _share(
     cell_groups: Collection[str] | None,
     facet_groups: Collection[str] | None,
 ) -> MeshInput:
-    if file.attrs.get("format") != _FORMAT:
-        raise MeshError(f"{path}: not a {_FORMAT}, but an HDF5 file of another program")
-    if file.attrs["version"] != _VERSION:
-        raise MeshError(f"{path}: of version {file.attrs['version']}, and version {_VERSION} is read")
     cell, degree = str(file.attrs["cell"]), int(file.attrs["degree"])
     names = {
         kind: dict(

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError
+from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 
 if TYPE_CHECKING:  # h5py loads where a file is asked for
     import h5py
@@ -135,27 +135,15 @@ def new_file(
         file = h5py.File(f"ensemble {next(_unnamed)}", "w", driver="core", backing_store=False)
         _lay_out(file, count, shapes, samples, digest)
         return ResultsFile(file)
-    part = path.with_name(f"{path.name}.part")
     numbers = sum(count * prod(shape) for shape in shapes.values()) + sum(values.size for values in samples.values())
     try:
-        _refuse_no_room(part, 8 * numbers + (1 + _TEXT) * count + _HEADERS)
-        with h5py.File(part, "w") as file:
-            _lay_out(file, count, shapes, samples, digest)
-        part.replace(path)
+        with part_file(Path(os.path.realpath(path))) as (part, room):
+            refuse_no_room(room, 8 * numbers + (1 + _TEXT) * count + _HEADERS)
+            with h5py.File(part, "w", locking=False) as file:
+                _lay_out(file, count, shapes, samples, digest)
         return ResultsFile(h5py.File(path, "r+"))
     except OSError as reason:
-        raise RecordError(f"the ensemble cannot be written to {path}: {reason}") from reason
-
-
-def _refuse_no_room(path: Path, size: int) -> None:
-    """Raise OSError where ``size`` bytes have no room; HDF5 would take the process with it when it closes the file."""
-    with path.open("wb") as file:
-        if sys.platform == "linux":
-            try:
-                os.posix_fallocate(file.fileno(), 0, size)
-            except OSError:
-                path.unlink()
-                raise
+        raise RecordError(f"the ensemble cannot be written to {path}: {first_line(reason)}") from reason
 
 
 def opened_file(path: Path, digest: str) -> ResultsFile:

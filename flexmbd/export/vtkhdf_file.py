@@ -8,9 +8,7 @@ that all share the triangles.
 from __future__ import annotations
 
 import os
-import secrets
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.loss import Capabilities, check_body
+from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.interiors.observed import InteriorMesh
 from flexmbd.record.groups import FloatArray, IntArray, Surface
@@ -34,6 +33,8 @@ CAPABILITIES = Capabilities(interfaces=0, rotations=False, damping=False, large_
 
 # VTK's numbers of kinds of cells, and how many points each has.
 _POINT, _TRIANGLE = 1, 5
+# Bytes of all but arrays of numbers in the file, and more.
+_HEADERS = 1 << 16
 
 
 def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
@@ -72,7 +73,7 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
             points[f"mode {i + 1}"] = phi[:, :, i]
         root.create_group("FieldData")["frequency"] = np.sqrt(body.stiffness) / (2.0 * np.pi)
 
-    _write(path, fill)
+    _write(path, fill, size=8 * (x.size + phi.size + 2 * cells.size))
     return ("everything but the shapes and frequencies of the modes: the file is for pictures",)
 
 
@@ -113,7 +114,9 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         name for name, body in run.bodies.items() if _surface(body) is None and not any(body is part for part in parts)
     ]
     if run.team.is_root:
-        _write(path, lambda file: _fill(file, skins, instants))
+        points = len(instants) * sum(skin.size for skin in skins)
+        size = points * (36 + 4 * len({name for skin in skins for name in skin.fields}))
+        _write(path, lambda file: _fill(file, skins, instants), size=size)
     return (f"bodies without a surface: {', '.join(bare)}",) if bare else ()
 
 
@@ -259,30 +262,17 @@ def _grid(file: h5py.File, n: int, cells: IntArray) -> Any:
     return root
 
 
-def _write(path: str | Path, fill: Callable[[h5py.File], None]) -> None:
-    """Let ``fill`` write a file under a temporary name and rename it; an existing file survives until then."""
+def _write(path: str | Path, fill: Callable[[h5py.File], None], *, size: int) -> None:
+    """Let ``fill`` write a file of some ``size`` bytes and more; an existing file survives until it is complete."""
     import h5py
 
-    target = Path(os.path.realpath(path))
     try:
-        with _temporary_file(target) as temporary:
-            with h5py.File(temporary, "x") as file:
+        with part_file(Path(os.path.realpath(path))) as (part, room):
+            refuse_no_room(room, size + _HEADERS)
+            with h5py.File(part, "w", locking=False) as file:  # the part has a lock of ours
                 fill(file)
-            os.replace(temporary, target)
-    except OSError as error:
+    except (OSError, RuntimeError) as error:
         raise ExportError(
-            f"cannot write {path}: {error.strerror or error}; nothing was changed there: choose a folder that exists, "
+            f"cannot write {path}: {first_line(error)}; nothing was changed there: choose a folder that exists, "
             "that you may write to and that has the space"
         ) from error
-
-
-@contextmanager
-def _temporary_file(target: Path) -> Iterator[Path]:
-    """A name beside the target, of a file that is gone afterwards."""
-    if target.exists() and not target.is_file():
-        raise OSError(f"{target} is not a regular file")
-    temporary = target.with_name(f".{secrets.token_hex(8)}.part")
-    try:
-        yield temporary
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import sys
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection, Mapping
@@ -31,18 +33,22 @@ def write_archive(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     return write_file(path, buffer.getvalue())
 
 
-def read_archive(path: str | Path, *, requested: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_archive(
+    path: str | Path, *, requested: Collection[str] | None = None, compressed: bool = True
+) -> dict[str, NDArray[Any]]:
     """The arrays of an archive by name.
 
     Args:
         path: a file of zipped .npy members.
         requested: names to read, others are passed over unread; all by default.
+        compressed: whether the file may be so; one that is not may have any size.
 
     Raises:
         ExportError: the file is missing, damaged, no such archive, or claims more than is sensible; an array is of
             Python objects.
     """
-    data = read_file(path)
+    data = read_file(path) if compressed else read_file(path, largest=sys.maxsize)
+    most = MOST_BYTES if compressed else len(data)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = [
@@ -50,22 +56,22 @@ def read_archive(path: str | Path, *, requested: Collection[str] | None = None) 
                 for item in archive.infolist()
                 if requested is None or item.filename.removesuffix(".npy") in requested
             ]
-            _refuse_excess(path, members)
+            _refuse_excess(path, members, most)
             return {item.filename.removesuffix(".npy"): _array(archive, item) for item in members}
     except ExportError:
         raise
     except (
         OSError, EOFError, KeyError, ValueError, RuntimeError, NotImplementedError, OverflowError, SyntaxError,
-        MemoryError, TypeError, zipfile.BadZipFile, zlib.error,
+        MemoryError, TypeError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
     ) as error:  # fmt: skip
         raise ExportError(f"{path} is not an archive of arrays that can be read: {error}") from error
 
 
-def _refuse_excess(path: str | Path, members: list[zipfile.ZipInfo]) -> None:
+def _refuse_excess(path: str | Path, members: list[zipfile.ZipInfo], most: int) -> None:
     total = sum(item.file_size for item in members)
-    if len(members) > MOST_ARRAYS or total > MOST_BYTES:
+    if len(members) > MOST_ARRAYS or total > most:
         raise ExportError(
-            f"{path} claims {len(members)} arrays of {total} bytes; {MOST_ARRAYS} arrays of {MOST_BYTES} bytes are the "
+            f"{path} claims {len(members)} arrays of {total} bytes; {MOST_ARRAYS} arrays of {most} bytes are the "
             "most that are read"
         )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,40 +10,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import RecordError
+from flexmbd.errors import ExportError, RecordError
+from flexmbd.files.archive import read_archive
+from flexmbd.files.whole_file import part_file
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
-    """Write under a temporary name first, so that a process killed meanwhile leaves the file that was there.
+    """Write arrays; a process that is killed meanwhile leaves the file that was there. Not collective.
+
+    Args:
+        path: destination; a symbolic link is followed.
+        arrays: by name.
 
     Raises:
         RecordError: it cannot be written.
     """
-    target = Path(path)
-    temporary = target.with_name(f"{target.name}.{os.getpid()}.part")
+    target = Path(os.path.realpath(path))
     try:
-        with temporary.open("wb") as file:
+        with part_file(target) as (_, number), os.fdopen(number, "wb", closefd=False) as file:
             np.savez(file, allow_pickle=False, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
     except OSError as reason:
-        temporary.unlink(missing_ok=True)
-        raise RecordError(f"the checkpoint cannot be written to {target}: {reason}") from reason
-    return target
+        raise RecordError(
+            f"the checkpoint cannot be written to {path}: {reason.strerror or reason}; what was there is there still: "
+            "choose a folder that exists, that you may write to and that has the space"
+        ) from reason
+    return Path(path)
 
 
 def read_arrays(path: str | Path, *, version: int) -> dict[str, NDArray[Any]]:
-    """The arrays of a file by name.
+    """The arrays of a file by name. Not collective.
 
     Raises:
         RecordError: no such file, none that `write_arrays` wrote, or its ``version`` is another.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file}
-            found = int(arrays["version"])
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as reason:
+        arrays = read_archive(path, compressed=False)
+        found = int(arrays["version"])
+    except (ExportError, KeyError, ValueError, TypeError, OverflowError) as reason:
         raise RecordError(f"{path} is not a checkpoint that can be read: {reason}") from reason
     if found != version:
         raise RecordError(f"{path}: a checkpoint of version {found}, not {version}")

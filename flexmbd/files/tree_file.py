@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 #: A dictionary of float64 and int64 arrays, texts, tuples of texts, and further such dictionaries.
 Tree = dict[str, Any]
 
-_HEAD = 512
+#: Bytes before the HDF5 file proper.
+HEAD = 512
+_READ_AT_ONCE = 1 << 22
 _HEADLINE = re.compile(rb"([a-z ]+), version (\d+)\nHDF5 after (\d+) bytes\nbytes (\d+)\nsha256 ([0-9a-f]{64})\n")
 _KINDS = {np.dtype(np.float64): "<f8", np.dtype(np.int64): "<i8"}
 
@@ -69,13 +71,9 @@ def write_tree(path: Path, tree: Mapping[str, Any], *, kind: FileKind) -> None:
     Raises:
         RecordError: the destination cannot be written, or the tree holds something else.
     """
-    image = _image(tree, kind)
-    body = image[_HEAD:]
-    digest = hashlib.sha256(body).hexdigest()
-    head = f"{kind.format}, version {kind.version}\nHDF5 after {_HEAD} bytes\nbytes {len(body)}\n"
-    head += f"sha256 {digest}\n"
+    image = tree_image(tree, kind=kind)
     try:
-        replace_file(Path(os.path.realpath(path)), head.encode("ascii").ljust(_HEAD, b"\0"), body)
+        replace_file(Path(os.path.realpath(path)), image)
     except OSError as error:
         raise RecordError(
             f"cannot write {path}: {error.strerror or error}; nothing was changed there. "
@@ -109,30 +107,101 @@ def read_tree(path: Path, *, kind: FileKind) -> Tree:
         RecordError: the file is missing, foreign, of another version, truncated or damaged.
     """
     data = _read_bytes(Path(path), kind)
+    check_image(Path(path), data, kind=kind)
+    return tree_of(Path(path), data, kind=kind)
+
+
+def tree_of(path: Path, image: bytes, *, kind: FileKind) -> Tree:
+    """The tree of a file's bytes, whose head `check_image` has found sound.
+
+    Raises:
+        RecordError: they hold something else than a tree.
+    """
     import h5py
 
     try:
-        with h5py.File(io.BytesIO(data), "r") as file:
-            if _claimed(file) > len(data):
+        with h5py.File(io.BytesIO(image), "r") as file:
+            if _claimed(file) > len(image):
                 # a dataset may claim any size at no cost in the file
-                raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {len(data)}")
+                raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {len(image)}")
             return _read_group(file)
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise RecordError(f"{path} does not hold what a {kind.format} should: {error}") from error
 
 
-def _image(tree: Mapping[str, Any], kind: FileKind) -> bytes:
-    """The complete HDF5 file, its user block still empty."""
+def tree_image(tree: Mapping[str, Any], *, kind: FileKind) -> bytearray:
+    """The bytes of a file that holds a tree.
+
+    Raises:
+        RecordError: the tree holds something else than a file can.
+    """
     import h5py
 
     # made in memory and written by Python: on a full disk the HDF5 library fails when it closes
     # a file, too late for a clean error
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w", userblock_size=_HEAD) as file:
+    with h5py.File(buffer, "w", userblock_size=HEAD) as file:
         file.attrs["format"] = kind.format
         file.attrs["version"] = kind.version
         _write_group(file, tree, where="")
-    return buffer.getvalue()
+    image = bytearray(buffer.getbuffer())
+    body = memoryview(image)[HEAD:]
+    image[:HEAD] = _head(kind, size=len(body), digest=hashlib.sha256(body).hexdigest())
+    return image
+
+
+def seal(file: int, kind: FileKind) -> None:
+    """Write the head of an HDF5 file that was written behind a user block of ``HEAD`` bytes, and is open for all.
+
+    Raises:
+        OSError: it cannot be read or written.
+    """
+    size, digest = _digest(file)
+    os.pwrite(file, _head(kind, size=size, digest=digest), 0)
+
+
+def is_kind(path: Path, kind: FileKind) -> bool:
+    """Whether a file that can be read begins as one of this kind does."""
+    try:
+        if not path.is_file():
+            return False
+        with open(path, "rb") as file:
+            found = _HEADLINE.match(file.read(HEAD))
+    except OSError:
+        return False
+    return found is not None and found.group(1) == kind.format.encode()
+
+
+def check_seal(path: Path, *, kind: FileKind) -> None:
+    """Refuse a file that is not as `seal` left it. Not collective.
+
+    Raises:
+        RecordError: it is missing, foreign, of another version, truncated or damaged.
+    """
+    try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise RecordError(f"cannot read {path}: it is not a regular file")
+        with open(path, "rb") as file:
+            head = file.read(HEAD)
+            size = image_size(path, head, kind=kind)
+            _refuse_size(path, os.fstat(file.fileno()).st_size, size)
+            _refuse_digest(path, _digest(file.fileno())[1], head, kind)
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _digest(file: int) -> tuple[int, str]:
+    """Of what stands behind a file's head: its size and SHA-256."""
+    digest, at = hashlib.sha256(), HEAD
+    while part := os.pread(file, _READ_AT_ONCE, at):
+        digest.update(part)
+        at += len(part)
+    return at - HEAD, digest.hexdigest()
+
+
+def _head(kind: FileKind, *, size: int, digest: str) -> bytes:
+    head = f"{kind.format}, version {kind.version}\nHDF5 after {HEAD} bytes\nbytes {size}\nsha256 {digest}\n"
+    return head.encode("ascii").ljust(HEAD, b"\0")
 
 
 def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> None:
@@ -165,17 +234,16 @@ def _read_bytes(path: Path, kind: FileKind) -> bytes:
         if path.exists() and not path.is_file():  # a pipe would be waited for
             raise RecordError(f"cannot read {path}: it is not a regular file")
         with open(path, "rb") as file:
-            head = file.read(_HEAD)
+            head = file.read(HEAD)
             _headline(path, head, kind)
             data = head + file.read()
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
-    _check_head(path, data, kind)
     return data
 
 
 def _headline(path: Path, data: bytes, kind: FileKind) -> re.Match[bytes]:
-    found = _HEADLINE.match(data[:_HEAD])
+    found = _HEADLINE.match(data[:HEAD])
     name = kind.format.encode()
     if found is None and name.startswith(data[: len(name)]):
         raise RecordError(
@@ -187,20 +255,40 @@ def _headline(path: Path, data: bytes, kind: FileKind) -> re.Match[bytes]:
     return found
 
 
-def _check_head(path: Path, data: bytes, kind: FileKind) -> None:
-    found = _headline(path, data, kind)
-    version, head, size = (int(number) for number in found.groups()[1:4])
+def image_size(path: Path, head: bytes, *, kind: FileKind) -> int:
+    """How many bytes a file's first bytes say that it has.
+
+    Raises:
+        RecordError: it is foreign or of another version, or its beginning is damaged.
+    """
+    version, before, size = (int(number) for number in _headline(path, head, kind).groups()[1:4])
     if version != kind.version:
         raise RecordError(
             f"{path} is a {kind.format} of version {version}, and this flexmbd reads version {kind.version}: "
             "use the flexmbd that wrote it, or make it again"
         )
-    if len(data) != head + size:
+    return before + size
+
+
+def check_image(path: Path, image: bytes, *, kind: FileKind) -> None:
+    """Refuse a file's bytes that are not those that were written.
+
+    Raises:
+        RecordError: they are of another file, of another version, truncated or damaged.
+    """
+    _refuse_size(path, len(image), image_size(path, image, kind=kind))
+    _refuse_digest(path, hashlib.sha256(memoryview(image)[HEAD:]).hexdigest(), image, kind)
+
+
+def _refuse_size(path: Path, found: int, size: int) -> None:
+    if found != size:
         raise RecordError(
-            f"{path} is truncated or was added to: it has {len(data)} bytes of {head + size}; "
-            "copy it or write it again"
+            f"{path} is truncated or was added to: it has {found} bytes of {size}; copy it or write it again"
         )
-    if hashlib.sha256(data[head:]).hexdigest().encode() != found.group(5):
+
+
+def _refuse_digest(path: Path, digest: str, head: bytes, kind: FileKind) -> None:
+    if digest.encode() != _headline(path, head, kind).group(5):
         raise RecordError(f"{path} is damaged: its SHA-256 is another; copy it or write it again")
 
 

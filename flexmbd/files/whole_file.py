@@ -9,6 +9,8 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,39 +18,150 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+# Names of parts: ".", so many bytes of the target's name at most, random digits (two a byte) and what they end in.
+_LONGEST_STEM, _TOKEN, _PART = 100, 8, ".part"
+
 #: No file of a reduced body is larger (bytes); what claims more is refused before it is read.
 LARGEST = 2**31
 
 
-def replace_file(path: Path, *parts: bytes) -> None:
+def replace_file(path: Path, *parts: bytes | bytearray) -> None:
     """Put the parts into a new file and rename it to `path`.
 
     Raises:
         OSError: it cannot be written; what was there is there still.
     """
-    if path.exists() and not path.is_file():
+    with part_file(path) as (_, file):
+        for part in parts:
+            left = memoryview(part)
+            while left:  # a disk that is nearly full takes a part
+                left = left[os.write(file, left) :]
+
+
+@contextmanager
+def part_file(target: Path) -> Iterator[tuple[Path, int]]:
+    """A new file, by its path and descriptor, which takes the place of the target when it is complete.
+
+    Raises:
+        OSError: it cannot be written; what was there is there still, and nothing else.
+    """
+    temporary, file = open_part(target)
+    try:
+        yield temporary, file
+        take_part(temporary, target, file=file)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+    finally:
+        os.close(file)
+
+
+def open_part(target: Path) -> tuple[Path, int]:
+    """A new empty file beside the target, by its path and descriptor.
+
+    It is locked until the descriptor is closed, by the end of its process too: parts of this target that nobody has
+    locked are what killed writers left, and are removed.
+
+    Raises:
+        OSError: it cannot be made, or the target is something else than a file.
+    """
+    if target.exists() and not target.is_file():
         # the rename would put a file in the place of a device
         raise OSError(errno.EINVAL, "it is not a regular file")
-    # another name for each writer, so that two at once do not meet
-    temporary = path.with_name(f".{secrets.token_hex(8)}.part")
-    try:
-        with open(temporary, "xb") as file:
-            for part in parts:
-                file.write(part)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
+    _remove_left(target)
+    while True:
+        # nobody can guess the name and plant a link there
+        temporary = target.with_name(f"{_part_prefix(target)}{secrets.token_hex(_TOKEN)}{_PART}")
+        file = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o666)
+        if not _locked(file) or temporary.exists():
+            return temporary, file
+        os.close(file)  # another writer took it for one that was left
+
+
+def refuse_no_room(file: int, size: int) -> None:
+    """Raise OSError where so many bytes have no room in an empty open file.
+
+    For what the HDF5 library writes: on a full disk it fails when it closes the file, with a trace of its own or with
+    the process.
+    """
+    if size and hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file, 0, size)
+        os.ftruncate(file, 0)
+
+
+def first_line(error: BaseException) -> str:
+    """What an error says, without the libraries' traces below it."""
+    told = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return next((line for line in told.splitlines() if line.strip()), type(error).__name__)
+
+
+def take_part(temporary: Path, target: Path, *, file: int) -> None:
+    """Let a complete part take its target's place, for good.
+
+    Raises:
+        OSError: it cannot.
+    """
+    os.fsync(file)
+    os.replace(temporary, target)
+    folder = os.open(target.parent, os.O_RDONLY)
     try:
         # the rename itself must survive a power cut; some network file systems cannot promise it
-        os.fsync(folder)
-    except OSError:
-        pass
+        with suppress(OSError):
+            os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def is_locked_elsewhere(file: int) -> bool:
+    """Lock an open file that grows, until it is closed; whether another process, or another part of this one, has."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # of file systems without locks
+        return False
+    return False
+
+
+def _part_prefix(target: Path) -> str:
+    # names have 255 bytes at most
+    return f".{os.fsdecode(os.fsencode(target.name)[:_LONGEST_STEM])}."
+
+
+def _remove_left(target: Path) -> None:
+    """Remove the parts of a target that killed writers left."""
+    prefix, length = _part_prefix(target), 2 * _TOKEN + len(_PART)
+    with suppress(OSError), os.scandir(target.parent) as entries:
+        for entry in entries:
+            name = entry.name
+            if not (name.startswith(prefix) and name.endswith(_PART) and len(name) == len(prefix) + length):
+                continue
+            with suppress(OSError):
+                file = os.open(entry.path, os.O_RDWR | os.O_NOFOLLOW)
+                try:
+                    if _locked(file):
+                        os.unlink(entry.path)
+                finally:
+                    os.close(file)
+
+
+def _locked(file: int) -> bool:
+    """Lock a file; whether that could be done: some file systems, and Windows, have no such locks."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def write_file(path: str | Path, content: bytes | str) -> Path:
@@ -85,7 +198,7 @@ def read_file(path: str | Path, *, largest: int = LARGEST) -> bytes:
             size = os.fstat(file.fileno()).st_size
             if size > largest:
                 raise ExportError(f"cannot read {path}: it has {size} bytes, and {largest} are the most")
-            return file.read(largest)
+            return file.read(min(largest, size))
     except OSError as error:
         raise ExportError(f"cannot read {path}: {error.strerror or error}") from error
 

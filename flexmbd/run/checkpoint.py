@@ -17,11 +17,14 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.continuum_body import Memory
 from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.kernels.base.array_struct import names_of
-from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.run.sampling import SamplingMemory
-from flexmbd.run.stepping import Snapshot
+from flexmbd.run.stepping import Snapshot, new_groups
 
 _VERSION = 8
+# Arrays of whole numbers; arrays (ne, 2).
+_WHOLE = ("state.counts", "groups.of", "groups.kind")
+_BY_ELEMENT = ("stiffness", "softest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,23 +48,25 @@ class Checkpoint:
         """Time (s) of the checkpoint."""
         return float(self.snapshot.state.numbers[st.TIME])
 
-    def of(self, scene: CompiledScene, method: Integrator, *, controllers: str = "") -> Snapshot:
-        """Return the snapshot if it belongs to this scene and method, and to controllers of this code.
+    def of(self, start: Start, method: Integrator, *, controllers: str = "") -> Snapshot:
+        """Return the snapshot if it belongs to this start's scene and method, and to controllers of this code.
 
         Raises:
             SceneError: it was made by another one.
+            RecordError: it is damaged.
         """
         if self.method != method.name:
             raise SceneError(
                 f"the checkpoint was made by {self.method}, this is {method.name}; give the same integrator"
             )
-        if self.scene != scene.digest():
+        if self.scene != start.scene.digest():
             raise SceneError("the checkpoint was made by another scene: bodies, joints, forces or functions differ")
         if self.snapshot.sampling.code != controllers:
             raise SceneError(
                 "the checkpoint was made with other controllers: one is new or gone, or a law, a period, a signal or a "
                 "state differs"
             )
+        _refuse_damaged(self.snapshot, start)
         return self.snapshot
 
     def save(self, path: str | Path) -> Path:
@@ -99,8 +104,10 @@ class Checkpoint:
         """
         file = read_arrays(path, version=_VERSION)
         try:
-            state = st.State(*(file[f"state.{name}"] for name in names_of(st.State)))
-            groups = st.Groups(*(file[f"groups.{name}"] for name in names_of(st.Groups)))
+            state = st.State(*(_part(file, f"state.{name}", 1) for name in names_of(st.State)))
+            groups = st.Groups(
+                *(_part(file, f"groups.{name}", 2 if name in _BY_ELEMENT else 1) for name in names_of(st.Groups))
+            )
             t_start, first_step = file["times"]
             own = _memory(file, "method.")
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
@@ -110,8 +117,56 @@ class Checkpoint:
             )
             snapshot = Snapshot(state, groups, own, float(first_step), file["rows"], kept, sampling)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
-        except (KeyError, ValueError) as reason:
+        except (KeyError, ValueError, TypeError, OverflowError) as reason:
             raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason
+
+
+def _part(file: Mapping[str, NDArray[Any]], name: str, dimensions: int) -> NDArray[Any]:
+    """An array as kernels take it, for they trust its type."""
+    found = np.ascontiguousarray(file[name])
+    kind = np.int64 if name in _WHOLE else np.float64
+    if found.dtype != kind or file[name].ndim != dimensions:
+        raise ValueError(f"{name} is an array {file[name].shape} of {found.dtype}")
+    return found
+
+
+def _refuse_damaged(snapshot: Snapshot, start: Start) -> None:
+    """Raise RecordError where arrays of a snapshot are not those of a scene: kernels ask nothing."""
+    state, groups, scene = snapshot.state, snapshot.groups, start.scene
+    sizes = (scene.nx, scene.nv, scene.nv, len(snapshot.rows), st.N_NUMBER, st.N_COUNT)
+    fresh = new_groups(scene)
+    rows, all_rows = snapshot.rows, len(start.unreduced.plan.rows)
+    faults = {
+        "its arrays have other sizes": [len(part) for part in state.fields().values()] != list(sizes),
+        "its groups are others": any(
+            not np.array_equal(getattr(groups, name), getattr(fresh, name)) for name in ("of", "kind", "full", "floor")
+        )
+        or any(part.shape != getattr(fresh, name).shape for name, part in groups.fields().items()),
+        "its rows are none of the scene": not (rows.dtype == np.int64 and rows.ndim == 1)
+        or len(np.unique(rows)) != len(rows)
+        or not ((rows >= 0) & (rows < all_rows)).all(),
+        "it has numbers that are not finite": not all(
+            np.isfinite(part).all() for part in (state.x, state.v, state.a, state.multipliers, snapshot.first_step)
+        ),
+    }
+    if not any(faults.values()):
+        counts, numbers = state.counts, state.numbers
+        faults["its counts are impossible"] = bool(
+            (counts < 0).any()
+            or counts[st.WORST] >= max(scene.nv, 1)
+            or (counts[[st.FIXED_STEP, st.AT_BREAK, st.WATCH_ROWS]] > 1).any()
+            or counts[st.RESELECT_ROWS] > st.INACCURATE
+            or np.isnan(numbers).any()
+            or not np.isfinite(numbers[[st.TIME, st.STEP, st.TOLERANCE]]).all()
+        )
+        kept = () if scene.interiors is None else scene.interiors.bodies
+        wrenches = (sum(len(body.interior.frames) for body in kept), 6)
+        faults["its bodies with history are others"] = (
+            len(snapshot.interiors.memories) != len(kept) or snapshot.interiors.wrenches.shape != wrenches
+        )
+    for what, found in faults.items():
+        if found:
+            raise RecordError(f"the checkpoint is damaged: {what}; take the one before, or start anew")
 
 
 def _memory(file: Mapping[str, NDArray[np.generic]], prefix: str) -> Memory:

@@ -93,9 +93,7 @@ class Recorder:
     @property
     def recordings(self) -> tuple[BodyRecording, ...]:
         """What was written, by body."""
-        bodies = {body.name: body for body in self._interiors.bodies}
-        path = Path(self._recording.path).absolute()
-        return tuple(BodyRecording(path, name, bodies[name]) for name in self._bodies)
+        return kept_recordings(self._recording, self._interiors)
 
     def _look(self, t: float) -> None:
         motions = self._motions()
@@ -126,6 +124,15 @@ def open_recorder(settings: RunSettings, integration: Integration, team: Team) -
         recorder.end()
     finally:
         recorder.stop()
+
+
+def kept_recordings(recording: Recording | None, interiors: Interiors | None) -> tuple[BodyRecording, ...]:
+    """What a recording of these bodies holds, by body."""
+    if recording is None or interiors is None:
+        return ()
+    bodies = {body.name: body for body in interiors.bodies}
+    path = Path(recording.path).absolute()
+    return tuple(BodyRecording(path, name, bodies[name]) for name in _observed(interiors))
 
 
 def _observed(interiors: Interiors) -> dict[str, ObservedInterior]:

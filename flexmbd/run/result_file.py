@@ -13,14 +13,14 @@ series     the table of all joints, bodies and energies: names, units, values (n
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import FlexmbdError, RecordError, SceneError
+from flexmbd.errors import FlexmbdError, RecordError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.files.tree_file import FileKind, Tree, read_tree, write_tree
 from flexmbd.multibody.bodies.body import Body
@@ -28,16 +28,33 @@ from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
 from flexmbd.run.departure import Departure
-from flexmbd.run.event import Event, Moment, Occurrence
+from flexmbd.run.event import Occurrence
 from flexmbd.run.recording import BodyRecording
+from flexmbd.run.result_trees import (
+    about_tree,
+    departures_of,
+    departures_tree,
+    events_of,
+    events_tree,
+    interiors_of,
+    interiors_tree,
+    recordings_of,
+    recordings_tree,
+    refuse_other_machine,
+    samples_of,
+    samples_tree,
+    shaped,
+    stats_of,
+    stats_tree,
+)
 from flexmbd.run.sampling import Samples
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
 
 TRAJECTORY = FileKind("flexmbd trajectory", 2, "Trajectory.save")
-_SAMPLES = ("t", "measurements", "inputs", "states", "before")
-_ROWS = ("t", "x", "v", "a", "row_multipliers")
+#: Names of the arrays that have a row for each instant.
+ROWS = ("t", "x", "v", "a", "row_multipliers")
 
 
 @runtime_checkable
@@ -79,17 +96,14 @@ def save_run(path: Path, saved: SavedRun, series: ResultTable, *, scene: Compile
     error: FlexmbdError | None = None
     if team.is_root:
         tree: Tree = {
-            "about": {"scene": scene.digest(), "coordinates": scene.velocity_names, "rows": scene.row_names},
-            **{name: getattr(saved, name) for name in _ROWS},
-            "stats": _stats_tree(saved.stats),
-            "events": _events_tree(saved.events),
-            "departures": _departures_tree(saved.departures, scene.nv),
-            "interiors": _interiors_tree(saved.interior_rows),
-            "recordings": {
-                "path": tuple(str(one.path) for one in saved.recordings),
-                "name": tuple(one.name for one in saved.recordings),
-            },
-            "samples": {str(k): _samples_tree(one) for k, one in enumerate(saved.samples)},
+            "about": about_tree(scene),
+            **{name: getattr(saved, name) for name in ROWS},
+            "stats": stats_tree(saved.stats),
+            "events": events_tree(saved.events),
+            "departures": departures_tree(saved.departures, scene.nv),
+            "interiors": interiors_tree(saved.interior_rows),
+            "recordings": recordings_tree(saved.recordings),
+            "samples": {str(k): samples_tree(one) for k, one in enumerate(saved.samples)},
             "series": {"names": series.names, "units": series.units, "values": series.values},
         }
         if saved.kept_rows is not None:
@@ -109,129 +123,20 @@ def load_run(path: Path, scene: CompiledScene) -> SavedRun:
     """
     tree = read_tree(path, kind=TRAJECTORY)
     try:
-        if tree["about"]["scene"] != scene.digest():
-            raise RecordError(
-                f"{path} is of another machine: bodies, joints, forces, functions or values differ "
-                f"(its coordinates: {', '.join(tree['about']['coordinates'][:8])})"
-            )
-        rows = {name: _shaped(tree[name], 1 if name == "t" else 2) for name in _ROWS}
+        refuse_other_machine(path, tree["about"], scene)
+        rows = {name: shaped(tree[name], 1 if name == "t" else 2) for name in ROWS}
         if len({len(part) for part in rows.values()}) != 1 or rows["v"].shape[1] != scene.nv:
             raise ValueError("rows of different lengths")
         kept = tree.get("kept_rows")
         return SavedRun(
             **rows,
-            stats=_stats(tree["stats"]),
-            events=_events(path, tree["events"]),
-            interior_rows=_interior_rows(tree["interiors"], len(rows["t"])),
-            departures=_departures(tree["departures"]),
+            stats=stats_of(tree["stats"]),
+            events=events_of(path, tree["events"]),
+            interior_rows=interiors_of(tree["interiors"], len(rows["t"])),
+            departures=departures_of(tree["departures"]),
             kept_rows=None if kept is None else tuple(kept.tolist()),
-            recordings=_recordings(tree["recordings"], scene),
-            samples=tuple(_samples(tree["samples"][str(k)]) for k in range(len(tree["samples"]))),
+            recordings=recordings_of(tree["recordings"], scene),
+            samples=tuple(samples_of(tree["samples"][str(k)]) for k in range(len(tree["samples"]))),
         )
     except (KeyError, ValueError, TypeError, AttributeError, IndexError) as reason:
         raise RecordError(f"{path} does not hold what a {TRAJECTORY.format} should: {reason}") from reason
-
-
-def _shaped(part: Any, dimensions: int) -> FloatArray:
-    if part.ndim != dimensions or part.dtype != np.float64:
-        raise ValueError(f"an array of {part.dtype} of shape {part.shape}")
-    found: FloatArray = part
-    return found
-
-
-def _stats_tree(stats: Stats) -> Tree:
-    moved = np.array([change[1:] for change in stats.start_moved]).reshape(-1, 2)
-    numbers = {one.name: getattr(stats, one.name) for one in fields(stats)}
-    del numbers["integrator"], numbers["start_moved"]
-    return {
-        "integrator": stats.integrator,
-        "moved_names": tuple(change[0] for change in stats.start_moved),
-        "moved": moved,
-        **{name: np.array(value) for name, value in numbers.items()},
-    }
-
-
-def _stats(tree: Tree) -> Stats:
-    moved = tuple((name, *pair) for name, pair in zip(tree["moved_names"], tree["moved"].tolist(), strict=True))
-    given = {one.name: tree[one.name] for one in fields(Stats) if one.name != "start_moved"}
-    return Stats(start_moved=moved, **{name: _plain(value) for name, value in given.items()})
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.ndarray) else value
-
-
-def _events_tree(events: tuple[Occurrence, ...]) -> Tree:
-    return {
-        "name": tuple(one.name for one in events),
-        "t": np.array([one.t for one in events]),
-        "row": np.array([one.row for one in events], dtype=np.int64),
-    }
-
-
-def _events(path: Path, tree: Tree) -> tuple[Occurrence, ...]:
-    def lost(moment: Moment) -> float:
-        raise SceneError(f"the functions of events are not kept in {path}")
-
-    events = {name: Event(lost, name=name) for name in tree["name"]}
-    told = zip(tree["name"], tree["t"].tolist(), tree["row"].tolist(), strict=True)
-    return tuple(Occurrence(events[name], t, row) for name, t, row in told)
-
-
-def _departures_tree(departures: tuple[Departure, ...], nv: int) -> Tree:
-    return {
-        "row": np.array([one.row for one in departures], dtype=np.int64),
-        **{name: np.array([getattr(one, name) for one in departures]).reshape(-1, nv) for name in ("v", "a")},
-    }
-
-
-def _departures(tree: Tree) -> tuple[Departure, ...]:
-    return tuple(Departure(*parts) for parts in zip(tree["row"].tolist(), tree["v"], tree["a"], strict=True))
-
-
-def _samples_tree(samples: Samples) -> Tree:
-    numbers = {name: getattr(samples, name) for name in _SAMPLES}
-    rows = [(k, row) for k, rows in enumerate(samples.rows) for row in rows]
-    return {"name": samples.name, **numbers, "rows": np.array(rows, dtype=np.int64).reshape(-1, 2)}
-
-
-def _samples(tree: Tree) -> Samples:
-    rows = tuple(tuple(tree["rows"][tree["rows"][:, 0] == k, 1].tolist()) for k in range(len(tree["before"])))
-    return Samples(tree["name"], **{name: tree[name] for name in _SAMPLES}, rows=rows)
-
-
-def _interiors_tree(rows: tuple[InteriorRecord, ...]) -> Tree:
-    if not rows:
-        return {}
-    bodies = range(len(rows[0].energies))
-    return {
-        "wrenches": np.array([row.wrenches for row in rows]),
-        "energies": {
-            str(k): {name: np.array([row.energies[k][name] for row in rows]) for name in rows[0].energies[k]}
-            for k in bodies
-        },
-        "outer_forces": {
-            str(k): {name: np.array([row.outer_forces[k][name] for row in rows]) for name in rows[0].outer_forces[k]}
-            for k in bodies
-        },
-    }
-
-
-def _interior_rows(tree: Tree, count: int) -> tuple[InteriorRecord, ...]:
-    if not tree:
-        return ()
-    bodies = [str(k) for k in range(len(tree["energies"]))]
-    return tuple(
-        InteriorRecord(
-            tree["wrenches"][row],
-            tuple({name: float(part[row]) for name, part in tree["energies"][k].items()} for k in bodies),
-            tuple({name: part[row] for name, part in tree["outer_forces"][k].items()} for k in bodies),
-        )
-        for row in range(count)
-    )
-
-
-def _recordings(tree: Tree, scene: CompiledScene) -> tuple[BodyRecording, ...]:
-    named = {} if scene.interiors is None else {body.name: body for body in scene.interiors.bodies}
-    told = zip(tree["path"], tree["name"], strict=True)
-    return tuple(BodyRecording(Path(path), name, named[name]) for path, name in told)

@@ -6,6 +6,7 @@ functions of time.  At instants that several controllers share all measure befor
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,8 @@ from flexmbd.run.controller import Controller, Measurement, measure
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Arrays of `Samples` with a row for each.
+_BY_SAMPLE = ("t", "measurements", "inputs", "states")
 _SAME = 32.0  # units of round-off: instants that differ by no more are one
 
 
@@ -53,6 +56,23 @@ class Samples:
         """(n, nu) the inputs at times (s); at a sample those that it gave."""
         values = np.vstack([self.before, self.inputs])
         return values[np.searchsorted(self.t, np.asarray(t, dtype=np.float64), side="right")]
+
+    def since(self, t: float) -> Samples:
+        """The samples from a time (s) on."""
+        k = int(np.searchsorted(self.t, t))
+        rest = {name: getattr(self, name)[k:] for name in _BY_SAMPLE}
+        return replace(self, before=self.inputs[k - 1] if k else self.before, **rest)
+
+    def followed_by(self, other: Samples, *, since: float) -> Samples:
+        """These before a time (s), and then those of another."""
+        k = int(np.searchsorted(self.t, since))
+        kept = replace(self, **{name: getattr(self, name)[:k] for name in _BY_SAMPLE})
+        if not len(other.t):
+            return kept
+        if not k:
+            return replace(other, before=self.before)
+        parts = {name: np.concatenate([getattr(kept, name), getattr(other, name)]) for name in _BY_SAMPLE}
+        return replace(self, **parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,11 +241,12 @@ class Sampling:
         self.restore(replace(memory, taken=(0,) * len(self._log)), scene)
         self._before = self._values.copy()
 
-    def samples(self) -> tuple[Samples, ...]:
-        """What each controller did in this run."""
+    def samples(self, *, since: float = -np.inf) -> tuple[Samples, ...]:
+        """What each controller did in this run, or from a time (s) on."""
         found = []
         for k, one in enumerate(self.controllers):
-            log, first = self._log[k], self._first_input(k)
+            begin, first = bisect_left(self._log[k], since, key=lambda sample: sample.t), self._first_input(k)
+            log = self._log[k][begin:]
             inputs = slice(first, first + len(one.inputs))
             t = np.array([sample.t for sample in log])
             measured, given, states = (
@@ -234,7 +255,8 @@ class Sampling:
                 else np.zeros((0, size))
                 for part, size in (("measured", 0), ("inputs", len(one.inputs)), ("state", one.first_state.size))
             )
-            before, rows = self._before[inputs].copy(), tuple(self._rows[inputs])
+            before = self._log[k][begin - 1].inputs if begin else self._before[inputs].copy()
+            rows = tuple(self._rows[inputs])
             found.append(Samples(one.name, t, measured, given, states, before, rows))
         return tuple(found)
 

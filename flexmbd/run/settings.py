@@ -23,7 +23,7 @@ from flexmbd.run.event import Event
 from flexmbd.run.limits import Limits
 from flexmbd.run.recording import Recording
 
-_OF_ROOT = ("checkpoint_file", "progress")
+_OF_ROOT = ("checkpoint_file", "progress", "stream")
 _LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
@@ -49,6 +49,7 @@ class RunSettings:
         max_rows: rows after which it is.
         max_seconds: s of the wall's clock after which it is.
         recording: fields of bodies with history that are to be kept in a file.
+        stream: a file that the rows go to while the machine runs.
 
     Raises:
         SceneError: a setting is not of its kind, or two do not go together; the message names it.
@@ -71,6 +72,7 @@ class RunSettings:
     max_rows: int | None = None
     max_seconds: float | None = None
     recording: Recording | None = None
+    stream: str | Path | None = None
 
     def __post_init__(self) -> None:
         refuse_other(self.events, Sequence, "events", wanted="a list of events, [event]")
@@ -81,6 +83,7 @@ class RunSettings:
         refuse_other(self.restart, (Checkpoint, NoneType), "restart", wanted=wanted)
         wanted = 'fm.Recording("file.h5", every=1e-3)'
         refuse_other(self.recording, (Recording, NoneType), "recording", wanted=wanted)
+        refuse_other(self.stream, (str, Path, NoneType), "stream", wanted='a file, "run.h5"')
         self._refuse_times()
         if self.max_step is not None and not (self.h is None and is_number(self.max_step) and self.max_step > 0.0):
             raise SceneError(
@@ -126,7 +129,7 @@ class RunSettings:
         """Whether a run is stepped from its own start to the end, and nothing is to be done or looked at on the way."""
         asked = (
             self.about, self.events or None, self.checkpoints or None, self.checkpoint_file, self.restart,
-            self.max_steps, self.max_rows, self.max_seconds, self.recording,
+            self.max_steps, self.max_rows, self.max_seconds, self.recording, self.stream,
         )  # fmt: skip
         return not self.progress and all(one is None for one in asked)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.errors import FlexmbdError, RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
@@ -28,13 +28,16 @@ from flexmbd.multibody.start.redundancy import forbidden_drives
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.controller import Controller
+from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.recording_file import Recorder, open_recorder
+from flexmbd.run.row_store import is_affordable
+from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
-from flexmbd.run.stats import Stats
+from flexmbd.run.stats import spent
 from flexmbd.run.stepping import Integration, Snapshot
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory
@@ -62,12 +65,32 @@ def run(
     if team.is_root:
         announce_compilation(purpose)
     set_out = time.perf_counter()
-    events, begun, t_end, saves = settings.events, settings.begun, settings.t_end, saves_of(settings)
     integration = Integration(
-        start, method, team, snapshot, one_by_one=len(events) > 0, controllers=controllers, begun=begun
-    )
+        start, method, team, snapshot,
+        one_by_one=len(settings.events) > 0, controllers=controllers, begun=settings.begun,
+    )  # fmt: skip
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
+    with open_stream(start, settings, integration, team) as stream:
+        trajectory = _run(start, integration, bodies, settings, team, stream=stream, set_out=set_out)
+        if stream is not None:
+            stream.end(trajectory)
+    return trajectory
+
+
+def _run(
+    start: Start,
+    integration: Integration,
+    bodies: Mapping[str, Body],
+    settings: RunSettings,
+    team: Team,
+    *,
+    stream: RunStream | None,
+    set_out: float,
+) -> Trajectory:
+    """Step to the end; ``set_out``: s, when the run began."""
+    method, purpose = integration.method, type(integration.method).__name__
+    events, begun, t_end, saves = settings.events, settings.begun, settings.t_end, saves_of(settings)
     budget = _Budget(limits_of(settings), integration, team, set_out)
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*settings.checkpoints, *saved}), t_end]
@@ -83,7 +106,10 @@ def run(
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
             try:
+                _make_room(integration, search, stream, team)
                 code = _advance(integration, search, stops[0], recorder)
+                if stream is not None:
+                    stream.take(_occurred(search))
             except (FlexmbdError, KeyboardInterrupt) as reason:  # of an event's function or action, or Ctrl-C
                 error = reason
                 break
@@ -96,13 +122,15 @@ def run(
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())
                 if stop in settings.checkpoints:
                     kept.append(checkpoint)
+                if stream is not None:  # which then holds all up to where a restart begins
+                    stream.write(_occurred(search), lasting=True)
                 if saves is not None and stop in saved:
                     saves.write(checkpoint, team)
     times = time.perf_counter() - began, compiled - set_out
     mark_compiled(purpose)
     trajectory = replace(
         _finish(start, bodies, team, integration, times=times),
-        events=() if search is None else tuple(search.occurred),
+        events=tuple(_occurred(search)),
         checkpoints=tuple(kept),
         recordings=() if recorder is None else recorder.recordings,
     )
@@ -142,6 +170,28 @@ class _Budget:
                 "then is in the error's trajectory",
                 trajectory,
             )
+
+
+def _occurred(search: EventSearch | None) -> Sequence[Occurrence]:
+    return () if search is None else search.occurred
+
+
+def _make_room(integration: Integration, search: EventSearch | None, stream: RunStream | None, team: Team) -> None:
+    """Let rows that have no room in memory go to the disk.  Collective.
+
+    Raises:
+        RecordError: on all ranks: there is none on a disk either.
+    """
+    if is_affordable(integration.stored.bytes, team):
+        return
+    if stream is not None:
+        stream.write(_occurred(search))
+    error: FlexmbdError | None = None
+    try:
+        integration.stored.spill()
+    except RecordError as reason:
+        error = reason
+    team.fail(error)
 
 
 def _advance(integration: Integration, search: EventSearch | None, stop: float, recorder: Recorder | None) -> int:
@@ -226,7 +276,7 @@ def _finish(
     """The trajectory of an integration; ``times``: s of its stepping, and until its first steps."""
     t, x, v, a, multipliers = integration.series()
     stats = replace(
-        _spent(integration.method, integration.state.counts, *times),
+        spent(integration.method.name, integration.state.counts, seconds=times[0], compile_seconds=times[1]),
         start_moved=start.moved,
         start_residual=start.residual,
         constraint_residual=float(_largest_residuals(start.unreduced, t, x).max(initial=0.0)),
@@ -243,23 +293,6 @@ def _finish(
     )  # fmt: skip
 
 
-def _spent(method: Integrator, count: IntArray, seconds: float, compile_seconds: float) -> Stats:
-    """The cost of an integration by ``State.counts``."""
-    return Stats(
-        integrator=method.name,
-        steps=int(count[st.STEPS]),
-        rejected=int(count[st.REJECTED]),
-        iterations=int(count[st.ITERATIONS]),
-        factorisations=int(count[st.FACTORISATIONS]),
-        evaluations=int(count[st.EVALUATIONS]),
-        seconds=seconds,
-        compile_seconds=compile_seconds,
-        start_moved=(),
-        start_residual=0.0,
-        constraint_residual=0.0,
-    )
-
-
 def prepared_trajectory(
     scene: CompiledScene, rows: SteppedRows, workspace: PreparedRuns, bodies: Mapping[str, Body], team: Team
 ) -> Trajectory:
@@ -268,7 +301,7 @@ def prepared_trajectory(
     Raises:
         SimulationInterrupted: Ctrl-C ended it early.
     """
-    stats = _spent(workspace.method, workspace.counts, rows.seconds, 0.0)
+    stats = spent(workspace.method.name, workspace.counts, seconds=rows.seconds, compile_seconds=0.0)
     t, x, v, a = (part.copy() for part in (rows.t, rows.x, rows.v, rows.a))
     trajectory = Trajectory(scene, t, x, v, a, np.zeros((len(t), 0)), stats, bodies, team)
     if rows.interrupt is not None:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+
 
 @dataclass(frozen=True)
 class Stats:
@@ -40,3 +45,20 @@ class Stats:
 
 
 NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
+
+
+def spent(integrator: str, counts: NDArray[np.int64], *, seconds: float, compile_seconds: float) -> Stats:
+    """The cost of an integration by ``State.counts``; what its start and its loops were like is not known."""
+    return Stats(
+        integrator=integrator,
+        steps=int(counts[st.STEPS]),
+        rejected=int(counts[st.REJECTED]),
+        iterations=int(counts[st.ITERATIONS]),
+        factorisations=int(counts[st.FACTORISATIONS]),
+        evaluations=int(counts[st.EVALUATIONS]),
+        seconds=seconds,
+        compile_seconds=compile_seconds,
+        start_moved=(),
+        start_residual=0.0,
+        constraint_residual=0.0,
+    )

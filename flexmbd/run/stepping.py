@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.errors import AssemblyError, RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
@@ -32,6 +32,7 @@ from flexmbd.multibody.team import Team
 from flexmbd.run.controller import Controller
 from flexmbd.run.departure import Departure
 from flexmbd.run.limits import MOST_ROWS
+from flexmbd.run.row_store import RowStore
 from flexmbd.run.sampling import NO_SAMPLING, Samples, Sampling, SamplingMemory, with_own_signals
 
 FloatArray = NDArray[np.float64]
@@ -73,8 +74,7 @@ class Integration:
         scene: what moves, with the rows that are kept.
         method: the integrator.
         state, groups: where it stands.
-        stored: blocks of rows (t, x, v, a, multipliers) taken from the buffer so far; multipliers (nt, m) of all
-            constraint rows.
+        stored: the rows (t, x, v, a, multipliers) taken from the buffer so far; multipliers of all constraint rows.
         beside: what bodies with history leave beside each of these rows.
         departures: with what it goes on from breaks among these rows.
         room: the most rows that one call of ``advance`` leaves.
@@ -106,8 +106,12 @@ class Integration:
             self._sampling.resume(at.sampling, scene)
         self._interiors = scene.interiors
         if self._interiors is not None:
-            self._interiors.restore(scene.plan, at.interiors)
+            try:
+                self._interiors.restore(scene.plan, at.interiors)
+            except (KeyError, ValueError, IndexError, TypeError) as reason:
+                raise RecordError(f"the checkpoint is damaged: a body's history cannot be read: {reason}") from reason
         self._stepper = method.stepper(scene, self.state, self.groups, self.work)
+        self._refuse_other_memory(at.memory)
         self._recall(at.memory)
         self._stepper.drop_factors()
         if self.state.counts[st.STEPS] == 0:
@@ -128,8 +132,7 @@ class Integration:
         room = [np.empty((rows, size)) for size in sizes]
         self.record = st.Record(np.empty(rows), room[0], room[1], room[2], room[3], self.work)
         self.record.lay_out()
-        self.stored: list[tuple[FloatArray, ...]] = []
-        self._taken = 0
+        self.stored = RowStore()
         self.interior_rows: list[InteriorRecord] = []
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
@@ -149,7 +152,7 @@ class Integration:
     @property
     def rows(self) -> int:
         """How many are taken."""
-        return self._taken
+        return self.stored.count
 
     def bound_steps(self, longest: float) -> None:
         """Let no step of error control be longer (s)."""
@@ -229,7 +232,7 @@ class Integration:
             return False
         s.x[:], s.v[:], s.a[:], s.multipliers[:] = x, v, a, multipliers
         self.scene, self._rows = scene, rows
-        t, *last = self.stored[-1]
+        t, *last = self.stored.last
         if t.size and t[-1] == self.t:  # what rows that lost their hold left there is worth less
             for part, now in zip(last, (x, v, a, self._of_all_rows(multipliers[None])[0]), strict=True):
                 part[-1] = now
@@ -300,7 +303,6 @@ class Integration:
         r = self.record
         *motion, multipliers = (part[:stored].copy() for part in (r.t, r.x, r.v, r.a, r.multipliers))
         self.stored.append((*motion, self._of_all_rows(multipliers)))
-        self._taken += stored
         if self._interiors is not None:
             self.interior_rows.extend(self._interiors.buffer[:stored])
         self.state.counts[st.STORED] = 0
@@ -310,7 +312,6 @@ class Integration:
         s = self.state
         motion = (part[None].copy() for part in (s.x, s.v, s.a))
         self.stored.append((np.array([self.t]), *motion, self._of_all_rows(s.multipliers[None])))
-        self._taken += 1
         if self._interiors is not None:
             self.interior_rows.append(self._interiors.row(self.scene.plan))
 
@@ -324,11 +325,11 @@ class Integration:
         """t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) over all rows taken.  Collective."""
         if self.state.counts[st.RESELECT_ROWS] == st.PIVOT_FELL:
             self._choose_rows()
-        return tuple(np.concatenate(parts) for parts in zip(*self.stored, strict=True))
+        return self.stored.series()
 
-    def samples(self) -> tuple[Samples, ...]:
-        """What controllers did."""
-        return () if self._sampling is None else self._sampling.samples()
+    def samples(self, *, since: float = -np.inf) -> tuple[Samples, ...]:
+        """What controllers did, or from a time (s) on."""
+        return () if self._sampling is None else self._sampling.samples(since=since)
 
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
@@ -351,6 +352,14 @@ class Integration:
             self._sampling.restore(snapshot.sampling, self.scene)
         if self._interiors is not None:
             self._interiors.restore(self.scene.plan, snapshot.interiors)
+
+    def _refuse_other_memory(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Raise RecordError where a checkpoint's arrays are not those that the method has; none: it has not begun."""
+        own = arrays_of(self._stepper.memory)
+        for name in memory.keys() | own.keys() if memory else ():
+            here, there = own.get(name), memory.get(name)
+            if here is None or there is None or (here.shape, here.dtype) != (there.shape, there.dtype):
+                raise RecordError(f"the checkpoint is damaged: {name!r} of {self.method.name} is not as it should be")
 
     def _recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Put arrays back into the method's memory."""
@@ -401,16 +410,24 @@ def new_snapshot(
     count[st.FIXED_STEP] = h is not None
     count[st.MOST_STORED] = MOST_ROWS
     parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
-    sizes = np.zeros((3, len(scene.group_floor)))
-    # joints of elastic bodies vibrate with these, which lasts whatever an element does
-    elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
-    vibrates = elastic or can_vibrate(scene.plan)
-    number[[st.LASTING, st.LASTING_BEFORE, st.LASTING_AT_END, st.STEP_LASTING]] = float(vibrates)
-    ne = len(scene.plan.elements) if vibrates and stiffness_may_change(scene.plan) and not elastic else 0
-    softest = np.full((2, ne, 2), np.inf)
-    groups = st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
+    number[[st.LASTING, st.LASTING_BEFORE, st.LASTING_AT_END, st.STEP_LASTING]] = float(_vibrates(scene))
+    groups = new_groups(scene)
     rows = np.array(start.choice.rows, np.int64)
     return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, _kept(scene))
+
+
+def new_groups(scene: CompiledScene) -> st.Groups:
+    """The scales of a scene's error, of which nothing has been met yet."""
+    sizes = np.zeros((3, len(scene.group_floor)))
+    elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
+    ne = len(scene.plan.elements) if _vibrates(scene) and stiffness_may_change(scene.plan) and not elastic else 0
+    softest = np.full((2, ne, 2), np.inf)
+    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
+
+
+def _vibrates(scene: CompiledScene) -> bool:
+    # joints of elastic bodies vibrate with these, which lasts whatever an element does
+    return len(scene.plan.flex) > 0 or scene.interiors is not None or can_vibrate(scene.plan)
 
 
 def first_step(scene: CompiledScene, numbers: FloatArray, v: FloatArray, a: FloatArray, order: int) -> float:

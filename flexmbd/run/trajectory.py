@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
+from flexmbd.files.tree_file import is_kind
 from flexmbd.given import is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
@@ -33,6 +34,7 @@ from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
 from flexmbd.run.sampling import Samples, with_samples
 from flexmbd.run.stats import Stats
+from flexmbd.run.stream_file import STREAM, load_stream
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -193,7 +195,8 @@ class Trajectory(ForceSeries):
     def load(path: str | Path, machine: Runnable, **values: Any) -> Trajectory:
         """The trajectory that ``save`` wrote, of a machine that is at hand: all questions are answered as before.
 
-        Not collective: each rank reads the file.
+        Or that ``simulate(..., stream=path)`` writes or wrote: of a run that goes on, or was killed, what is there so
+        far.  Not collective: each rank reads the file.
 
         Args:
             path: of the file.
@@ -207,7 +210,8 @@ class Trajectory(ForceSeries):
         refuse_other(path, (str, Path), "path", wanted='a file, "run.h5"')
         refuse_other(machine, Runnable, "machine", wanted="a System, or what its compile() gave")
         scene, bodies, team = machine.compiled_parts(values)
-        saved = load_run(Path(path), scene)
+        read = load_stream if is_kind(Path(path), STREAM) else load_run
+        saved = read(Path(path), scene)
         parts = {one.name: getattr(saved, one.name) for one in fields(saved)}
         scene = with_samples(scene, saved.samples)
         return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)

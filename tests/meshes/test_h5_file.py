@@ -16,8 +16,10 @@ from flexmbd.continuum.grid.row_exchange import blocks_on_root, fetch, send, sha
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.coupling import Coupling
 from flexmbd.errors import MeshError
+from flexmbd.files.tree_file import HEAD, seal
 from flexmbd.forms import solid_linear
 from flexmbd.meshes import mesh_file
+from flexmbd.meshes.h5_file import MESH
 from flexmbd.reduction import Keep, craig_bampton
 
 pytestmark = pytest.mark.mpi
@@ -190,17 +192,29 @@ def change(name, value):
                 del file[name]
                 if value is not None:
                     file[name] = value(values)
+        with open(path, "r+b") as file:
+            seal(file.fileno(), MESH)
 
     return changed
+
+
+def as_old(path):
+    """As meshes were written before they had a checksum."""
+    path.write_bytes(path.read_bytes()[HEAD:])
+
+
+def with_head(old, new):
+    return lambda path: path.write_bytes(path.read_bytes().replace(old, new, 1))
 
 
 @pytest.mark.parametrize(
     ("spoiler", "pattern"),
     [
-        (lambda path: path.write_bytes(b"nothing"), r"part\.h5: not a whole file of a flexmbd mesh"),
-        (lambda path: path.write_bytes(path.read_bytes()[:-400]), r"part\.h5: not a whole file"),
-        (change("format", "other"), "an HDF5 file of another program"),
-        (change("version", 7), "of version 7, and version 1 is read"),
+        (lambda path: path.write_bytes(b"nothing"), r"part\.h5 is not a flexmbd mesh"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-400]), r"part\.h5 is truncated"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), r"part\.h5 is damaged: its SHA-256"),
+        (as_old, "had no checksum and are written again from their source"),
+        (with_head(b"version 2", b"version 7"), "of version 7, and this flexmbd reads version 2"),
         (change("cells", None), "not a whole file of a flexmbd mesh"),
         (change("cells", lambda x: x + 1), "cells names points that are not there"),
         (change("cells", lambda x: x[:, :4]), "cells must have 8 columns, got"),

@@ -12,6 +12,7 @@ from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.grid import tagged_mesh
 from flexmbd.errors import ConvergenceError, ReductionError
+from flexmbd.files.memory import available_memory
 from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import Solver, craig_bampton, guyan
 from flexmbd.reduction.static_shapes import conjugate_gradients, memory
@@ -156,7 +157,7 @@ def test_where_the_memory_is_not_known_a_factor_is_made(monkeypatch):
 
 
 def test_memory_that_is_left():
-    left = memory.available_memory()
+    left = available_memory()
     assert left is None or 2**20 < left < 2**50
     limit = memory.memory_limit(COMM)
     assert all(other == limit for other in COMM.allgather(limit))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,13 @@ from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
+
+
+class StoredRows(Protocol):
+    """The interface of a run's rows so far."""
+
+    def since(self, row: int) -> tuple[FloatArray, ...]:
+        """The rows from ``row`` on: times (k,), configurations (k, nx), ..."""
 
 
 class StretchWatch:
@@ -25,20 +33,18 @@ class StretchWatch:
         found = [body for body in bodies if isinstance(body, PseudoRigidBody) and not body.rigid]
         self.fault: tuple[int, str] | None = None
         self._watched = [(body, scene.index.modes[body].x) for body in found]
-        self._blocks = 0
         self._rows = 0
 
-    def sees_nothing(self, blocks: Sequence[tuple[FloatArray, ...]]) -> bool:
-        """Look at the blocks of rows that came since; each begins with times (k,) and configurations (k, nx)."""
+    def sees_nothing(self, stored: StoredRows) -> bool:
+        """Look at the rows that came since; each begins with its time (s) and its configuration."""
         if not self._watched:
             return True
-        for t, x, *_ in blocks[self._blocks :]:
-            found = [self._first(body, place, t, x) for body, place in self._watched]
-            faults = [fault for fault in found if fault is not None]
-            if faults and self.fault is None:
-                self.fault = min(faults)
-            self._rows += len(t)
-        self._blocks = len(blocks)
+        t, x, *_ = stored.since(self._rows)
+        found = [self._first(body, place, t, x) for body, place in self._watched]
+        faults = [fault for fault in found if fault is not None]
+        if faults and self.fault is None:
+            self.fault = min(faults)
+        self._rows += len(t)
         return self.fault is None
 
     def _first(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.files.memory import available_memory
 
 # Part of the memory that is left which a reduction may take; its own estimates are right within a third.
 _SHARE = 0.8
@@ -56,31 +54,3 @@ def memory_limit(comm: MPI.Comm) -> int | None:
     share = None if available is None else int(_SHARE * available / ranks)
     shares = [one for one in comm.allgather(share) if one is not None]
     return min(shares, default=None)
-
-
-def available_memory() -> int | None:
-    """Bytes of memory that this computer, or the container on it, has left; None where it does not say."""
-    found = [_free_pages(), _cgroup_rest()]
-    return min((one for one in found if one is not None), default=None)
-
-
-def _free_pages() -> int | None:
-    try:
-        # what is taken by the cache of files can be had as well
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, StopIteration, ValueError, IndexError):
-        pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
-        return None
-
-
-def _cgroup_rest() -> int | None:
-    folder = Path("/sys/fs/cgroup")
-    try:
-        most, now = (int((folder / name).read_text()) for name in ("memory.max", "memory.current"))
-    except (OSError, ValueError):
-        return None
-    return max(most - now, 0)
