@@ -17,7 +17,7 @@ from flexmbd.multibody.team import Team
 
 FloatArray = NDArray[np.float64]
 #: Arrays (k, ...) of doubles with the same number of rows.
-RowBlock = tuple[FloatArray, ...]
+RowArrays = tuple[FloatArray, ...]
 
 # Of the memory that is available: rows take twice as much for a moment where they are put together.
 _SHARE = 0.25
@@ -45,11 +45,11 @@ class RowStore:
     def __init__(self) -> None:
         """Without any rows."""
         self.count = self.bytes = self._on_disk = 0
-        self._blocks: list[RowBlock] = []
+        self._blocks: list[RowArrays] = []
         self._files: list[IO[bytes]] = []
         self._shapes: list[tuple[int, ...]] = []
 
-    def append(self, block: RowBlock) -> None:
+    def append(self, block: RowArrays) -> None:
         """Take another block of rows; an empty one is passed over."""
         if len(block[0]) or not self._blocks:
             self._blocks.append(block)
@@ -57,13 +57,13 @@ class RowStore:
             self.count += len(block[0])
 
     @property
-    def last(self) -> RowBlock:
+    def last(self) -> RowArrays:
         """The last block; whoever changes it changes what is kept."""
         return self._blocks[-1]
 
-    def since(self, row: int) -> RowBlock:
+    def since(self, row: int) -> RowArrays:
         """The rows from ``row`` on."""
-        first, parts = self.count, list[RowBlock]()
+        first, parts = self.count, list[RowArrays]()
         for block in reversed(self._blocks):
             if first <= row:
                 break
@@ -77,7 +77,7 @@ class RowStore:
 
     def keep(self, count: int) -> None:
         """Keep the first rows alone."""
-        taken: list[RowBlock] = []
+        taken: list[RowArrays] = []
         while self._blocks and self.count > count:
             taken.append(self._drop_last())
         if self.count < count and taken:
@@ -86,7 +86,7 @@ class RowStore:
             self._cut_files(count)
             self.count = count
 
-    def _drop_last(self) -> RowBlock:
+    def _drop_last(self) -> RowArrays:
         block = self._blocks.pop()
         self.bytes -= sum(part.nbytes for part in block)
         self.count -= len(block[0])
@@ -115,7 +115,7 @@ class RowStore:
         self._on_disk += sum(len(block[0]) for block in blocks)
         self._blocks, self.bytes = [last], sum(part.nbytes for part in last)
 
-    def series(self) -> RowBlock:
+    def series(self) -> RowArrays:
         """All rows; those from files are mapped into memory, and need none."""
         if not self._on_disk:
             return self._joined(self._blocks)
@@ -127,7 +127,7 @@ class RowStore:
         except RecordError:
             return self._joined([self._spilled(), *self._blocks])
 
-    def _spilled(self) -> RowBlock:
+    def _spilled(self) -> RowArrays:
         """The rows on the disk, mapped into memory."""
         pairs = zip(self._files, self._shapes, strict=True)
         return tuple(_mapped(file, (self._on_disk, *shape)) for file, shape in pairs)
@@ -138,7 +138,7 @@ class RowStore:
             file.seek(rows * _row_bytes(shape))
             file.truncate()
 
-    def _joined(self, blocks: Sequence[RowBlock]) -> RowBlock:
+    def _joined(self, blocks: Sequence[RowArrays]) -> RowArrays:
         if not blocks:
             return tuple(part[:0] for part in self._blocks[-1])
         return tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))

@@ -30,7 +30,7 @@ from flexmbd.run.result_trees import (
     samples_tree,
     stats_tree,
 )
-from flexmbd.run.row_store import RowBlock
+from flexmbd.run.row_store import RowArrays
 from flexmbd.run.sampling import Samples
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.stats import Stats, spent
@@ -108,7 +108,7 @@ class RunStream:
 
     def _write(
         self,
-        rows: RowBlock,
+        rows: RowArrays,
         events: Sequence[Occurrence],
         departures: Sequence[Departure],
         interiors: Sequence[InteriorRecord],

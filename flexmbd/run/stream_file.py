@@ -42,7 +42,7 @@ from flexmbd.run.result_trees import (
     shaped,
     stats_of,
 )
-from flexmbd.run.row_store import RowBlock, RowStore, is_affordable
+from flexmbd.run.row_store import RowArrays, RowStore, is_affordable
 from flexmbd.run.sampling import Samples
 from flexmbd.run.stats import NOTHING_SPENT
 
@@ -103,7 +103,7 @@ def load_stream(path: Path, scene: CompiledScene) -> SavedRun:
         raise RecordError(f"{path} does not hold what a {STREAM.format} should: {reason}") from reason
 
 
-def _rows(tree: Tree, scene: CompiledScene) -> RowBlock:
+def _rows(tree: Tree, scene: CompiledScene) -> RowArrays:
     rows = tuple(shaped(tree[name], 1 if name == "t" else 2) for name in ROWS)
     widths = [part.shape[1] for part in rows[1:]]
     if len({len(part) for part in rows}) != 1 or widths != [scene.nx, scene.nv, scene.nv, len(scene.plan.rows)]:
