@@ -11,7 +11,8 @@ from flexmbd.errors import PictureError
 from flexmbd.multibody.linear.campbell import Campbell
 from flexmbd.visual.destination import checked_path, save
 from flexmbd.visual.palette import body_colours
-from flexmbd.visual.series_plot import SUFFIXES, new_figure, remove_frame
+from flexmbd.visual.panels import empty_figure, legend_beside, remove_frame
+from flexmbd.visual.series_plot import SUFFIXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +48,7 @@ def plot_campbell(
     turns = diagram.speeds / (2.0 * np.pi)
     most = 1.2 * max(float(np.nanmin(frequencies)), max(diagram.orders, default=0.0) * float(turns.max()))
     top = highest or min(most, 1.05 * float(np.nanmax(frequencies)))
-    figure = new_figure(4.5, shown=target is None)
+    figure = empty_figure((9.0, 4.5), shown=target is None)
     axes = figure.subplots()
     drawn = [k for k, branch in enumerate(frequencies.T) if np.nanmin(branch) <= top]
     for k, colour in zip(drawn, body_colours(len(drawn)), strict=True):
@@ -64,7 +65,7 @@ def plot_campbell(
     axes.set_xlabel("speed in turns a minute")
     axes.set_ylabel("frequency in Hz")
     axes.set_title(title)
-    axes.legend(frameon=False, fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    legend_beside(axes)
     remove_frame(axes)
     if target is not None:
         save(figure, target, diagram.team)
