@@ -245,15 +245,15 @@ def _filter(plan, scratch, error):
 
 
 @kernel
-def _ratio(plan, state, groups, scratch, h, rate, lasting):
+def _ratio(plan, state, groups, scratch, h, rate, noise, lasting):
     rates = scratch.memory.own_rate
     return filtered_ratio(
-        plan, state, groups, scratch.error_x, scratch.error_v, scratch.own_rate, rates, h, rate, 0.0, lasting
+        plan, state, groups, scratch.error_x, scratch.error_v, scratch.own_rate, rates, h, rate, noise, lasting
     )
 
 
 @deferred_kernel(NUMBER)
-def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
+def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio):
     """The error's ratio where loads that are data act in the step, see ``data_loads``.
 
     Of motions a step misses nothing: its driven velocities are what they travel over its length.
@@ -261,7 +261,7 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
     found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
     if found == STRAIGHT:
         return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, DRIFTING) <= 1.0:
+    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, noise, DRIFTING) <= 1.0:
         for k in range(scratch.own_rate.shape[0]):
             scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
         return ratio
@@ -269,14 +269,17 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio):
     put_pushes(plan, scratch.data, scratch.correction)
     solve_factored(plan, scratch)
     without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
-    seen = _ratio(plan, state, groups, scratch, h, rate, (1.0, state.numbers[st.STEP_LASTING]))
+    seen = _ratio(plan, state, groups, scratch, h, rate, noise, (1.0, state.numbers[st.STEP_LASTING]))
     missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v)
-    return max(seen, _ratio(plan, state, groups, scratch, h, rate, DRIFTING))
+    return max(seen, _ratio(plan, state, groups, scratch, h, rate, noise, DRIFTING))
 
 
 @kernel
-def _local_error(plan, work, state, groups, scratch, a_end, h, rate):
-    """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations."""
+def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
+    """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations.
+
+    ``noise``: the share of scales that Newton's iteration leaves; no shorter step makes it less.
+    """
     judge_lasting(plan, work, state, groups, scratch.x_end, scratch.v_end)
     h1 = state.numbers[st.STEP_BEFORE]
     v_end = scratch.v_end
@@ -304,9 +307,9 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate):
     _filter(plan, scratch, scratch.error_v)
     for j in range(plan.free.shape[0]):
         scratch.error_v[j] = scratch.correction[0, j]
-    ratio = _ratio(plan, state, groups, scratch, h, rate, (1.0, state.numbers[st.STEP_LASTING]))
+    ratio = _ratio(plan, state, groups, scratch, h, rate, noise, (1.0, state.numbers[st.STEP_LASTING]))
     if ratio <= 1.0 and scratch.data.known[0] == 1:
-        ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, ratio)
+        ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio
 
@@ -371,7 +374,8 @@ def _attempt(method, state, groups, h):
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate)
+            noise = max(newton, scratch.round_off_floor[0])
+            ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(plan, loops, state, scratch, scratch.a_end, h)
