@@ -24,6 +24,7 @@ from flexmbd.multibody.force.protocol import BetweenFrames as BetweenFrames
 from flexmbd.multibody.force.protocol import ElementTable as ElementTable
 from flexmbd.multibody.force.protocol import Force as Force
 from flexmbd.multibody.force.protocol import OnCoordinate as OnCoordinate
+from flexmbd.multibody.force.protocol import StateEquations as StateEquations
 from flexmbd.multibody.force.protocol import check_numbers as check_numbers
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce

@@ -18,9 +18,9 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.linearize import LinearEquations, linearize
-from flexmbd.multibody.linear.output_equations import Output
 from flexmbd.multibody.linear.ports import Input, find_ports
 from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, match_motion
 from flexmbd.multibody.team import Team
@@ -180,10 +180,13 @@ class LinearizedMachine:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the state space's states: coordinates, velocities, then each motion and its rate."""
+        """Names of the state space's states: coordinates, velocities and states, then each motion and its rate."""
         names = self.controls + self.disturbances
         moved = [names[k + order] for k in self.motions for order in (0, 1)]
-        return (*self.coordinates, *(f"rate of {name}" for name in self.velocities), *moved)
+        of_equations = self.equations.coordinates.states
+        named = zip(self.equations.by.z, self.velocities, strict=True)
+        rates = (name if k in of_equations else f"rate of {name}" for k, name in named)
+        return (*self.coordinates, *rates, *moved)
 
     @property
     def _followed(self) -> list[int]:
@@ -196,6 +199,8 @@ class LinearizedMachine:
         Prescribed motions enter by their accelerations (m/s^2 or rad/s^2), two states integrating each.
         """
         (A, B), (C, D) = self._system, self._observed
+        units = self._units
+        A, B, C = units[:, None] * A / units, units[:, None] * B, C / units
         nu, followed = B.shape[1], np.array(self._followed, np.int64)
         given = np.setdiff1d(np.arange(nu), followed)
         rate = self._rates()
@@ -206,6 +211,14 @@ class LinearizedMachine:
             np.hstack([C, D[:, followed]]),
             D[:, given],
         )
+
+    @property
+    def _units(self) -> FloatArray:
+        """(ny + nz,) of states of users' equations the scales that they are divided by inside, of others 1."""
+        scales = np.ones(len(self.equations.coordinates.names))
+        for places in self.scene.index.states.values():
+            scales[places.v] = places.scale
+        return np.concatenate([np.ones(len(self.equations.by.y)), scales[self.equations.by.z]])
 
     def frequency_response(self, omega: ArrayLike) -> ComplexArray:
         """(k, outputs, drivers) amplitudes at angular frequencies ``omega`` (k,) rad/s.

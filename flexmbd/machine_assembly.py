@@ -19,6 +19,8 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.force.states import Followed, StateEquation, States, linear_equations
+from flexmbd.multibody.functions.linear_system import as_linear_system
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
@@ -27,7 +29,7 @@ from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.team import Alone, Team
-from flexmbd.run.controller import Controller, Measurement
+from flexmbd.run.controller import Controller, Measurement, linear_law
 
 FloatArray = NDArray[np.float64]
 
@@ -164,9 +166,9 @@ class MachineAssembly:
 
     def add_controller(
         self,
-        step: Callable[..., Any],
+        step: Callable[..., Any] | Any,
         *,
-        period: float,
+        period: float | None = None,
         measurements: Sequence[Measurement] | Mapping[str, Measurement] = (),
         inputs: Sequence[Signal],
         offset: float = 0.0,
@@ -181,8 +183,9 @@ class MachineAssembly:
 
         Args:
             step: the law, step(t, y) -> u; with a ``state``, step(t, y, state) -> (u, next state).  It must not
-                remember anything elsewhere: a step that is taken again, as an event makes it, asks again.
-            period: s between two samples.
+                remember anything elsewhere: a step that is taken again, as an event makes it, asks again.  Or a
+                sampled linear system of scipy.signal or python-control, which begins at rest without a ``state``.
+            period: s between two samples; of a linear system by default its own.
             measurements: y, what the law gets: an array (ny,) of a list of quantities; of a mapping a dictionary of
                 their values by its names, each a number or an array.  A quantity is fm.output.Position, Velocity or
                 Acceleration of a joint (its coordinates: rad, m), a frame (inertial axes: m) or a flexible body (its
@@ -197,6 +200,12 @@ class MachineAssembly:
                 controller sets, or a name that is taken.
         """
         chosen = name or f"controller {len(self._controllers) + 1}"
+        system = as_linear_system(step, f"controller {chosen!r}")
+        if system is not None:
+            step, period = linear_law(system, period, f"controller {chosen!r}")
+            state = np.zeros(len(system.A)) if state is None else state
+        if period is None:
+            raise SceneError(f"controller {chosen!r}: give the time between two samples, period= (s)")
         controller = Controller(step, period, measurements, inputs, offset=offset, state=state, name=chosen)
         for other in self._controllers:
             if other.name == chosen:
@@ -206,6 +215,61 @@ class MachineAssembly:
                     raise SceneError(f"{controller.what}: {other.what} sets the signal {signal.name!r} already")
         self._controllers.append(controller)
         return controller
+
+    def add_states(
+        self,
+        rates: StateEquation | Any,
+        *,
+        scale: ArrayLike,
+        initial: ArrayLike | None = None,
+        measurements: Sequence[Followed] = (),
+        outputs: StateEquation | None = None,
+        inputs: Sequence[Signal] = (),
+        name: str | None = None,
+        names: Sequence[str] = (),
+    ) -> States:
+        """Solve first-order differential equations together with the machine: z' = f(t, z, u), y = g(t, z, u).
+
+        All integrators take them, with their own order and control of the error; linearised machines and equilibria
+        have them, checkpoints keep them.  ``run.states(states)`` tells their values.
+
+        Args:
+            rates: f(t, z, u) -> (n,) in Python, or ``flexmbd.compiled`` f(t, z, u, out), which writes into ``out`` and
+                costs no Python in a step; or a continuous linear system of scipy.signal or python-control.
+            scale: sizes of the states in their own units, (n,) or one for all; rtol is relative to them.
+            initial: z at the start, (n,); of a linear system zeros by default.
+            measurements: u (m,), a list of fm.output.Position or Velocity of a joint (its coordinates: rad, m) or a
+                flexible body (its modal coordinates), signals that controllers set, numbers, tables, sines and
+                compiled functions of time.  Of frames (inertial axes: m), and functions of the machine's fm.Instant,
+                which is at rest in its accelerations, alone or together: these are asked in Python.
+            outputs: g, alike; without it y = z.
+            inputs: the signals that y sets, each the value of a JointTorque or JointForce.
+            name: by default "states 1", "states 2", ...
+            names: of the states, in messages and linearised machines.
+
+        Raises:
+            SceneError: an argument is not of its kind, a linear system is sampled or has no states, or a name is taken.
+        """
+        known = [force for force in self._forces if isinstance(force, States)]
+        chosen = name or f"states {len(known) + 1}"
+        what = f"states {chosen!r}"
+        if any(other.name == chosen for other in known):
+            raise SceneError(f"the name {chosen!r} is taken; give the states a name of their own")
+        system = as_linear_system(rates, what)
+        if system is not None:
+            if system.period is not None or not len(system.A) or outputs is not None:
+                raise SceneError(
+                    f"{what}: a linear system must be continuous, have states, and come without outputs=; one that is "
+                    "sampled is for add_controller"
+                )
+            rates, outputs = linear_equations(system)
+            initial = np.zeros(len(system.A)) if initial is None else initial
+            sizes = len(inputs), len(system.C)
+            if sizes[0] != sizes[1]:
+                raise SceneError(f"{what}: the linear system has {sizes[1]} outputs, and there are {sizes[0]} inputs")
+        if initial is None:
+            raise SceneError(f"{what}: give their values at the start, initial=[...]")
+        return self.add_force(States(rates, initial, scale, measurements, outputs, inputs, chosen, names))
 
     def _check_force(self, force: Force) -> None:
         refuse_other(force, Force, "a force", wanted="a force element as fm.force.JointTorque(joint, 1.0)")

@@ -58,6 +58,9 @@ from flexmbd.multibody.bodies.shape import Shape as Shape
 from flexmbd.multibody.bodies.solid import Outline as Outline
 from flexmbd.multibody.bodies.solid import Solid as Solid
 from flexmbd.multibody.exact_beam import ExactBeam as ExactBeam
+from flexmbd.multibody.force.states import Followed as Followed
+from flexmbd.multibody.force.states import StateEquation as StateEquation
+from flexmbd.multibody.force.states import States as States
 from flexmbd.multibody.functions.compiled_function import Compiled as Compiled
 from flexmbd.multibody.functions.compiled_function import compiled as compiled
 from flexmbd.multibody.functions.signal import Signal as Signal

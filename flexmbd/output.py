@@ -3,9 +3,9 @@
 A public name: users enter here.
 """
 
-from flexmbd.multibody.linear.output_equations import Acceleration as Acceleration
-from flexmbd.multibody.linear.output_equations import Observed as Observed
-from flexmbd.multibody.linear.output_equations import Output as Output
-from flexmbd.multibody.linear.output_equations import Position as Position
-from flexmbd.multibody.linear.output_equations import Rotation as Rotation
-from flexmbd.multibody.linear.output_equations import Velocity as Velocity
+from flexmbd.multibody.motion.quantity import Acceleration as Acceleration
+from flexmbd.multibody.motion.quantity import Observed as Observed
+from flexmbd.multibody.motion.quantity import Output as Output
+from flexmbd.multibody.motion.quantity import Position as Position
+from flexmbd.multibody.motion.quantity import Rotation as Rotation
+from flexmbd.multibody.motion.quantity import Velocity as Velocity

@@ -29,9 +29,9 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
-from flexmbd.multibody.linear.output_equations import Output
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain

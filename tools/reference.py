@@ -15,7 +15,8 @@ PAGES = {
     "system": (
         "Systems",
         "System CompiledMachine Runnable CompiledScene Start WorkingPoint Instant Team LinearizedMachine "
-        "StateSpace Input Controller Measurement campbell Campbell CriticalSpeed FirstOrderMachine",
+        "StateSpace Input Controller Measurement States StateEquation Followed campbell Campbell "
+        "CriticalSpeed FirstOrderMachine",
         "parameter output",
     ),
     "running": (

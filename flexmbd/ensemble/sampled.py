@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.reading.tree import move_frames
 from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
 from flexmbd.multibody.kernels.sampling.series import frame_series
-from flexmbd.multibody.linear.output_equations import Acceleration, Position, Velocity
+from flexmbd.multibody.motion.quantity import Acceleration, Position, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.trajectory import Trajectory

@@ -25,7 +25,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        lenient = lasting[0] if groups.kind[g] == kinds.GROUP_MODAL else lasting[1]
+        lenient = st.vibrating_share(groups, g, lasting[0], lasting[1])
         own = lenient * st.own_rate(own_rates[k], rates_before[k], machine_rate, h)
         # what changes within the step is one radian at least
         share = min(1.0, h * max(machine_rate, own, lenient * own_rates[k]))
@@ -34,7 +34,8 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
         part = abs(error_v[j]) / max(limit * speed, least * machine_rate)
-        if groups.kind[g] != kinds.GROUP_MODAL:  # of a vibration the velocity's error suffices
+        # of a vibration the velocity's error suffices, and a state is a velocity
+        if groups.kind[g] != kinds.GROUP_MODAL and groups.kind[g] != kinds.GROUP_STATE:
             part = max(part, abs(error_x[j]) / max(limit * size, least))
         if not part <= largest:
             largest = part

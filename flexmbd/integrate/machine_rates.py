@@ -123,6 +123,8 @@ def _linearised(start: Start, t: float) -> tuple[FloatArray, FloatArray, FloatAr
         size = sizes[0][free]
         slopes = constraint_jacobian(scene, work, start.x)[:, free] * size
         along = size[:, None] * scipy.linalg.qr(slopes.T)[0][:, m:]
+    states = scene.group_kind[scene.group_of] == kinds.GROUP_STATE
+    parts[:, states[:, None] != states] = 0.0  # what acts one way alone, in units of states: no rate of either
     stiffness, damping, mass = (along.T @ part[np.ix_(free, free)] @ along for part in parts)
     return _symmetric(mass), _symmetric(damping), _symmetric(stiffness), along
 
@@ -138,5 +140,6 @@ def _joint_rate(start: Start) -> float:
     of = scene.group_of[free]
     size = scene.group_full[of]
     rates = np.maximum(np.abs(start.v[free]) / size, np.sqrt(np.abs(start.a[free]) / size))
-    joints = scene.group_kind[of] != kinds.GROUP_MODAL
+    of_machine = scene.group_kind[of] != kinds.GROUP_STATE
+    rates, joints = rates[of_machine], (scene.group_kind[of] != kinds.GROUP_MODAL)[of_machine]
     return float(rates[joints].max() if joints.any() else rates.max(initial=0.0))

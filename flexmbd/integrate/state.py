@@ -143,7 +143,7 @@ def machine_rate(state, groups):
         rate = max(groups.velocity[g] / size, np.sqrt(groups.acceleration[g] / size))
         if groups.kind[g] == kinds.GROUP_MODAL:
             modes = max(modes, rate)
-        else:
+        elif groups.kind[g] != kinds.GROUP_STATE:
             joints = max(joints, rate)
     return max(joints if joints > 0.0 else modes, state.numbers[LEAST_RATE])
 
@@ -165,11 +165,21 @@ def starting_rate(free, of, full, v, a, least):
 def group_speed(groups, g, rate):
     """Velocity scale of group g: the largest met, or what its acceleration gives over its size.
 
-    At least a small share of what the machine's ``rate`` (1/s) makes of its size.
+    At least a small share of what the machine's ``rate`` (1/s) makes of its size.  States have their own scale.
     """
+    if groups.kind[g] == kinds.GROUP_STATE:
+        return max(groups.velocity[g], groups.full[g])
     size = groups.position[g]
     speed = max(groups.velocity[g], np.sqrt(size * groups.acceleration[g]))
     return max(speed, 1e-3 * size * rate)
+
+
+@kernel
+def vibrating_share(groups, g, modes, joints):
+    """The share of a group's own rates that is a vibration's: of modes, of joints; states relax and do not swing."""
+    if groups.kind[g] == kinds.GROUP_STATE:
+        return 0.0
+    return modes if groups.kind[g] == kinds.GROUP_MODAL else joints
 
 
 @kernel
@@ -290,7 +300,8 @@ def error_ratio(free, state, groups, error_x, error_v, h, rate):
         size = groups.position[g]
         least = ROUND_OFF * groups.full[g]
         part = abs(error_v[k]) / max(limit * group_speed(groups, g, rate), least * rate)
-        part = max(part, abs(error_x[k]) / max(limit * size, least))
+        if groups.kind[g] != kinds.GROUP_STATE:
+            part = max(part, abs(error_x[k]) / max(limit * size, least))
         if not part <= largest:
             largest = part
             state.counts[WORST] = k

@@ -6,12 +6,17 @@ from collections.abc import Iterable, Iterator, MutableMapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.reading.tree import with_frame
 
+FloatArray = NDArray[np.float64]
 K = TypeVar("K")
 V = TypeVar("V")
 T = TypeVar("T")
@@ -67,6 +72,25 @@ class Slots:
     v: slice
 
 
+@dataclass(frozen=True, eq=False)
+class StatePlaces:
+    """Where the values of a user's state equations stand.
+
+    Attributes:
+        v: where in the velocity v.
+        scale: (n,) what they are divided by there.
+        initial: (n,) the values at the start.
+        what: their name in messages.
+        inputs: the signals that they set.
+    """
+
+    v: slice
+    scale: FloatArray
+    initial: FloatArray
+    what: str
+    inputs: tuple[Signal, ...]
+
+
 @dataclass(frozen=True)
 class ForceRows:
     """Rows of ``Plan.forces`` and of ``Plan.elements`` of one force element."""
@@ -87,6 +111,7 @@ class SceneIndex:
         modes: modal coordinates of flexible bodies.
         forces: rows of force elements; not of those that are solved together.
         memories: of force elements with memory, the places in x of what they remember, by name.
+        states: of users' state equations, where their values stand.
         substitutes: of bodies, frames, joints and forces whose numbers differ from those of the scene that was
             compiled: objects that have the numbers of this variant.
     """
@@ -98,6 +123,7 @@ class SceneIndex:
     modes: IdentityMap[Body, Slots] = field(default_factory=IdentityMap)
     forces: IdentityMap[object, ForceRows] = field(default_factory=IdentityMap)
     memories: IdentityMap[object, dict[str, int]] = field(default_factory=IdentityMap)
+    states: IdentityMap[object, StatePlaces] = field(default_factory=IdentityMap)
     substitutes: IdentityMap[object, Any] = field(default_factory=IdentityMap)
 
     def now(self, thing: T) -> T:
@@ -156,6 +182,17 @@ class SceneIndex:
         if slots is None:
             raise SceneError(f"body {body.name!r} has no modal coordinates here: it is rigid, or of another scene")
         return slots
+
+    def state_places(self, states: object) -> StatePlaces:
+        """Where the values of a user's state equations stand.
+
+        Raises:
+            SceneError: they are not in the scene.
+        """
+        found = self.states.get(states)
+        if found is None:
+            raise SceneError(f"{getattr(states, 'what', repr(states))} are not in this scene: scene.add_states(...)")
+        return found
 
     def is_modal(self, k: int) -> bool:
         """Whether velocity k is the rate of a modal coordinate."""

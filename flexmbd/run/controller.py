@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,12 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
-from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.fingerprint import fingerprint
+from flexmbd.multibody.functions.linear_system import LinearSystem
 from flexmbd.multibody.functions.signal import Signal
-from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.linear.output_equations import ORDERS, Output, Rotation
 from flexmbd.multibody.motion.instant import Instant
+from flexmbd.multibody.motion.quantity import ORDERS, Output, Rotation
 
 FloatArray = NDArray[np.float64]
 
@@ -144,24 +144,28 @@ def refuse_no_measurement(given: object, what: str) -> None:
         )
 
 
-def measure(measurement: Measurement, now: Instant) -> FloatArray:
-    """What it is now, (k,): of a frame in inertial axes, of a joint or a flexible body its coordinates.
+def linear_law(system: LinearSystem, period: float | None, what: str) -> tuple[Callable[..., Any], float]:
+    """The law of a sampled linear system, and its period (s).
 
     Raises:
-        SceneError: it is not in the machine, or gives no finite numbers.
+        SceneError: it is continuous, or has another period than is given, or none.
     """
-    if isinstance(measurement, Output):
-        of, order = measurement.of, ORDERS[type(measurement)]
-        if isinstance(of, Frame):
-            value = (now.position, now.velocity, now.acceleration)[order](of)
-        else:
-            index = now.scene.index
-            slots = index.coordinates(of) if isinstance(of, Connection) else index.modal(of)
-            value = (now.x[slots.x], now.v[slots.v], now.a[slots.v])[order]
-        return np.array(value)
-    if isinstance(measurement, Signal):
-        raise SceneError(f"signal {measurement.name!r} is in no machine")
-    values = np.atleast_1d(numbers(measurement(now)))
-    if values.ndim != 1 or not np.isfinite(values).all():
-        raise SceneError(f"a measurement gave {values}, not finite numbers (k,)")
-    return values
+    if system.period is None:
+        raise SceneError(
+            f"{what}: the linear system is continuous; sample it (scipy.signal.cont2discrete, control.sample_system), "
+            "or solve it with the machine (scene.add_states)"
+        )
+    own = system.period or period
+    if own is None or (period is not None and period != own):
+        raise SceneError(f"{what}: the linear system is sampled every {system.period:g} s, and period is {period} s")
+    return partial(_linear_step, system.A, system.B, system.C, system.D), own
+
+
+def _linear_step(
+    A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, t: float, y: Any, state: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """One sample of a linear system."""
+    told = np.concatenate([np.atleast_1d(one) for one in y.values()]) if isinstance(y, dict) else y
+    if len(told) != B.shape[1]:
+        raise SceneError(f"the linear system takes {B.shape[1]} measurements, got {len(told)}")
+    return C @ state + D @ told, A @ state + B @ told

@@ -176,7 +176,7 @@ class ForceSeries(MotionSeries):
         return self._energy_of(self.x, self.v)
 
     def _energy_of(self, x: FloatArray, v: FloatArray) -> Energy:
-        plan = self.scene.plan
+        plan = self.scene.bodies_alone
         out = np.zeros((len(x), 4))
         none, scratch = np.zeros((2, self.scene.nv))
         energy_series(plan, new_work(plan), x, v, none, scratch, out)

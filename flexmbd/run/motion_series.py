@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.force.states import States
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import body_series, frame_series
@@ -52,6 +53,11 @@ class MotionSeries:
     def acceleration(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m/s^2, acceleration of the frame's origin, in inertial axes; or at times ``t`` (k,)."""
         return self._frame(frame, t)[:, 18:21]
+
+    def states(self, states: States, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, n) values of state equations, in their own units; or at times ``t``."""
+        places = self.scene.index.state_places(states)
+        return (self.v if t is None else self.motion(t)[1])[:, places.v] * places.scale
 
     def body_motion(self, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, links, 21) of all bodies' axes, by their rows in the compiled scene, or at times ``t`` (k,).

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.kernels.reading.force_tables import constant_place
-from flexmbd.multibody.motion.instant import Instant
+from flexmbd.multibody.motion.instant import Instant, measure
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, with_signals
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.team import Team
-from flexmbd.run.controller import Controller, Measurement, measure
+from flexmbd.run.controller import Controller, Measurement
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -138,6 +138,10 @@ class Sampling:
         self._last: dict[int, tuple[tuple[object, ...], tuple[FloatArray, FloatArray]]] = {}
 
     def _refuse_lost(self) -> None:
+        for states in self._scene.index.states.values():
+            for signal in states.inputs:
+                if id(signal) in self._place:
+                    raise SceneError(f"the signal {signal.name!r} is set by {states.what} already, and by a controller")
         measured = [m for one in self.controllers for m in one.measured if isinstance(m, Signal)]
         for one in self.controllers:
             for signal in one.inputs:

@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.reading.force_tables import (
     keep_forces,
 )
 from flexmbd.multibody.kernels.sampling.series import frame_series
-from flexmbd.multibody.linear.output_equations import Acceleration, Output, Position, Rotation, Velocity
+from flexmbd.multibody.motion.quantity import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]

@@ -30,7 +30,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for, object_code
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
-from flexmbd.multibody.linear.output_equations import Output
+from flexmbd.multibody.motion.quantity import Output
 from flexmbd.system import System
 
 _EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"

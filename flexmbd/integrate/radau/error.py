@@ -78,9 +78,7 @@ def widen_vibration_scales(state, groups, scratch, h, machine_rate):
     """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(scratch.scale_x.shape[0]):
-        own = scratch.memory.own_rate[k]
-        if groups.kind[groups.of[k]] != kinds.GROUP_MODAL:
-            own *= state.numbers[st.LASTING]
+        own = scratch.memory.own_rate[k] * st.vibrating_share(groups, groups.of[k], 1.0, state.numbers[st.LASTING])
         gain = min(1.0, h * max(machine_rate, own)) / share
         scratch.scale_x[k] *= gain
         scratch.scale_v[k] *= gain
@@ -109,8 +107,7 @@ def _ratio(plan, state, groups, scratch, h, machine_rate):
         g = groups.of[k]
         size = groups.position[g]
         own = st.own_rate(scratch.own_rate[k], scratch.memory.own_rate[k], machine_rate, h)
-        if groups.kind[g] != kinds.GROUP_MODAL:
-            own *= state.numbers[st.STEP_LASTING]
+        own *= st.vibrating_share(groups, g, 1.0, state.numbers[st.STEP_LASTING])
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)
@@ -118,14 +115,15 @@ def _ratio(plan, state, groups, scratch, h, machine_rate):
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
         part = abs(scratch.error_v[j]) / max(limit * own_speed, least * machine_rate)
-        part = max(part, abs(scratch.error_x[j]) / max(limit * size, least))
+        position = abs(scratch.error_x[j]) if groups.kind[g] != kinds.GROUP_STATE else 0.0
+        part = max(part, position / max(limit * size, least))
         if not part <= largest:
             largest = part
             state.counts[st.WORST] = k
         speed = max(speed, least / tolerance * machine_rate)
         rough = max(rough, abs(scratch.error_v[j]) / speed)
         expected = max(expected, scratch.memory.roughness[k] * h**4 / speed)
-        plain = max(plain, rough, abs(scratch.error_x[j]) / max(size, least / tolerance))
+        plain = max(plain, rough, position / max(size, least / tolerance))
     known = scratch.memory.roughness_known[0] == 1
     scratch.memory.smooth[0] = 1 if not known or rough <= _SMOOTH * expected else 0
     return largest if scratch.memory.smooth[0] == 1 else max(largest, plain / (_EVENT * tolerance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -12,14 +12,47 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
-from flexmbd.multibody.functions.callback import Law, StateFunction
+from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody
 from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
+
+FloatArray = NDArray[np.float64]
+
+
+class StateEquations(Protocol):
+    """A user's state equations, as far as the table is concerned."""
+
+    @property
+    def what(self) -> str:
+        """Their name in messages."""
+
+    @property
+    def code(self) -> str:
+        """Tells them from others (see ``functions.fingerprint``)."""
+        ...
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Of each state."""
+        ...
+
+    @property
+    def scales(self) -> FloatArray:
+        """(n,) sizes of the states."""
+
+    @property
+    def first(self) -> FloatArray:
+        """(n,) the states at the start."""
+
+    @property
+    def inputs(self) -> Sequence[Signal]:
+        """The signals that their outputs set."""
 
 
 class ElementTable(Protocol):
@@ -85,6 +118,21 @@ class ElementTable(Protocol):
         """Let a law with memory of one's own act on the distance of two frames less ``length`` (m); a pull is positive.
 
         As ``memory_law``.
+        """
+
+    def compiled_states(self, rates: Compiled, outputs: Compiled | None, n: int, k: int) -> int:
+        """Address of compiled state equations of n states and k outputs."""
+
+    def python_states(self, equations: StateRates, what: str, size: int) -> int:
+        """Address of state equations in Python, which give rates and outputs (size,) in one."""
+
+    def states(
+        self, states: StateEquations, address: int, quantities: Sequence[tuple[int, int, int]], *, whole: bool
+    ) -> None:
+        """Add a link for each state, and the row of their equations.
+
+        ``quantities``: of each number that they follow its kind (``kernels.elements.states``), its place and the
+        velocity that goes with it; ``whole``: whether the equations take x and v of the machine in their place.
         """
 
     def memory(self, names: Mapping[str, float]) -> int:

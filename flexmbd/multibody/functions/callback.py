@@ -38,6 +38,9 @@ Law = Callable[[float, float, float], Any]
 #: A force of the whole state: f(t, x (nx,), v (nv,)) -> generalised forces (nv,).
 StateFunction = Callable[[float, FloatArray, FloatArray], Any]
 
+#: State equations: f(t, z (n,), u (m,)) -> rates and outputs in one.
+StateRates = Callable[[float, FloatArray, FloatArray], FloatArray]
+
 
 class Callbacks:
     """The Python callables of one compiled scene, and the first error among them.
@@ -46,6 +49,7 @@ class Callbacks:
         flag: (1,) int64, not zero once a user's function has failed; the plan holds it too.
         error: what a Python callable raised.
         codes: digests of users' laws and forces, compiled ones too (see ``fingerprint``).
+        keep: compiled functions that were made for this scene alone, whose addresses live as long.
     """
 
     def __init__(self, team: Team) -> None:
@@ -55,6 +59,7 @@ class Callbacks:
         self._where = ""
         self._team = team
         self._kept: list[Any] = []  # ctypes frees a thunk that nothing holds
+        self.keep: list[Any] = []
         self._lost: BaseException | None = None
 
     def of_time(self, row: TimeRow, what: str, *, motion: bool) -> int:
@@ -97,6 +102,16 @@ class Callbacks:
 
         return self._keep(_StateThunk, thunk)
 
+    def of_states(self, equations: StateRates, what: str, size: int) -> int:
+        """Return the address of ``void f(double t, int64 n, int64 m, double *z, double *u, double out[size])``."""
+
+        def thunk(t: float, n: int, m: int, z: int, u: int, out: int) -> None:
+            first, second = _view(z, n).copy(), _view(u, m).copy()
+            answer = self._agreed(lambda: equations(t, first, second), size, lambda: f"{what} at t = {t:g} s")
+            _view(out, size)[:] = answer
+
+        return self._keep(_StateThunk, thunk)
+
     def beside(self) -> Callbacks:
         """For a scene of other numbers, which may run beside this one: with a flag of its own.
 
@@ -105,7 +120,7 @@ class Callbacks:
         if self._kept:
             return self
         found = Callbacks(self._team)
-        found.codes = self.codes
+        found.codes, found.keep = self.codes, self.keep
         return found
 
     @contextmanager

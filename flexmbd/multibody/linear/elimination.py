@@ -5,7 +5,8 @@ free, and all rows together nz <= ny changes z of velocities:
 
     xi = Xy y + Xu u,    dv = Vy y + Vz z + Vu u,    dy/dt = Ty y + Tz z + Tu u,
 
-y and z being entries of xi and dv themselves, so that they keep their names, and u the inputs.
+y and z being entries of xi and dv themselves, so that they keep their names, and u the inputs.  States of users'
+equations are entries of z alone.
 """
 
 from __future__ import annotations
@@ -36,16 +37,19 @@ class Coordinates:
         names: (n,).
         free: which are not prescribed.
         size: (n,) what counts as large: 1 rad, the machine's extent, and of modes what moves their mass by it.
+        states: which are links of states: their velocities are the states, and nothing follows from their places.
     """
 
     names: tuple[str, ...]
     free: IntArray
     size: FloatArray
+    states: IntArray
 
 
 def own_coordinates(scene: CompiledScene) -> Coordinates:
     """Those of the machine, none of interiors."""
-    return Coordinates(scene.velocity_names, scene.plan.free, scene.group_full[scene.group_of])
+    states = np.flatnonzero(scene.state_mask)
+    return Coordinates(scene.velocity_names, scene.plan.free, scene.group_full[scene.group_of], states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +121,8 @@ def eliminate(
     Vy = _particular(J, bound, -slope @ Xy)
     right = given.row[1][order] - J @ given.motion[1] - slope @ Xu
     Vu = given.motion[1] + _particular(J, bound, right)
+    placed = ~np.isin(y, coordinates.states)
+    y, Xy, Vy = y[placed], Xy[:, placed], Vy[:, placed]
     return Elimination(
         y=y,
         z=z,

@@ -72,6 +72,9 @@ class _Balance:
 def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
 
+    With states of users' equations it is where these rest as well, found by Newton's steps alone, for what they do has
+    no energy: it may be unstable, and what is unstable is not counted.
+
     Near it these are Newton's steps, in which the membrane forces of bodies that bend are unknowns of their own
     (`membrane_strains`); a step is cut where at its end the forces would push back, for beyond it energy rises. Where
     the machine is unstable, directions of negative stiffness are taken downhill, so that not the nearest equilibrium is
@@ -92,6 +95,7 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     for i in range(_ITERATIONS):
         step = _newton_step(scene, here, machine.strains.stiffness(forces - machine.strains.at(here.x)))
         size = _size(scene, step.along)
+        longest = _size(scene, np.where(scene.state_mask, 0.0, step.along))
         if size <= _CONVERGED and (step.unstable == 0 or i == 0):
             if step.unstable == 0:
                 here, _ = _take_step(machine, here, step.along, forces, searches=False)
@@ -99,12 +103,14 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
             x = here.x.copy()
             if memories_end(scene.plan):
                 remember(scene.plan, work, x, here.v, t)
-            return WorkingPoint(scene, t, x, here.v, here.multipliers, kept, step.unstable)
+            unstable = None if scene.state_mask.any() else step.unstable
+            return WorkingPoint(scene, t, x, here.v, here.multipliers, kept, unstable)
         if size <= _CONVERGED:
             along = step.softest * (_LEAVE / _size(scene, step.softest))
         else:
-            along = step.along * min(1.0, _STEP / size)
-        here, forces = _take_step(machine, here, along, forces, searches=step.unstable == 0)
+            along = step.along * min(1.0, _STEP / max(longest, 1e-300))
+        searches = step.unstable == 0 and not scene.state_mask.any()
+        here, forces = _take_step(machine, here, along, forces, searches=searches)
     worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
     name = scene.velocity_names[here.by.z[worst]]
     raise SceneError(
@@ -132,9 +138,10 @@ def _take_step(
     failure: SceneError | None = None
     for halvings in range(_HALVINGS + 1):
         part = 0.5**halvings
-        x = _moved(scene, machine.work, here.x, step * part)
+        change = step * part
+        x = _moved(scene, machine.work, here.x, np.where(scene.state_mask, 0.0, change))
         try:
-            there = _balance(scene, machine.work, x, here.v)
+            there = _balance(scene, machine.work, x, here.v + np.where(scene.state_mask, change, 0.0))
         except SceneError as reason:
             if scene.interiors is None:
                 raise
@@ -198,6 +205,8 @@ def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Ste
         here: the unbalanced forces.
         more: (nv, nv) stiffness beside that of the state.
     """
+    if scene.state_mask.any():
+        return _Step(_full_newton_step(scene, here, more), 0, np.zeros(scene.nv))
     Vz = here.by.Vz
     stiffness = Vz.T @ (here.of.stiffness + more) @ Vz
     if not len(stiffness):
@@ -213,6 +222,19 @@ def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Ste
     else:
         step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])
+
+
+def _full_newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> FloatArray:
+    """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them."""
+    slopes, states = here.of.stiffness + more, scene.state_mask
+    slopes[:, states] = here.of.damping[:, states]
+    size = coordinate_sizes(scene)
+    Vz = here.by.Vz
+    matrix = Vz.T @ slopes @ Vz * size[here.by.z]
+    rows = np.abs(matrix).max(axis=1, initial=0.0)
+    rows[rows == 0.0] = 1.0
+    found = np.linalg.lstsq(matrix / rows[:, None], here.lacking / rows, rcond=None)[0]
+    return np.asarray(Vz @ (-found * size[here.by.z]), dtype=np.float64)
 
 
 def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -> FloatArray:

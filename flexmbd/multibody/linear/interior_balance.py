@@ -140,5 +140,5 @@ def linearize_interiors(
         names += [f"{body.name}.q[{k}]" for k in range(count)]
         sizes.append(np.full(count, scene.extent * np.sqrt(body.mass)))
     free = np.concatenate([own.free, np.arange(scene.nv, len(names))])
-    coordinates = Coordinates(tuple(names), free, np.concatenate(sizes))
+    coordinates = Coordinates(tuple(names), free, np.concatenate(sizes), np.flatnonzero(scene.state_mask))
     return InteriorEquations(parts, interiors.twists(plan, work, x), coordinates)

@@ -22,10 +22,11 @@ from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinat
 from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.interior_balance import InteriorEquations, linearize_interiors
-from flexmbd.multibody.linear.output_equations import Output, OutputDerivatives, output_derivatives
+from flexmbd.multibody.linear.output_equations import OutputDerivatives, output_derivatives
 from flexmbd.multibody.linear.ports import Ports
 from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round_off, without_round_off
 from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +73,8 @@ def linearize(
     turn = np.pad(angular_rate_matrix(scene.plan, point.v), (0, wider.added))
     by = eliminate(scene, wider.coordinates, of, turn, ports.given)
     energies = np.append(energies_at_play(point, work), wider.coordinates.size[scene.nv :] * np.abs(wider.lacking()))
-    rate = float(np.max(np.abs(point.v) / wider.coordinates.size[: scene.nv], initial=0.0))
+    moving = np.where(scene.state_mask, 0.0, np.abs(point.v))
+    rate = float(np.max(moving / wider.coordinates.size[: scene.nv], initial=0.0))
     _refuse_driven_unsteadily(point, work, rate)
     _refuse_unsteady(point, work, of, by, wider, energies)
     slopes = tuple(output_derivatives(scene, point.x, point.v, output) for output in outputs)
@@ -146,7 +148,8 @@ def _refuse_unsteady(
     parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
     lacks, size, names = wider.lacking(), wider.coordinates.size, wider.coordinates.names
     left, parts = np.append(left, lacks), np.append(parts, np.abs(lacks))
-    stiff = np.abs(of.stiffness) @ size
+    states = wider.coordinates.states
+    stiff = np.abs(of.stiffness) @ size + np.abs(of.damping[:, states]) @ np.maximum(1.0, np.abs(point.v[states]))
     lacking = by.Vz.T @ left
     # what little the forces on the bodies that it carries leave along a coordinate is balanced
     scale = np.abs(by.Vz).T @ (parts + stiff + energies / size)

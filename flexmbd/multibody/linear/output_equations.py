@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,48 +18,11 @@ from flexmbd.multibody.kernels.reading.force_tables import without_loads
 from flexmbd.multibody.kernels.reading.tree import with_frame
 from flexmbd.multibody.linear.derivatives import derive
 from flexmbd.multibody.linear.working_point import frame_motion
+from flexmbd.multibody.motion.quantity import ORDERS, Output, Rotation
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
-
-#: Objects of outputs: a frame's origin (m, inertial axes), a joint's coordinates, a body's modal coordinates.
-Observed: TypeAlias = Frame | Connection | FlexibleBody | PseudoRigidBody
-
-
-@dataclass(frozen=True, eq=False)
-class Position:
-    """The change of a frame's place (3), of a joint's coordinates or of a body's modal coordinates."""
-
-    of: Observed
-
-
-@dataclass(frozen=True, eq=False)
-class Velocity:
-    """The change of the velocity of the same."""
-
-    of: Observed
-
-
-@dataclass(frozen=True, eq=False)
-class Acceleration:
-    """The acceleration of the same."""
-
-    of: Observed
-
-
-@dataclass(frozen=True, eq=False)
-class Rotation:
-    """The small rotation (3) of a frame from where it stands (rad), about its own axes there."""
-
-    of: Frame
-
-
-Output: TypeAlias = Position | Velocity | Acceleration | Rotation
-
-#: Orders of differentiation.
-ORDERS = {Position: 0, Rotation: 0, Velocity: 1, Acceleration: 2}
-
 
 @dataclass(frozen=True, eq=False)
 class OutputDerivatives:

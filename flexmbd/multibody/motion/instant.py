@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.moving_frames import MovingFrames
+from flexmbd.multibody.motion.quantity import ORDERS, Output
 from flexmbd.multibody.motion.reaction import reactions
 
 FloatArray = NDArray[np.float64]
@@ -90,6 +93,11 @@ class Instant:
         """(n,) rates of the modal coordinates."""
         return self.v[self.scene.index.modal(body).v].copy()
 
+    def states(self, states: object) -> FloatArray:
+        """(n,) values of a user's state equations, what ``System.add_states`` gave."""
+        places = self.scene.index.state_places(states)
+        return self.v[places.v] * places.scale
+
     def remembered(self, force: object) -> dict[str, FloatArray]:
         """What a force element with memory remembers, by name, each a number; see ``Trajectory.remembered``."""
         return {name: series[0] for name, series in memory_series(self.scene.index, force, self.x[None]).items()}
@@ -119,3 +127,22 @@ class Instant:
 
 def _single(values: FloatArray) -> FloatArray:
     return values[0] if len(values) == 1 else values.copy()
+
+
+def measure(quantity: Output | Callable[[Instant], ArrayLike], now: Instant) -> FloatArray:
+    """A quantity at an instant, (k,): of a frame in inertial axes, of a joint or a flexible body its coordinates.
+
+    Raises:
+        SceneError: it is not in the machine, or a function gives no finite numbers (k,).
+    """
+    if isinstance(quantity, Output):
+        of, order = quantity.of, ORDERS[type(quantity)]
+        if isinstance(of, Frame):
+            return np.array((now.position, now.velocity, now.acceleration)[order](of))
+        index = now.scene.index
+        slots = index.coordinates(of) if isinstance(of, Connection) else index.modal(of)
+        return np.array((now.x[slots.x], now.v[slots.v], now.a[slots.v])[order])
+    values = np.atleast_1d(numbers(quantity(now)))
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise SceneError(f"a measurement gave {values}, not finite numbers (k,)")
+    return values

@@ -126,6 +126,23 @@ class CompiledScene:
         """The sweeps over the machine that give the slopes of all rows."""
         return row_sweeps(self.row_blocks)
 
+    @cached_property
+    def state_mask(self) -> NDArray[np.bool_]:
+        """(nv,) which velocities are states of users' equations."""
+        mask = np.zeros(self.nv, bool)
+        for places in self.index.states.values():
+            mask[places.v] = True
+        return mask
+
+    @cached_property
+    def bodies_alone(self) -> Plan:
+        """The plan in which links of states have no inertia, for energies and momenta."""
+        if not self.index.states:
+            return self.plan
+        rigid = self.plan.rigid.copy()
+        rigid[self.state_mask[self.plan.tree[:, at.JOINT_V]] & (self.plan.tree[:, at.JOINT_SIZE] == 1)] = 0.0
+        return self.plan.replace(rigid=rigid)
+
     @property
     def nx(self) -> int:
         """Size of the configuration."""

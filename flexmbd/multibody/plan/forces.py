@@ -12,24 +12,29 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
-from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.functions.callback import Law, StateFunction
+from flexmbd.multibody.force.protocol import Force, StateEquations
+from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, as_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.user_functions import states_function
 from flexmbd.multibody.kernels.elements.element import CoordinateLaw, ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
 from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
+from flexmbd.multibody.kernels.elements.states import OF_TIME, STATES
 from flexmbd.multibody.kernels.elements.table import ELEMENTS, kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
-from flexmbd.multibody.scene_index import ForceRows, IdentityMap
+from flexmbd.multibody.scene_index import ForceRows, IdentityMap, StatePlaces
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,7 @@ class ForceTable:
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
+        self._states: list[tuple[StateEquations, int, int, tuple[tuple[int, int, int], ...], bool]] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
@@ -164,6 +170,27 @@ class ForceTable:
             element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
             count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
         )  # fmt: skip
+
+    def compiled_states(self, rates: Compiled, outputs: Compiled | None, n: int, k: int) -> int:
+        """Address of compiled state equations of n states and k outputs."""
+        made = states_function(rates.source, None if outputs is None else outputs.source, n, k)
+        self._numbering.callbacks.keep.append(made)
+        return int(made.address)
+
+    def python_states(self, equations: StateRates, what: str, size: int) -> int:
+        """Address of state equations in Python, which give rates and outputs (size,) in one."""
+        return self._numbering.callbacks.of_states(equations, what, size)
+
+    def states(
+        self, states: StateEquations, address: int, quantities: Sequence[tuple[int, int, int]], *, whole: bool
+    ) -> None:
+        """Add a link for each state; the row of their equations comes last, when all loads are known."""
+        self._numbering.callbacks.codes.append(states.code)
+        slots = self._numbering.add_states(states.state_names)
+        self._numbering.index.states[states] = StatePlaces(
+            slots, states.scales, states.first, states.what, tuple(states.inputs)
+        )
+        self._states.append((states, slots.start, address, tuple(quantities), whole))
 
     def memory(self, names: Mapping[str, float]) -> int:
         """Place in x of a memory that begins with these values."""
@@ -261,6 +288,7 @@ class ForceTable:
         Raises:
             SceneError: friction that follows reactions, together with forces whose effect on reactions is unknown.
         """
+        self._finish_states()
         if self._given_bodies:
             inertia = KaneInertia(self._given_bodies)
             self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
@@ -275,6 +303,43 @@ class ForceTable:
                     "or a JointLaw, or take JointFriction of a given size"
                 )
             self._solve_together(Bearings(self._bearings), what)
+
+    def _finish_states(self) -> None:
+        """Append the rows of state equations, with the functions of time that their outputs are put in the place of.
+
+        Raises:
+            SceneError: two set one signal, one follows what states set, or a signal does not load a joint's coordinate.
+        """
+        set_by: IdentityMap[Signal, str] = IdentityMap()
+        for states, *_ in self._states:
+            for signal in states.inputs:
+                if signal in set_by:
+                    raise SceneError(f"{states.what}: {set_by[signal]} set the signal {signal.name!r} already")
+                set_by[signal] = states.what
+        followed = {row[1] for _, _, _, rows, _ in self._states for row in rows if row[0] == OF_TIME}
+        loading = {row[at.FORCE_TIME] for row in self.forces}
+        for states, first, address, rows, whole in self._states:
+            loads = []
+            for j, signal in enumerate(states.inputs):
+                places = [k for k, row in enumerate(self._numbering.times) if row.signal is signal]
+                for k in places:
+                    if k in followed:
+                        raise SceneError(
+                            f"{states.what}: states follow the signal {signal.name!r}, which they set; write the "
+                            "equations of both as one"
+                        )
+                    if k not in loading or any(row[at.EL_TIME] == k for row in self.elements):
+                        raise SceneError(
+                            f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque or "
+                            "JointForce on a joint that has a coordinate (way=fm.Way.COORDINATES)"
+                        )
+                if not places:
+                    raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")
+                loads += [(j, k) for k in places]
+            n, m, k = len(states.scales), len(rows), len(states.inputs)
+            head = [n, m, k, whole, len(loads), *states.scales]
+            data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
+            self.element(STATES, states.what, v=first, data=data, count=2 * n + m + k, address=address)
 
     def _solve_together(self, function: Bearings | KaneInertia, what: str) -> None:
         address = self._numbering.add_state_function(function, what)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.kinematic_pair import KinematicPair
+from flexmbd.multibody.joint.kinematic_pair import REVOLUTE, KinematicPair
 from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
@@ -157,6 +157,27 @@ class Numbering:
         self.groups.append((kinds.GROUP_MODAL, *modal_sizes(self.extent, record)))
         self.group_of.extend([len(self.groups) - 1] * n)
         return [self.add_flex(record), x, v]
+
+    def add_states(self, names: Sequence[str]) -> slice:
+        """Append a link for each state: a unit of inertia without mass, on a hinge of its own.  Their places in v.
+
+        Its velocity is the state over its scale, its acceleration what the state equations give.  It counts neither in
+        energies nor in momenta (``CompiledScene.bodies_alone``).
+        """
+        first = len(self.names)
+        for name in names:
+            row = len(self.tree)
+            f, g = (self.add_body_frame(owner, np.zeros(3), np.eye(3)) for owner in (-1, row))
+            ends = [-1, REVOLUTE.turning, f, g, len(self.start), len(self.names)]
+            self.tree.append([*ends, -1, -1, -1, self.add_pair(REVOLUTE), kinds.FREE_ROTATION, 1, 1])
+            unit = np.zeros(at.N_RIGID)
+            unit[[at.SECOND_MOMENT, at.SECOND_MOMENT + 3]] = 0.5  # xx and yy, of which the inertia about z is the sum
+            self.rigid.append(unit.tolist())
+            self.start.append(0.0)
+            self.names.append(name)
+            self.groups.append((kinds.GROUP_STATE, 1.0, 1.0))
+            self.group_of.append(len(self.groups) - 1)
+        return slice(first, len(self.names))
 
     def add_law(self, law: Law, what: str) -> int:
         """Address of a Python law on a coordinate."""

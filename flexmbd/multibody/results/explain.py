@@ -39,11 +39,14 @@ def explain(start: Start) -> str:
     scene = start.scene
     plan = scene.plan
     bodies = len(scene.topology.branches)
-    links = len(plan.tree) - bodies
+    states = int(scene.state_mask.sum())
+    links = len(plan.tree) - bodies - states
     massless = f" and {_counted(links, 'massless link')}" if links else ""
+    equations = f", {_counted(states, 'state')} of equations" if states else ""
     lines = [
-        f"{_counted(bodies, 'body')}{massless}, {_counted(scene.nv, 'velocity')} ({len(plan.free)} free, "
-        f"{len(plan.driven)} prescribed), {_counted(len(plan.rows), 'multiplier')}"
+        f"{_counted(bodies, 'body')}{massless}, {_counted(scene.nv - states, 'velocity')} "
+        f"({len(plan.free) - states} free, "
+        f"{len(plan.driven)} prescribed){equations}, {_counted(len(plan.rows), 'multiplier')}"
     ]
     lines.append("tree:")
     parts = [part for one in _with_history(start) for part in one.parts]

@@ -48,7 +48,7 @@ def momentum_of(scene: CompiledScene, x: FloatArray, v: FloatArray) -> Momentum:
         raise SceneError(
             "the momentum of a machine with bodies with history is not told: what lies between their frames moves too"
         )
-    plan = scene.plan
+    plan = scene.bodies_alone
     mass = float(masses(plan).sum())
     if mass == 0.0:
         raise SceneError("the machine has no mass, so no centre of mass")

@@ -48,6 +48,8 @@ def given_start(
                 x[slots.x], held_x[slots.v] = now.q, True
             if now.q_rate is not None:
                 v[slots.v], held_v[slots.v] = now.q_rate, True
+    for places in scene.index.states.values():
+        v[places.v], held_v[places.v] = places.initial / places.scale, True
     return x, v, held_x, held_v
 
 

@@ -60,7 +60,8 @@ class Work(ArrayStruct):
 
     moments: (15, n) the table of moments of the reduced body at hand, see ``physics.modal_moments``.
     time: (functions of time + 1, 3) value, rate and acceleration; the time (s) itself begins the last row.
-    generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.
+    generalized: (nv,) what a user's function of the state gives; before, scratch of the modes.  More where states take
+        it: their values, what they follow, rates and outputs.
     memory: (nx,) the configuration, of which elements between frames read what they remember; none where none does.
     trial: (n,) the memory of the element at hand, led to where it is.
     """
@@ -90,7 +91,7 @@ def new_work(plan: Plan) -> Work:
         np.zeros((len(plan.tree), at.N_BODY_WORK)),
         np.zeros((len(plan.frames), at.N_FRAME_WORK)),
         np.zeros((len(plan.times) + 1, 3)),
-        np.zeros(len(plan.free) + len(plan.driven)),
+        np.zeros(max(len(plan.free) + len(plan.driven), int(plan.elements[:, at.EL_COUNT].max(initial=0)))),
         np.zeros((at.N_MOMENTS, int(plan.flex[:, at.N_MODES].max(initial=0)))),
         np.zeros(_memories_end(remembering[remembering[:, at.EL_F] >= 0])),
         np.zeros(int(remembering[:, at.EL_COUNT].max(initial=0))),

@@ -38,7 +38,8 @@ LEVEL_POSITION, LEVEL_VELOCITY = range(2)
 TIME_PIECEWISE, TIME_SINE, TIME_COMPILED, TIME_PYTHON = range(4)
 
 # Kinds of error-norm groups: coordinates of one group share one scale.
-GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL = range(3)
+# GROUP_STATE: states of a user's equations, in their own scales; what is theirs is the velocity of a link.
+GROUP_ANGLE, GROUP_LENGTH, GROUP_MODAL, GROUP_STATE = range(4)
 
 # Values of Plan.flag.
 FLAG_PYTHON, FLAG_ELEMENT, FLAG_TIME = 1, 2, -1

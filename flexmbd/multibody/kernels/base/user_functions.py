@@ -35,6 +35,35 @@ def state_function(function: Callable[..., None]) -> Any:
     return cfunc(kind, error_model=_MODEL)(outer)
 
 
+def states_function(rates: Callable[..., None], outputs: Callable[..., None] | None, n: int, k: int) -> Any:
+    """``f(t, z, u, out)`` of n rates and, alike, of k outputs behind one C function, which writes both (n + k,).
+
+    Without ``outputs`` these are the states themselves.
+    """
+    inner = njit(error_model=_MODEL)(rates)
+    double = types.CPointer(types.float64)
+    kind = types.void(types.float64, types.int64, types.int64, double, double, double)
+
+    def alone(t, nz, nu, z, u, out):  # type: ignore[no-untyped-def]
+        found = carray(out, (n + k,))
+        for i in range(n + k):
+            found[i] = 0.0 if i < n else z[i - n]
+        inner(t, carray(z, (nz,)), carray(u, (nu,)), found[:n])
+
+    if outputs is None:
+        return cfunc(kind, error_model=_MODEL)(alone)
+    given = njit(error_model=_MODEL)(outputs)
+
+    def both(t, nz, nu, z, u, out):  # type: ignore[no-untyped-def]
+        found = carray(out, (n + k,))
+        for i in range(n + k):
+            found[i] = 0.0
+        inner(t, carray(z, (nz,)), carray(u, (nu,)), found[:n])
+        given(t, carray(z, (nz,)), carray(u, (nu,)), found[n:])
+
+    return cfunc(kind, error_model=_MODEL)(both)
+
+
 def memory_function(function: Callable[..., float]) -> Any:
     """``double f(int64 n, double *data, int64 m, double *memory, double begin, double end, double out[3])``.
 

@@ -35,6 +35,7 @@ from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOP
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
+from flexmbd.multibody.kernels.elements.states import STATES
 from flexmbd.multibody.kernels.elements.stop import STOP
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
@@ -44,7 +45,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     SPRING, CHARACTERISTIC, STOP, FRICTION,
     USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
-    STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE,
+    STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, STATES,
 )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ def _finite(values):
 @kernel
 def _subtract(plan, work, row, x, v, out):
     """Subtract the forces; NaN and ``plan.flag`` where they are not finite, not called where the state is not."""
-    force = work.generalized
+    force = work.generalized[: v.shape[0]]
     for k in range(force.shape[0]):
         force[k] = np.nan
     if plan.flag[0] == 0 and _finite(x) and _finite(v):
@@ -53,9 +53,10 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
             tw.moved_v[k] += sign * per_v * step
             tw.move[k] = sign * per_x * step
             retract(plan, x, tw.move, tw.moved_x)
-            call_state(row[at.EL_ADDRESS], t, tw.moved_x, tw.moved_v, work.generalized)
+            force = work.generalized[:nv]
+            call_state(row[at.EL_ADDRESS], t, tw.moved_x, tw.moved_v, force)
             for j in range(nv):
-                matrix[j, k] -= sign * work.generalized[j] / (2.0 * step)
+                matrix[j, k] -= sign * force[j] / (2.0 * step)
 
 
 _NAME = "forces of the state, which may be stiff"

@@ -1,0 +1,175 @@
+"""State equations of a user, z' = f(t, z, u) with outputs g(t, z, u), that are solved with the machine.
+
+Each state is the velocity of a link of its own, of unit inertia and without mass (``Numbering.add_states``), divided by
+the state's scale: its acceleration is the rate f.  So every integrator solves it, controls its error and finds it in
+its tangent.  The outputs are put where loads on joints' coordinates read their functions of time, which is after all
+elements have been asked (``inverse_dynamics.residual``).
+
+Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
+of z and u; how many loads there are; the scales; of each quantity its kind, its place and the velocity that goes with
+it; of each load its output and its row of ``Plan.times``.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.native import call_state
+from flexmbd.multibody.kernels.elements.differences import difference_step
+from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
+from flexmbd.multibody.kernels.physics.joints import retract
+
+# Kinds of quantities: a coordinate, its rate, a function of time.
+OF_POSITION, OF_VELOCITY, OF_TIME = range(3)
+_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, N_HEAD = range(6)
+
+
+@kernel
+def _sizes(plan, row):
+    """How many states, quantities, outputs and loads; where scales, quantities and loads begin in ``Plan.data``."""
+    o = row[at.EL_DATA]
+    n, m, k = int(plan.data[o + _STATES]), int(plan.data[o + _QUANTITIES]), int(plan.data[o + _OUTPUTS])
+    scales = o + N_HEAD
+    return n, m, k, int(plan.data[o + _LOADS]), scales, scales + n, scales + n + 3 * m
+
+
+@kernel
+def _fill(plan, work, row, x, v):
+    """Write the states and the quantities that they follow into ``work.generalized``."""
+    n, m, _, _, scales, quantities, _ = _sizes(plan, row)
+    for i in range(n):
+        work.generalized[i] = plan.data[scales + i] * v[row[at.EL_V] + i]
+    for j in range(m):
+        o = quantities + 3 * j
+        place = int(plan.data[o + 1])
+        if plan.data[o] == OF_POSITION:
+            work.generalized[n + j] = x[place]
+        elif plan.data[o] == OF_VELOCITY:
+            work.generalized[n + j] = v[place]
+        else:
+            work.generalized[n + j] = work.time[place, 0]
+
+
+@kernel
+def _call(plan, work, row, x, v):
+    """Write rates (n,) and outputs (k,) into ``work.generalized``, behind what they follow; where they begin there.
+
+    NaN and ``plan.flag`` where they are not finite.  Where the machine's state itself is not nobody is called.
+    """
+    n, m, k, _, _, _, _ = _sizes(plan, row)
+    out = work.generalized[n + m : n + m + n + k]
+    total = 0.0
+    for i in range(v.shape[0]):
+        total += abs(v[i])
+    for i in range(x.shape[0]):
+        total += abs(x[i])
+    for i in range(out.shape[0]):
+        out[i] = math.nan
+    if plan.flag[0] != 0 or not math.isfinite(total):
+        return n + m
+    t = work.time[plan.times.shape[0], 0]
+    if plan.data[row[at.EL_DATA] + _WHOLE] != 0.0:
+        call_state(row[at.EL_ADDRESS], t, x, v, out)
+    else:
+        call_state(row[at.EL_ADDRESS], t, work.generalized[:n], work.generalized[n : n + m], out)
+    total = 0.0
+    for i in range(out.shape[0]):
+        total += abs(out[i])
+    if plan.flag[0] == 0 and not math.isfinite(total):
+        plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
+    return n + m
+
+
+@kernel
+def _subtract(plan, work, row, x, v, out):
+    """Subtract the rates as forces on the states' links; put the outputs among the functions of time."""
+    n, _, _, loads, scales, _, places = _sizes(plan, row)
+    _fill(plan, work, row, x, v)
+    found = _call(plan, work, row, x, v)
+    for i in range(n):
+        out[row[at.EL_V] + i] -= work.generalized[found + i] / plan.data[scales + i]
+    for j in range(loads):
+        output = found + n + int(plan.data[places + 2 * j])
+        work.time[int(plan.data[places + 2 * j + 1]), 0] = work.generalized[output]
+
+
+@kernel
+def _add_change(plan, work, row, found, column, factor, matrix):
+    """Subtract ``factor`` times rates and outputs from a column of the matrix, in the rows that they act on."""
+    n, _, _, loads, scales, _, places = _sizes(plan, row)
+    for i in range(n):
+        matrix[row[at.EL_V] + i, column] -= factor * work.generalized[found + i] / plan.data[scales + i]
+    for j in range(loads):
+        time = int(plan.data[places + 2 * j + 1])
+        change = factor * work.generalized[found + n + int(plan.data[places + 2 * j])]
+        for i in range(plan.forces.shape[0]):
+            if plan.forces[i, at.FORCE_TIME] == time:
+                matrix[plan.forces[i, at.FORCE_V], column] -= change
+
+
+@kernel
+def _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
+    """Derivatives by the states and the quantities that they follow, by central differences."""
+    n, m, _, _, scales, quantities, _ = _sizes(plan, row)
+    for i in range(n + m):
+        column = row[at.EL_V] + i
+        per, size = per_v, 0.0
+        unit = 1.0  # of the column's velocity or coordinate
+        if i < n:
+            unit = plan.data[scales + i]
+            size = unit * max(1.0, abs(v[column]))
+        else:
+            o = quantities + 3 * (i - n)
+            kind = plan.data[o]
+            column = int(plan.data[o + 2])
+            if kind == OF_TIME:
+                continue
+            if kind == OF_POSITION:
+                per, size = per_x, tw.size_x[column]
+            else:
+                size = max(tw.size_v[column], abs(v[column]))
+        if per == 0.0:
+            continue
+        step = difference_step(1.0, 0.0, size, 1.0)
+        for sign in (-1.0, 1.0):
+            _fill(plan, work, row, x, v)
+            work.generalized[i] += sign * step
+            found = _call(plan, work, row, x, v)
+            _add_change(plan, work, row, found, column, sign * per * unit / (2.0 * step), matrix)
+
+
+@kernel
+def _subtract_whole_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
+    """Derivatives by all coordinates and velocities, by central differences."""
+    nv = v.shape[0]
+    for c in range(nv):
+        step = difference_step(per_x, per_v, tw.size_x[c], max(tw.size_v[c], abs(v[c])))
+        if step == 0.0:
+            return
+        for sign in (-1.0, 1.0):
+            for j in range(nv):
+                tw.moved_v[j] = v[j]
+                tw.move[j] = 0.0
+            tw.moved_v[c] += sign * per_v * step
+            tw.move[c] = sign * per_x * step
+            retract(plan, x, tw.move, tw.moved_x)
+            found = _call(plan, work, row, tw.moved_x, tw.moved_v)
+            _add_change(plan, work, row, found, c, sign / (2.0 * step), matrix)
+
+
+@kernel
+def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
+    if plan.flag[0] != 0:
+        return
+    if plan.data[row[at.EL_DATA] + _WHOLE] != 0.0:
+        _subtract_whole_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix)
+    else:
+        _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix)
+
+
+STATES = GeneralisedForce(
+    Behaviour("state equations", Stiffness.SEEN, calls_user=True, drives=True), _subtract, _subtract_tangent
+)
