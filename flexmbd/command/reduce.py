@@ -13,13 +13,13 @@ from flexmbd.command.body_file import check_free
 from flexmbd.command.material_file import Material, make_damping, read_material
 from flexmbd.command.terminal import add_json, print_json, print_line, print_progress
 from flexmbd.coupling import Coupling
-from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError
+from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError, MeshError
 from flexmbd.libraries import OF_THE_CONTINUUM, require
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from flexmbd.continuum import Interface
+    from flexmbd.continuum import Interface, SurfaceSupport
     from flexmbd.record.reduced_body import ReducedBody
     from flexmbd.reduction import InterfaceModes
 
@@ -94,6 +94,16 @@ def _describe_model(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[:COUPLING]",
         help="a named group of faces that becomes a frame, rigid (the default) or averaged; repeat it",
     )
+    model.add_argument(
+        "--symmetry",
+        action="append",
+        default=[],
+        metavar="NAME=AXIS",
+        help="faces on a plane of symmetry with the normal x, y or z, of a half or a quarter of a part; repeat it",
+    )
+    model.add_argument(
+        "--roller", action="append", default=[], metavar="NAME=AXIS", help="faces that do not move along x, y or z"
+    )
     frame = model.add_mutually_exclusive_group()
     frame.add_argument("--frame", metavar="NAME", help="the interface that carries the body frame (default: the first)")
     frame.add_argument("--floating", action="store_true", help="the body frame floats on the mean axis")
@@ -159,6 +169,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         return 0
     _require(arguments)
     interfaces = [parse_interface(text) for text in arguments.interface]
+    supports = parse_supports(arguments.symmetry, arguments.roller)
     given = Truncation(arguments.modes, below_hz=arguments.below_hz, tol=arguments.tol, free=arguments.free)
     truncation = chosen_truncation(given)
     characteristic = _interface_modes(arguments)
@@ -181,7 +192,9 @@ def reduce(arguments: argparse.Namespace) -> int:
     )
     frame = None if arguments.floating or not interfaces else arguments.frame or interfaces[0].name
     print_progress("assembling")
-    model = ContinuumModel(mesh, form, parameters, degree=arguments.degree, interfaces=interfaces)
+    model = ContinuumModel(
+        mesh, form, parameters, degree=arguments.degree, interfaces=interfaces, supports=supports
+    )
     print_progress("reducing")
     body = craig_bampton(
         model,
@@ -258,6 +271,25 @@ def parse_interface(text: str) -> Interface:
     if coupling not in known or not name:
         raise InterfaceError(f"--interface {text}: write NAME, or NAME:COUPLING with {' or '.join(known)}")
     return Interface(name, coupling=known[coupling])
+
+
+def parse_supports(symmetry: Sequence[str], rollers: Sequence[str]) -> list[SurfaceSupport]:
+    """The supports of `NAME=AXIS` texts.
+
+    Raises:
+        MeshError: a text is another.
+    """
+    from flexmbd.continuum import Roller, SymmetryPlane
+
+    found: list[SurfaceSupport] = []
+    for word, texts in (("symmetry", symmetry), ("roller", rollers)):
+        for text in texts:
+            name, _, axis = (part.strip() for part in text.rpartition("="))
+            if not name or axis not in ("x", "y", "z"):
+                raise MeshError(f"--{word} {text}: write NAME=AXIS with x, y or z, as middle=x")
+            direction = tuple(float(axis == one) for one in "xyz")
+            found.append(SymmetryPlane(name, direction) if word == "symmetry" else Roller(name, direction))
+    return found
 
 
 def parse_parameters(texts: Sequence[str]) -> dict[str, float]:

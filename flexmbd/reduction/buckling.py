@@ -18,10 +18,12 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
+from flexmbd.continuum.finite_elements.held_surface import held_dofs
 from flexmbd.continuum.finite_elements.interface import RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_stiffness
@@ -35,6 +37,7 @@ from flexmbd.reduction.modes.sturm import principal_part
 from flexmbd.reduction.modes.truncation import whole_number
 from flexmbd.reduction.optional_groups import surface_group
 from flexmbd.reduction.static_shapes.factor import Factor, TooLargeError
+from flexmbd.reduction.static_shapes.frame_motions import frame_motions
 from flexmbd.reduction.static_shapes.memory import memory_limit
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.static_shapes.support import AT_REST
@@ -119,7 +122,11 @@ def linear_buckling(
     load = dead.copy()
     for name, wrench in wrenches.items():
         load += interface_loads(model, [model.interface(name)], R=np.eye(3)).forces @ wrench
-    with body_statics(model, frame=next(iter(held))) as statics, _loaded_body(statics, held, load, dead) as body:
+    first = next(iter(held), None)
+    with (
+        body_statics(model, frame=first, grounded=True) as statics,
+        _loaded_body(statics, held, load, dead) as body,
+    ):
         found, note = _counted(body, count, both=reversed_too)
     factors, fields = found.factors[:count], found.fields
     images = multiply(model.M, asymmetric_fields(model))
@@ -145,7 +152,7 @@ def _check(
             f"the stiffness of {model.form_name} is not positive definite, as it has unknowns like pressures; take a "
             "formulation of displacements alone"
         )
-    if not held:
+    if not held and not model.supports:
         raise ReductionError("nothing is clamped; name an interface and its components, as clamped=['foot']")
     for name, components in held.items():
         model.interface(name)
@@ -250,25 +257,34 @@ def _loaded_body(
 
 
 def _free_motions(statics: Statics, held: Mapping[str, Sequence[str]]) -> FloatArray:
-    """(6 b, s) unit motions of the frames' components that are not held, once these hold the body."""
-    free: list[FloatArray] = []
+    """(6 b, s) unit motions of the frames that neither clamps nor supports hold, once the body is held. Collective."""
+    model, interfaces = statics.model, statics.interfaces
     fixed: list[FloatArray] = []
-    for i, one in enumerate(statics.interfaces):
+    free: list[FloatArray] = []
+    for i, one in enumerate(interfaces):
         axes = np.kron(np.eye(2), one.R.T @ statics.R)
         for component, row in zip(FRAME_DOFS, axes, strict=True):
-            motion = np.zeros(6 * len(statics.interfaces))
+            motion = np.zeros(6 * len(interfaces))
             motion[6 * i : 6 * i + 6] = row
             (fixed if component in held.get(one.name, ()) else free).append(motion)
-    rigid = np.array(fixed) @ rigid_coordinates(statics.interfaces, origin=statics.p, axes=statics.R)
-    arms = [float(np.linalg.norm(one.p - statics.p)) for one in statics.interfaces]
-    scaled = rigid / np.repeat([1.0, max(arms) or 1.0], 3)
-    scaled /= np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), np.finfo(float).tiny)
-    if len(fixed) < 6 or not np.linalg.svd(scaled)[1][-1] > AT_REST:
+    rows, others = (np.reshape(block, (len(block), 6 * len(interfaces))) for block in (fixed, free))
+    arms = model.node_x[: model.n_owned_nodes] - statics.p
+    reach = np.sqrt(model.comm.allreduce(float((arms**2).sum())) / model.comm.allreduce(len(arms)))
+    scale = np.repeat([1.0, reach], 3)
+    on_clamps = rows @ rigid_coordinates(interfaces, origin=statics.p, axes=statics.R) / scale
+    supported = held_dofs(model.supports, layout=model.layout)
+    on_supports = model.rigid_motions(statics.p, statics.R)[supported] / scale
+    gram = on_clamps.T @ on_clamps + inner(model.comm, on_supports, on_supports)
+    if not np.linalg.eigvalsh(gram)[0] > AT_REST**2 * max(float(np.trace(gram)), 1e-300):
+        named = ", ".join(f"{name}: {' '.join(parts)}" for name, parts in held.items())
         raise ReductionError(
-            "the clamped components leave the body free to move as a rigid one: hold six or more that together keep it "
-            f"in place, got {', '.join(f'{name}: ' + ' '.join(parts) for name, parts in held.items())}"
+            f"what is clamped leaves the body free to move as a rigid one, {named or 'nothing'}: hold six components "
+            "or more that together keep it in place"
         )
-    return np.reshape(free, (-1, 6 * len(statics.interfaces))).T
+    if not model.supports:
+        return others.T
+    left = frame_motions(model, interfaces, axes=statics.R).motions
+    return np.asarray(left @ scipy.linalg.null_space(rows @ left)) if rows.size > 0 else left
 
 
 @dataclass(frozen=True, eq=False)

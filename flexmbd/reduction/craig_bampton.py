@@ -140,6 +140,9 @@ def craig_bampton(
         provenance["surfaces"] = "; ".join(listed_groups)
     if model.has_surface_energy:
         provenance["springs on facets"] = f"to the body frame, {frame}"
+    if model.supports:
+        texts = "; ".join(one.text for one in model.supports)
+        provenance["supports"] = f"{texts}; mass and inertia are of the meshed part alone"
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]
     if averaged:
         provenance["averaged interfaces"] = ", ".join(averaged)
@@ -194,9 +197,9 @@ def _basis(
                 fixed = ritz_modes(model, fixed.shapes, images=images)
             notes["stretch modes"] = str(len(more.eigenvalues))
     # the shapes of the first interface were only for the check
-    shapes, forces = static.shapes[:, 6:], static.forces[:, 6:]
+    shapes, forces = statics.moving
     if choice is not None:
-        shapes, forces = shapes @ kept.change, forces @ kept.change
+        shapes, forces = static.shapes[:, 6:] @ kept.change, static.forces[:, 6:] @ kept.change
     shapes = np.hstack([shapes, fixed.shapes])
     forces = np.hstack([forces, multiply(model.K, fixed.shapes)])
     n, interfaces = shapes.shape[1], kept.interfaces
@@ -213,7 +216,7 @@ def _basis(
         p=statics.p,
         R=statics.R,
         interfaces=interfaces,
-        rows=_frame_motions(len(interfaces), n) - moved,
+        rows=kept.frame_rows(statics, n) - moved,
         names=(*kept.names, *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free)),
         shapes=shapes,
         forces=forces,
@@ -235,11 +238,6 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
         held=found.held[:, :number],
         images=images,
     )
-
-
-def _frame_motions(frames: int, n: int) -> FloatArray:
-    """(6 frames, n) motions of the frames: the first is at rest, the others are the first coordinates."""
-    return np.eye(6 * frames, n, -6)
 
 
 def _names(statics: Statics, modes: int, stretch: int, *, free: bool) -> tuple[str, ...]:

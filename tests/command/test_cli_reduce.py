@@ -177,6 +177,18 @@ def test_reduce_by_interface_modes_and_free_modes(beam_file, capsys):
     assert "goes with --interface-modes" in capsys.readouterr().err
 
 
+def test_reduce_a_half(beam_file, capsys):
+    output = beam_file.with_name("beam.h5")
+    arguments = ["reduce", str(beam_file), "--form", "solid_linear", *STEEL, "--interface", "start", "--modes", "3"]
+    assert main([*arguments, "--symmetry", "end=x", "--roller", "end=y", "-o", str(output)]) == 0
+    said = ReducedBody.load(output).provenance["supports"]
+    assert said.startswith("symmetry plane 'end' with normal (1, 0, 0); roller 'end' along (0, 1, 0)")
+    assert main([*arguments, "--force", "--symmetry", "end=y", "-o", str(output)]) != 0
+    assert "no plane with that normal" in capsys.readouterr().err
+    assert main([*arguments, "--force", "--roller", "end:y", "-o", str(output)]) != 0
+    assert "write NAME=AXIS" in capsys.readouterr().err
+
+
 GOOD = {
     "--form": ["solid_linear"],
     "--parameter": ["E=2.1e11", "nu=0.3", "rho=7850"],

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
+from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
@@ -64,6 +65,7 @@ class LinearModel(DiscretisedBody):
         K: stiffness in the state (N/m, N, N m), over all dofs, PETSc AIJ matrix spread by rows.
         M: consistent mass (kg, kg m, kg m^2), the same layout.
         state: the loaded static state, or None at rest.
+        supports: facets that are held in the axes of the body frame.
     """
 
     def __init__(
@@ -76,11 +78,13 @@ class LinearModel(DiscretisedBody):
         K: PETSc.Mat,
         M: PETSc.Mat,
         state: StaticState | None,
+        supports: tuple[HeldSurface, ...] = (),
     ) -> None:
         """Keep the parts; not collective."""
         super().__init__(forms, layout=layout, interfaces=interfaces)
         self.parameters = parameters
         self.K, self.M, self.state = K, M, state
+        self.supports = supports
 
     @property
     def n_owned_nodes(self) -> int:

@@ -14,6 +14,7 @@ from dolfinx import fem
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
+from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
@@ -32,6 +33,7 @@ class ContinuumModel(LinearModel):
         degree: int,
         interfaces: Sequence[Interface] = (),
         surfaces: Surfaces | None = None,
+        supports: Sequence[SurfaceSupport] = (),
     ) -> None:
         """Check everything, then assemble. Collective over the mesh's communicator.
 
@@ -44,6 +46,7 @@ class ContinuumModel(LinearModel):
             interfaces: groups of the mesh that carry frames.
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken.
+            supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
@@ -52,7 +55,7 @@ class ContinuumModel(LinearModel):
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), or the ranks were
                 given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
-                facets that the surface has not.
+                facets that the surface has not; supports that are not well formed.
         """
         forms = discretise(
             mesh, formulation, parameters, degree=degree, interfaces=interfaces, surfaces=surfaces
@@ -76,4 +79,5 @@ class ContinuumModel(LinearModel):
             K=stiffness,
             M=mass,
             state=None,
+            supports=find_supports(supports, mesh=mesh, layout=forms.layout),
         )

@@ -50,6 +50,7 @@ class PrestressedModel(LinearModel):
             K=stiffness,
             M=model.M,
             state=state,
+            supports=model.supports,
         )
 
 

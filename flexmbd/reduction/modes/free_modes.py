@@ -52,14 +52,16 @@ def free_interface_modes(
     model, static = statics.model, statics.static
     if not isinstance(eigensolver, BlockMethod):
         raise ReductionError("free modes are found by BlockMethod(); leave eigensolver out")
-    if model.state is not None or model.has_surface_energy:
+    if model.state is not None or model.has_surface_energy or model.supports:
         raise ReductionError(
-            "a prestressed body, or one with springs on facets, is held and has no free modes; leave free=True out"
+            "a prestressed body, or one with supports or springs on facets, is held and has no free modes; leave "
+            "free=True out"
         )
+    shapes, forces = statics.moving
     rigid = statics.rigid if statics.rigid is not None else rigid_modes(model)
 
     def flexibility(block: FloatArray) -> FloatArray:
-        u = statics.response_of(rigid.balanced(block), shapes=static.shapes[:, 6:], forces=static.forces[:, 6:])
+        u = statics.response_of(rigid.balanced(block), shapes=shapes, forces=forces)
         return np.asfortranarray(rigid.deformation(u))
 
     size = statics.size + 6 * max(len(statics.interfaces) - 1, 0)

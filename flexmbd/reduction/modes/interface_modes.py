@@ -3,8 +3,9 @@
 The static shapes of many interfaces are as many coordinates, of which a machine feels the softest. Their condensed
 stiffness and mass, K_r x = lam M_r x with the frames that keep their six components fixed, have characteristic
 constraint modes (Castanier, Tan & Pierre 2001), of which the lowest are kept; those of each interface alone, with all
-others fixed, are less effective (local-level characteristic constraint modes, Hong, Epureanu & Castanier 2013). The frames that are kept move the others as statics says, -K_rr^-1 K_rk, so the
-response to loads on them stays exact; so does every rigid motion.
+others fixed, are less effective (local-level characteristic constraint modes, Hong, Epureanu & Castanier 2013). The
+frames that are kept move the others as statics says, -K_rr^-1 K_rk, so the response to loads on them stays exact; so
+does every rigid motion.
 
 What the reduction adds to the error of the body's eigenvalues is computed rather than estimated, from small matrices of
 all static shapes and the modes that were found.
@@ -25,7 +26,6 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symme
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
-from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.reduction.modes.truncation import LOWEST, Truncation, chosen_truncation
 from flexmbd.reduction.static_shapes.statics import Statics
 
@@ -55,7 +55,7 @@ class InterfaceShapes:
 
     Attributes:
         interfaces: the frames that keep their six, the body frame's or the first one at first.
-        change: (6 (b - 1), s) static shapes per unit of each coordinate: the six of each of these, then modes.
+        change: (6 (b - 1), s) static shapes per unit of each coordinate: the motions of each of these, then modes.
         names: (s,) of the coordinates.
         notes: for the provenance.
     """
@@ -65,11 +65,20 @@ class InterfaceShapes:
     names: tuple[str, ...]
     notes: dict[str, str]
 
+    def frame_rows(self, statics: Statics, n: int) -> FloatArray:
+        """(6 frames, n) motions of the frames per unit of n coordinates, of which these are the first."""
+        names = [one.name for one in statics.interfaces[1:]]
+        rows = np.zeros((6 * len(self.interfaces), n))
+        for i, one in enumerate(self.interfaces[1:], start=1):
+            place = 6 * names.index(one.name)
+            rows[6 * i : 6 * i + 6, : self.change.shape[1]] = self.change[place : place + 6]
+        return rows
+
 
 def all_interface_shapes(statics: Statics) -> InterfaceShapes:
     """Each interface with its six."""
-    size = 6 * max(len(statics.interfaces) - 1, 0)
-    return InterfaceShapes(statics.interfaces, np.eye(size), _names(statics, statics.interfaces[1:]), {})
+    every = np.ones(len(statics.interfaces[1:]), dtype=bool)
+    return InterfaceShapes(statics.interfaces, statics.frame_motions.motions, _names(statics, every), {})
 
 
 def check_interface_modes(choice: InterfaceModes, interfaces: Sequence[FoundInterface], *, frame: str | None) -> None:
@@ -108,18 +117,22 @@ def interface_shapes(statics: Statics, fixed: Modes, choice: InterfaceModes) -> 
     Raises:
         ReductionError: on all ranks: more modes than there are, or none below the frequency.
     """
-    model, comm, static = statics.model, statics.model.comm, statics.static
-    shapes = np.asfortranarray(np.hstack([model.rigid_motions(statics.p, statics.R), static.shapes[:, 6:]]))
+    model, comm = statics.model, statics.model.comm
+    psi, forces = statics.moving
+    frames = statics.frame_motions
+    shapes = np.asfortranarray(np.hstack([model.rigid_motions(statics.p, statics.R), psi]))
     images = multiply(model.M, shapes)
     mass = symmetric(inner(comm, shapes, images))
     coupling = inner(comm, images, fixed.shapes)
-    stiffness = symmetric(inner(comm, static.shapes[:, 6:], static.forces[:, 6:]))
+    stiffness = symmetric(inner(comm, psi, forces))
     own = statics.interfaces[:1]
     kept = (*own, *(one for one in statics.interfaces[1:] if one.name in choice.joints))
-    moving: NDArray[np.bool_] = np.repeat([one.name not in choice.joints for one in statics.interfaces[1:]], 6)
+    joint = np.array([one.name in choice.joints for one in statics.interfaces[1:]])
+    blocks = [np.flatnonzero(frames.owner == i) for i in np.flatnonzero(~joint)]
+    own_motions = np.flatnonzero(joint[frames.owner])
 
     def choose() -> tuple[FloatArray, FloatArray, dict[str, str]]:
-        following, eigenvalues, modes = _candidates(stiffness, mass[6:, 6:], moving, local=choice.local)
+        following, eigenvalues, modes = _candidates(stiffness, mass[6:, 6:], blocks, own_motions, local=choice.local)
         body = _SmallBody(stiffness, mass, coupling, fixed.eigenvalues, statics.floating)
         truncation = chosen_truncation(choice.modes)
         count, added = _count(body, following, modes, eigenvalues, truncation)
@@ -131,12 +144,15 @@ def interface_shapes(statics: Statics, fixed: Modes, choice: InterfaceModes) -> 
         return np.hstack([following, modes[:, :count]]), eigenvalues[:count], notes
 
     change, eigenvalues, notes = parallel.on_root(comm, choose)
-    names = (*_names(statics, kept[1:]), *(f"interface mode {i + 1}" for i in range(len(eigenvalues))))
+    change = frames.motions @ change
+    names = (*_names(statics, joint), *(f"interface mode {i + 1}" for i in range(len(eigenvalues))))
     return InterfaceShapes(kept, change, names, notes)
 
 
-def _names(statics: Statics, interfaces: Sequence[FoundInterface]) -> tuple[str, ...]:
-    names = [f"{one.name}.{dof}" for one in interfaces for dof in FRAME_DOFS]
+def _names(statics: Statics, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Names of the motions of chosen interfaces but the first."""
+    frames = statics.frame_motions
+    names = [name for name, owner in zip(frames.names, frames.owner, strict=True) if chosen[owner]]
     return tuple(f"{name} from {statics.interfaces[0].name}" if statics.floating else name for name in names)
 
 
@@ -146,16 +162,23 @@ def _others(interfaces: Sequence[FoundInterface], kept: Sequence[FoundInterface]
 
 
 def _candidates(
-    stiffness: FloatArray, mass: FloatArray, moving: NDArray[np.bool_], *, local: bool
+    stiffness: FloatArray,
+    mass: FloatArray,
+    blocks: Sequence[NDArray[np.intp]],
+    kept: NDArray[np.intp],
+    *,
+    local: bool,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What follows the kept frames (s, k), and eigenvalues (r,) and modes (s, r) of the rest, ascending."""
-    s, rest, kept = len(stiffness), np.flatnonzero(moving), np.flatnonzero(~moving)
+    """What follows the kept frames (s, k), and eigenvalues (r,) and modes (s, r) of the rest, ascending.
+
+    ``blocks``: the coordinates of each interface of the rest; ``kept``: all others.
+    """
+    s, rest = len(stiffness), np.concatenate(blocks)
     following = np.zeros((s, len(kept)))
     following[kept] = np.eye(len(kept))
     following[rest] = -scipy.linalg.solve(stiffness[np.ix_(rest, rest)], stiffness[np.ix_(rest, kept)], assume_a="pos")
-    blocks = np.split(rest, len(rest) // 6) if local else [rest]
     eigenvalues, modes = [], []
-    for block in blocks:
+    for block in blocks if local else [rest]:
         # mass by stiffness, so that the lowest are right to the last digits
         inverse, x = scipy.linalg.eigh(mass[np.ix_(block, block)], stiffness[np.ix_(block, block)])
         part = np.zeros((s, len(block)))

@@ -105,14 +105,15 @@ class Spectrum:
 
 def static_part(statics: Statics) -> StaticPart:
     """Project the static shapes and their inertia forces. Collective."""
-    model, mask, static = statics.model, statics.mask, statics.static
-    shapes = np.asfortranarray(np.hstack([model.rigid_motions(statics.p, statics.R), static.shapes[:, 6:]]))
+    model, mask = statics.model, statics.mask
+    moving, forces = statics.moving
+    shapes = np.asfortranarray(np.hstack([model.rigid_motions(statics.p, statics.R), moving]))
     images = multiply(model.M, shapes)
     inside = np.asfortranarray(images[mask])
     return StaticPart(
         images=inside,
         mass=symmetric(inner(model.comm, shapes, images)),
-        stiffness=symmetric(inner(model.comm, static.shapes[:, 6:], static.forces[:, 6:])),
+        stiffness=symmetric(inner(model.comm, moving, forces)),
         flexibility=symmetric(inner(model.comm, inside, statics.solve(inside))),
     )
 

@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from flexmbd.continuum.finite_elements.held_surface import held_dofs
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_forces
@@ -27,6 +28,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symme
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.constraint import Constraint, constrain
 from flexmbd.reduction.static_shapes.factor import SINGULAR
+from flexmbd.reduction.static_shapes.frame_motions import FrameMotions, frame_motions
 from flexmbd.reduction.static_shapes.interior_stiffness import (
     HeldFactor,
     InteriorStiffness,
@@ -114,13 +116,27 @@ class Statics:
     @property
     def size(self) -> int:
         """Number of independent deformations on all ranks when all interfaces are fixed."""
-        held = len(_averaged(self.interfaces)) if self.interfaces else 1
+        held = len(_averaged(self.interfaces)) if self.interfaces else int(self._supported)
         return int(self.M.getSize()[0]) - 6 * held
 
     @property
     def _supported(self) -> bool:
-        """Whether no interface is rigid, so that six dofs hold the body."""
-        return not _rigid(self.interfaces)
+        """Whether no interface is rigid and no support there, so that six dofs hold the body."""
+        return not (_rigid(self.interfaces) or self.model.supports)
+
+    @cached_property
+    def frame_motions(self) -> FrameMotions:
+        """What supports leave to the frames of all interfaces but the first. Collective at the first call."""
+        return frame_motions(self.model, self.interfaces[1:], axes=self.R)
+
+    @cached_property
+    def moving(self) -> tuple[FloatArray, FloatArray]:
+        """(owned dofs, m) static shapes of these motions, and K times them. Collective at the first call."""
+        shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
+        if not self.model.supports:
+            return shapes, forces
+        motions = self.frame_motions.motions
+        return np.asfortranarray(shapes @ motions), np.asfortranarray(forces @ motions)
 
     def solve(self, block: FloatArray) -> FloatArray:
         """Displacements under loads with all interfaces fixed, averaged ones in the mean. Collective.
@@ -164,7 +180,7 @@ class Statics:
         """
         balance = self.rigid if self.floating else None
         f = loads if balance is None else balance.balanced(loads)
-        shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
+        shapes, forces = self.moving
         u = self.response_of(f, shapes=shapes, forces=forces, held=held if balance is None else None)
         return u if balance is None else balance.deformation(u)
 
@@ -205,7 +221,12 @@ class Statics:
         """
         if self._supported:
             return self._shapes_of_free_body()
+        if not self.interfaces:
+            none = np.zeros((self.model.n_owned, 0), order="F")
+            return StaticShapes(none, none, 0.0)
         motions = _rigid_columns(self.model, self.interfaces, axes=self.R)
+        held = held_dofs(self.model.supports, layout=self.model.layout)
+        motions[held] = 0.0
         shapes, forces = continued(self.model, self._interior, motions)
         if self._constraint is not None:
             columns = _average_columns(self.model, self.interfaces, axes=self.R)
@@ -220,10 +241,14 @@ class Statics:
             return StaticShapes(shapes, forces + turning, state.rigid_error)
         origin = self.interfaces[0].p
         found = shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R)
+        if self.model.supports:
+            # a rigid motion takes the supports along
+            along = np.where(held[:, None], self.model.rigid_motions(origin, self.R), 0.0)
+            found = found + continued(self.model, self._interior, np.asfortranarray(along))[0]
         if self.model.has_surface_energy:
             # springs hold a rigid motion back: it is that of the shapes once their forces are taken off
-            held = multiply(self.model.K, self.model.rigid_motions(origin, self.R))
-            found[self.mask] += self.solve(np.asfortranarray(held[self.mask]))
+            back = multiply(self.model.K, self.model.rigid_motions(origin, self.R))
+            found[self.mask] += self.solve(np.asfortranarray(back[self.mask]))
         error = _check_rigid_motions(self.model, found=found, origin=origin, axes=self.R)
         return StaticShapes(shapes, forces, error)
 
@@ -259,7 +284,12 @@ class Statics:
 
 @contextmanager
 def body_statics(
-    model: LinearModel, *, frame: str | None, solver: Solver | None = None, modes: int = 0
+    model: LinearModel,
+    *,
+    frame: str | None,
+    solver: Solver | None = None,
+    modes: int = 0,
+    grounded: bool = False,
 ) -> Iterator[Statics]:
     """Factorise the stiffness of a body for a `with` block, or make another inverse. Collective.
 
@@ -268,6 +298,7 @@ def body_statics(
         frame: the interface that carries the body frame; None: it floats on the mean axis.
         solver: the same on all ranks; None: the quickest that fits in memory.
         modes: how many will be looked for, by which the memory that is left is judged.
+        grounded: whether supports may hold the body alone; else they are at rest in the frame of an interface.
 
     Yields:
         The statics; its memory is given back at the end of the block.
@@ -287,16 +318,28 @@ def body_statics(
     if frame is not None:
         carrier = model.interface(frame)
         interfaces = (carrier, *(other for other in model.interfaces if other is not carrier))
-    supported = not _rigid(interfaces)
+    supported = not (_rigid(interfaces) or model.supports)
+    if model.supports and not grounded and (frame is None or not isinstance(interfaces[0], RigidInterface)):
+        raise ReductionError(
+            f"{model.supports[0].text}: supports are at rest in the body frame, which must therefore be that of a "
+            "rigid interface, frame=...; a frame that floats with the body is no ground to them"
+        )
+    if model.supports and _averaged(interfaces):
+        raise ReductionError(
+            f"{model.supports[0].text}: a part with supports has no averaged interfaces, for half an average is none "
+            f"of the whole; make {_averaged(interfaces)[0].name!r} Coupling.RIGID"
+        )
     if model.has_surface_energy and (frame is None or supported):
         raise ReductionError(
             "springs on facets (surface_energy) reach from the surface to the body frame, which must therefore be that "
             "of an interface, frame=..., on a body with a rigid interface (Coupling.RIGID); a frame that floats with "
             "the body is no ground to them"
         )
-    rigid = rigid_modes(model) if supported or frame is None else None
+    rigid = rigid_modes(model) if supported or (frame is None and not model.supports) else None
     if frame is None and rigid is not None:
         p, R = rigid.com, np.eye(3)
+    elif not interfaces:
+        p, R = np.zeros(3), np.eye(3)
     else:
         p, R = interfaces[0].p, interfaces[0].R
     if supported and rigid is not None:
@@ -322,7 +365,7 @@ def body_statics(
         yield Statics(
             model=model,
             interfaces=interfaces,
-            floating=frame is None,
+            floating=frame is None and not model.supports,
             p=p,
             R=R,
             rigid=rigid,
@@ -363,8 +406,8 @@ def _flexibility(interior: InteriorStiffness, free: RigidModes | None, block: Fl
 
 
 def _bound(model: LinearModel, interfaces: Sequence[FoundInterface]) -> NDArray[np.bool_]:
-    """(owned dofs,) whether a rigid interface binds a dof."""
-    boundary = np.zeros(model.n_owned, dtype=bool)
+    """(owned dofs,) whether a rigid interface binds a dof, or a support holds it."""
+    boundary = held_dofs(model.supports, layout=model.layout)
     for interface in _rigid(interfaces):
         boundary[interface.dofs[interface.dofs < model.n_owned]] = True
     return boundary

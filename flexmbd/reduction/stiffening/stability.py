@@ -21,7 +21,7 @@ def is_stable(statics: Statics) -> bool:
     of the interfaces. Each unknown without a rigid motion, as a pressure, brings a negative pivot of its own.
     """
     model = statics.model
-    shapes, forces = statics.static.shapes[:, 6:], statics.static.forces[:, 6:]
+    shapes, forces = statics.moving
     condensed = symmetric(inner(model.comm, shapes, forces))
     scale = np.sqrt(abs(np.diag(condensed)))
     if condensed.size and not np.linalg.eigvalsh(condensed / np.outer(scale, scale))[0] > 0.0:

@@ -53,7 +53,7 @@ def stretch_modes(
     model, comm = statics.model, statics.model.comm
     known = inner(comm, fixed.shapes, loads.forces) / fixed.eigenvalues[:, None]
     rest = np.asfortranarray(held - fixed.shapes @ known)
-    basis: FloatArray = np.asfortranarray(np.hstack([statics.static.shapes[:, 6:], fixed.shapes]))
+    basis: FloatArray = np.asfortranarray(np.hstack([statics.moving[0], fixed.shapes]))
     of_basis, of_rest, of_whole = (_energies(model, fields) for fields in (basis, rest, displacements))
     modal = parallel.on_root(comm, lambda: independent(of_basis, np.diag(of_basis)))
     own = parallel.on_root(comm, lambda: independent(of_rest, np.diag(of_whole)))
