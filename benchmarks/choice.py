@@ -16,11 +16,15 @@ from pathlib import Path
 
 import numpy as np
 import scenes
+from benchmark import Report
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+MINUTES = 6.0
+PEERS: tuple[str, ...] = ()
+FOLDER = Path("out_simulation")
 CHOSEN = (1e-3, 1e-4, 1e-6, 1e-8)
 LONGEST = 2.0  # s, beyond which a method's tighter runs are left out
 RUNS = 3
@@ -109,18 +113,38 @@ def plain_scenes(folder: Path, meshes: Path | None) -> list[scenes.Scene]:
     return found
 
 
+def quick(report: Report) -> None:
+    """A chain of ten alone."""
+    measure(report, scenes.rigid_scenes(quick=True)[:1])
+
+
+def full(report: Report) -> None:
+    """All scenes, by records with membrane strains and without."""
+    measure(report, all_scenes(FOLDER, None))
+
+
+def measure(report: Report, every: list[scenes.Scene]) -> None:
+    """The table of some scenes."""
+    report.table("scene", "rtol", "chosen", "ms", "error m", "best", "ms", "ratio")
+    for scene in every:
+        report.say(table(scene))
+
+
+def all_scenes(folder: Path, meshes: Path | None) -> list[scenes.Scene]:
+    """Rigid ones, flexible ones, and these with plain records."""
+    flexible = scenes.flexible_scenes(quick=False, folder=folder, meshes=meshes)
+    return [*scenes.rigid_scenes(quick=False), *plain_scenes(folder, meshes), *flexible]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=Path, help="a folder of .npz files of `points` and `tet10`")
-    parser.add_argument("--folder", type=Path, default=Path("out_simulation"), help="of the records")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="of the records")
     parser.add_argument("--only", nargs="*", default=[], help="parts of names")
     asked = parser.parse_args()
-    every = scenes.rigid_scenes(quick=False) + plain_scenes(asked.folder, asked.meshes)
-    every += scenes.flexible_scenes(quick=False, folder=asked.folder, meshes=asked.meshes)
-    print("| scene | rtol | chosen | ms | error m | best | ms | ratio |\n|---|---|---|---|---|---|---|---|")
-    for scene in every:
-        if not asked.only or any(part in scene.name for part in asked.only):
-            print(table(scene), flush=True)
+    every = all_scenes(asked.folder, asked.meshes)
+    some = [scene for scene in every if not asked.only or any(part in scene.name for part in asked.only)]
+    measure(Report(asked.folder), some)
 
 
 if __name__ == "__main__":

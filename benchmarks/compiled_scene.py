@@ -19,8 +19,12 @@ from typing import Any
 import beam_record
 import numpy as np
 import scenes
+from benchmark import Report
 
 import flexmbd as fm
+
+MINUTES = 1.0
+PEERS: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,21 +120,35 @@ def quartiles(values: list[float]) -> str:
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="five runs of the chain alone")
-    quick = parser.parse_args().quick
-    for case in [chain()] if quick else [chain(), pendulum()]:
+def quick(report: Report) -> None:
+    """Five runs of the chain."""
+    measure(report, [chain()], 5)
+
+
+def full(report: Report) -> None:
+    """Two hundred runs of each machine."""
+    measure(report, [chain(), pendulum()], 200)
+
+
+def measure(report: Report, cases: list[Case], runs: int) -> None:
+    """A row for each machine."""
+    report.table("machine", "ms a run", "over its stepping alone", "a scene built anew over its stepping")
+    for case in cases:
         case.machine.simulate(case.t_end)
         over, whole, before = [], [], []
-        for k in range(5 if quick else 200):
+        for k in range(runs):
             compiled, stepping = seconds(partial(case.machine.simulate, case.t_end, **case.values(k)))
             set_up, alone = seconds(partial(built_anew, case, k))
             over.append(compiled / stepping)
             before.append(set_up / alone)
             whole.append(1e3 * compiled)
-        print(f"{case.name}: {quartiles(whole)} ms; over its stepping {quartiles(over)}")
-        print(f"{' ' * len(case.name)}  a scene built anew over its stepping {quartiles(before)}")
+        report.say(f"| {case.name} | {quartiles(whole)} | {quartiles(over)} | {quartiles(before)} |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="five runs of the chain alone")
+    (quick if parser.parse_args().quick else full)(Report(Path("out_simulation")))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 import numpy as np
 import reduction_case as case
+from benchmark import Report
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
@@ -33,8 +34,27 @@ from flexmbd.reduction.static_shapes.statics import Statics, body_statics
 
 COUNT = case.FIXED_INTERFACE_MODES + 2
 REPEATS = 5
+MINUTES = 3.0
+PEERS: tuple[str, ...] = ()
 
 comm = MPI.COMM_WORLD
+
+
+def quick(report: Report) -> None:
+    """The mesh of 5000 dofs."""
+    tell(report, ["5k"])
+
+
+def full(report: Report) -> None:
+    """Two meshes, on one rank; by hand also on two."""
+    tell(report, ["19k", "63k"])
+
+
+def tell(report: Report, sizes: list[str]) -> None:
+    """A row for each mesh."""
+    report.table("dofs", "ranks", "blocks, s", "one by one", "Krylov-Schur", "slicing", "the count")
+    for name in sizes:
+        report.say(measure(name))
 
 
 def main() -> None:

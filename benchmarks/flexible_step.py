@@ -24,6 +24,7 @@ from typing import Any
 import beam_record
 import numpy as np
 import scenes
+from benchmark import Report
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
@@ -33,6 +34,9 @@ H, FINE = 1e-3, 2e-5  # s
 END = 0.5  # s
 SLACK = 1e-2  # rtol, which rules Newton's iteration alone where h is given
 RUNS = 7
+MINUTES = 3.0
+PEERS: tuple[str, ...] = ("exudyn",)
+FOLDER = Path("out_simulation")
 
 
 @dataclass(frozen=True)
@@ -116,24 +120,45 @@ def table(name: str, own: Sequence[Row], peers: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
+def quick(report: Report) -> None:
+    """The pendulum alone."""
+    os.environ["EXUDYN_MODULE"] = "fast"
+    measure(report, cases(FOLDER)[:1])
+
+
+def full(report: Report) -> None:
+    """All scenes on the mesh of 5000 dofs."""
+    os.environ["EXUDYN_MODULE"] = "fast"
+    measure(report, cases(FOLDER))
+
+
+def measure(report: Report, some: Sequence[Case]) -> None:
+    """Ours and exudyn's rows of some scenes."""
+    report.table("scene", "method", "us", "error m", "times less")
+    for case in some:
+        report.say(table(case.name, own_rows(case), peer_rows(case)))
+
+
+def cases(folder: Path, *, meshes: Path | None = None, large: bool = False) -> list[Case]:
+    """The scenes, with their beams."""
+    found = []
+    for mesh in ("5k", "63k") if large else ("5k",):
+        many = beam_record.beam(mesh, 20, folder=folder, meshes=meshes)
+        found.append(Case(f"pendulum, {mesh}, 20 modes", "flexible chain", many, 1, 2e-4))
+        found.append(Case(f"spin-up, {mesh}, 20 modes", "spin-up", many, 0, 2e-4))
+    few = beam_record.beam("5k", 12, folder=folder, meshes=meshes)
+    return [*found, Case("chain of 5, 5k, 12 modes", "flexible chain", few, 5, 4e-4)]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", type=Path, help="a folder of .npz files of `points` and `tet10`")
-    parser.add_argument("--folder", type=Path, default=Path("out_simulation"), help="of the records")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="of the records")
     parser.add_argument("--large", action="store_true", help="the mesh of 63 000 dofs too")
     parser.add_argument("--module", choices=("fast", "default"), default="fast", help="exudyn's build")
     chosen = parser.parse_args()
     os.environ["EXUDYN_MODULE"] = "fast" if chosen.module == "fast" else ""
-    cases = []
-    for mesh in ("5k", "63k") if chosen.large else ("5k",):
-        many = beam_record.beam(mesh, 20, folder=chosen.folder, meshes=chosen.meshes)
-        cases.append(Case(f"pendulum, {mesh}, 20 modes", "flexible chain", many, 1, 2e-4))
-        cases.append(Case(f"spin-up, {mesh}, 20 modes", "spin-up", many, 0, 2e-4))
-    few = beam_record.beam("5k", 12, folder=chosen.folder, meshes=chosen.meshes)
-    cases.append(Case("chain of 5, 5k, 12 modes", "flexible chain", few, 5, 4e-4))
-    print("| scene | method | us | error m | times less |\n|---|---|---|---|---|")
-    for case in cases:
-        print(table(case.name, own_rows(case), peer_rows(case)), flush=True)
+    measure(Report(chosen.folder), cases(chosen.folder, meshes=chosen.meshes, large=chosen.large))
 
 
 if __name__ == "__main__":

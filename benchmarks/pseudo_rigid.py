@@ -12,14 +12,18 @@ import argparse
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+from benchmark import Report
 
 import flexmbd as fm
 from flexmbd.multibody.bodies.pseudo_rigid_swarm import FloatArray
 
 MATERIAL = fm.StVenantKirchhoff(E=1.0e5, nu=0.3)
 REPEATS = 5
+MINUTES = 3.0
+PEERS: tuple[str, ...] = ()
 
 
 def solids(n: int) -> list[fm.Solid]:
@@ -71,10 +75,9 @@ def least(work: Callable[[], None]) -> float:
     return min(times)
 
 
-def time_per_body(numbers: list[int]) -> None:
+def time_per_body(report: Report, numbers: list[int]) -> None:
     """A table."""
-    print("| bodies | ns per body and step, 100 steps a call | 1 step a call | numpy | ratio | energy's error |")
-    print("|---|---|---|---|---|---|")
+    report.table("bodies", "ns per body and step, 100 steps a call", "1 step a call", "numpy", "ratio", "energy's error")
     for n in numbers:
         many = swarm(n)
         h, energy = 0.1 * many.stable_step(), many.energy().total.sum()
@@ -89,10 +92,11 @@ def time_per_body(numbers: list[int]) -> None:
         single = least(partial(many.step, h)) / n
         count = max(1, min(100, 20_000 // n))
         slow = least(partial(plain.step, h, count)) / n / count
-        print(f"| {n} | {long * 1e9:.1f} | {single * 1e9:.0f} | {slow * 1e9:.0f} | {slow / long:.0f} | {error:.1e} |")
+        times = f"{long * 1e9:.1f} | {single * 1e9:.0f} | {slow * 1e9:.0f} | {slow / long:.0f}"
+        report.say(f"| {n} | {times} | {error:.1e} |")
 
 
-def error_over_time() -> None:
+def error_over_time(report: Report) -> None:
     """One body: the swarm's method beside error-controlled integration of the machine."""
     solid, U = fm.Solid.box((0.3, 0.1, 0.2), density=1000.0), np.diag([1.1, 0.95, 1.0])
     spin, t_end = np.array([3.0, -2.0, 5.0]), 0.2
@@ -108,10 +112,11 @@ def error_over_time() -> None:
         return run.deformation_gradient(body)[-1], run.stats.seconds
 
     exact, _ = machine(1e-13)
-    print("\n| one body for 0.2 s | error of F | ms |\n|---|---|---|")
+    report.say()
+    report.table("one body for 0.2 s", "error of F", "ms")
     for rtol in (1e-4, 1e-6, 1e-8):
         found, seconds = machine(rtol)
-        print(f"| machine, order 8, rtol {rtol:g} | {abs(found - exact).max():.1e} | {seconds * 1e3:.2f} |")
+        report.say(f"| machine, order 8, rtol {rtol:g} | {abs(found - exact).max():.1e} | {seconds * 1e3:.2f} |")
     for count in (200, 2000, 20000):
         best = np.inf
         for _ in range(REPEATS):
@@ -120,11 +125,22 @@ def error_over_time() -> None:
             begun = time.thread_time()
             many.step(t_end / count, count)
             best = min(best, time.thread_time() - begun)
-        print(f"| swarm of one, {count} steps | {abs(many.F[0] - exact).max():.1e} | {best * 1e3:.2f} |")
+        report.say(f"| swarm of one, {count} steps | {abs(many.F[0] - exact).max():.1e} | {best * 1e3:.2f} |")
+
+
+def quick(report: Report) -> None:
+    """No more than 1000 bodies."""
+    time_per_body(report, [10, 100, 1000])
+    error_over_time(report)
+
+
+def full(report: Report) -> None:
+    """To a million bodies."""
+    time_per_body(report, [10, 100, 1000, 10_000, 100_000, 1_000_000])
+    error_over_time(report)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="no more than 1000 bodies")
-    time_per_body([10, 100, 1000] if parser.parse_args().quick else [10, 100, 1000, 10_000, 100_000, 1_000_000])
-    error_over_time()
+    (quick if parser.parse_args().quick else full)(Report(Path("out_pseudo_rigid")))

@@ -1,6 +1,6 @@
 """What a scene does not need, measured: each thing that ``explain`` says is skipped, with and without, in turns.
 
-    ./run python benchmarks/skipping.py [--quick] [--picture docs/pictures/skipping.png]
+    ./run python benchmarks/skipping.py [--quick]
 
 On one scene each time, the same machine twice: once as it is compiled, once so that the general way is taken, whose
 terms come out as zero or as the identity. What is timed is forward dynamics, as explicit methods ask for it, and the
@@ -15,12 +15,14 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import beam_record
 import numpy as np
 import scenes
+from benchmark import Report
 from numba import njit
 
 import flexmbd as fm
@@ -33,6 +35,9 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 LINKS, STRAINS = 10, 5
+MINUTES = 1.5
+PEERS: tuple[str, ...] = ()
+FOLDER = Path("out_simulation")
 FORWARD, RESIDUAL = "forward dynamics", "residual"
 
 
@@ -237,21 +242,34 @@ def draw(rows: list[Row], path: Path) -> None:
     plt.close(figure)
 
 
+def quick(report: Report) -> None:
+    """Few turns."""
+    tell(report, turns=2, repeats=3)
+
+
+def full(report: Report) -> None:
+    """Seven turns of fifteen."""
+    tell(report, turns=7, repeats=15)
+
+
+def tell(report: Report, *, turns: int, repeats: int, folder: Path = FOLDER) -> None:
+    """Table and picture of all cases."""
+    report.table("skipped", "scene", "evaluated", "skipped, us", "computed, us", "ratio", "turn by turn")
+    rows = []
+    for case in cases(folder):
+        for row in measure(case, turns=turns, repeats=repeats):
+            report.say(row.text())
+            rows.append(row)
+    report.picture("skipping.png", partial(draw, rows))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="few turns")
-    parser.add_argument("--folder", type=Path, default=Path("out_simulation"), help="of the beam's record")
-    parser.add_argument("--picture", type=Path, help="a PNG file to draw")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="of the beam's record")
     chosen = parser.parse_args()
-    print("| skipped | scene | evaluated | skipped, us | computed, us | ratio | turn by turn |")
-    print("|---|---|---|---|---|---|---|")
-    rows = []
-    for case in cases(chosen.folder):
-        for row in measure(case, turns=3 if chosen.quick else 7, repeats=5 if chosen.quick else 15):
-            print(row.text(), flush=True)
-            rows.append(row)
-    if chosen.picture is not None:
-        draw(rows, chosen.picture)
+    few = chosen.quick
+    tell(Report(chosen.folder), turns=3 if few else 7, repeats=5 if few else 15, folder=chosen.folder)
 
 
 if __name__ == "__main__":

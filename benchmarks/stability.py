@@ -36,6 +36,7 @@ from pathlib import Path
 import numpy as np
 import scenes
 from beam_record import arm, beam
+from benchmark import Report
 from scenes import METHODS, Method
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
@@ -44,6 +45,8 @@ import mechanisms
 import flexmbd as fm
 
 Case = Callable[[Method], float]
+MINUTES = 12.0
+PEERS: tuple[str, ...] = ()
 
 #: How often the flexible bar turns at each speed (rad/s), in the whole and in the short version.
 TURNS = {False: {1.0: 50, 10.0: 500, 100.0: 1000}, True: {1.0: 20, 10.0: 20, 100.0: 20}}
@@ -57,15 +60,29 @@ def main() -> int:
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     cases = _cases(arguments.output, quick=arguments.quick)
-    head = f"| case | {' | '.join(method.label for method in METHODS)} |"
-    lines = [head, "|" + "---|" * (len(METHODS) + 1)]
-    print("\n".join(lines), flush=True)
-    for name, case in cases.items():
-        if arguments.case is None or arguments.case in name:
-            lines.append(f"| {name} | {' | '.join(_cell(name, case, method) for method in METHODS)} |")
-            print(lines[-1], flush=True)
-    (arguments.output / "table.md").write_text("\n".join(lines) + "\n")
+    some = {name: case for name, case in cases.items() if arguments.case is None or arguments.case in name}
+    report = Report(arguments.output)
+    tell(report, some)
+    (arguments.output / "table.md").write_text("\n".join(report.lines) + "\n")
     return 0
+
+
+def quick(report: Report) -> None:
+    """Four short cases."""
+    cases = _cases(report.folder, quick=True)
+    tell(report, {name: cases[name] for name in ("redundant", "branching", "heavy on top", "steps to 1e-09")})
+
+
+def full(report: Report) -> None:
+    """All, long runs included."""
+    tell(report, _cases(report.folder, quick=False))
+
+
+def tell(report: Report, cases: dict[str, Case]) -> None:
+    """The table of some cases by all integrators."""
+    report.table("case", *(method.label for method in METHODS))
+    for name, case in cases.items():
+        report.say(f"| {name} | {' | '.join(_cell(name, case, method) for method in METHODS)} |")
 
 
 def _cell(name: str, case: Case, method: Method) -> str:

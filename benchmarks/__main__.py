@@ -1,0 +1,174 @@
+"""All benchmarks by one command: runs them, and writes tables, pictures, machine and versions on one page.
+
+    ./run python -m benchmarks --list              # their names, and how long each takes
+    ./run python -m benchmarks --quick             # short runs: do they work? some three minutes
+    ./run python -m benchmarks                     # all of them, and docs/benchmarks.md is written from what they found
+    ./run python -m benchmarks stability beams     # some of them
+    ./run python -m benchmarks my_benchmark.py     # a file of your own (benchmarks/benchmark.py says what it holds)
+    ./run python -m benchmarks --page              # docs/benchmarks.md from the results that are kept
+
+Each runs in a process of its own; one that fails is reported, and the rest go on. What was found lies in
+out_benchmarks/NAME, the page of this run in out_benchmarks/page.md. A whole run (not --quick) of a benchmark of this
+folder that passed is kept in benchmarks/results, its pictures in docs/pictures. Times mean something on a machine
+that does nothing else; its load stands with each result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+import page  # noqa: E402
+import results  # noqa: E402
+from benchmark import Benchmark, Report  # noqa: E402
+
+OUT = Path("out_benchmarks")
+PICTURES = results.ROOT / "docs" / "pictures"
+#: As long as no benchmark takes unless it hangs: of the short run, and times what a whole one should take.
+_LONGEST_QUICK, _PATIENCE = 300.0, 5.0
+
+
+def main() -> int:
+    """Run what is asked for; 0 where all passed."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="which (default: all), or files of your own")
+    parser.add_argument("--quick", action="store_true", help="short runs")
+    parser.add_argument("--list", action="store_true", help="names and times, and stop")
+    parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md from what is kept, and stop")
+    parser.add_argument("--one", type=Path, metavar="FILE", help=argparse.SUPPRESS)  # in the process of one of them
+    asked = parser.parse_args()
+    if asked.one:
+        return _one(asked.one, quick=asked.quick)
+    if asked.page:
+        page.write()
+        return 0
+    files = [_file(name, parser) for name in asked.names] or benchmarks()
+    minutes = {file: minutes_of(file) for file in files}
+    if asked.list:
+        print("\n".join(f"{file.stem:20} {minutes[file]:5.1f} min   {_title(file)}" for file in files))
+        return 0
+    if not asked.quick:
+        print(f"{len(files)} benchmarks, about {sum(minutes.values()):.0f} minutes", flush=True)
+    found = [_run(file, minutes[file], quick=asked.quick) for file in files]
+    (OUT / "page.md").write_text(page.of_run(found, OUT), encoding="utf-8")
+    if not asked.quick:
+        page.write()
+    return _summary(found)
+
+
+def benchmarks() -> list[Path]:
+    """The files of this folder with functions `quick` and `full`, by name."""
+    return [file for file in sorted(HERE.glob("*.py")) if {"quick", "full"} <= _functions(file)]
+
+
+def load(file: Path) -> Benchmark:
+    """Import a benchmark."""
+    sys.path.insert(0, str(file.parent))
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[file.stem] = module
+    spec.loader.exec_module(module)
+    return cast(Benchmark, module)
+
+
+def minutes_of(file: Path) -> float:
+    """What a whole run takes, as the file says, which is not imported for that."""
+    for node in _body(file):
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "MINUTES":
+            return float(ast.literal_eval(node.value))
+    raise SystemExit(f"{file} has no MINUTES: see benchmarks/benchmark.py")
+
+
+def _body(file: Path) -> list[ast.stmt]:
+    return ast.parse(file.read_text(encoding="utf-8")).body
+
+
+def _functions(file: Path) -> set[str]:
+    return {node.name for node in _body(file) if isinstance(node, ast.FunctionDef)}
+
+
+def _title(file: Path) -> str:
+    return (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+
+
+def _file(name: str, parser: argparse.ArgumentParser) -> Path:
+    own = Path(name).resolve() if name.endswith(".py") else HERE / f"{name}.py"
+    if not own.exists() or not {"quick", "full"} <= _functions(own):
+        parser.error(f"{name} is no benchmark; there are {', '.join(file.stem for file in benchmarks())}")
+    return own
+
+
+def _run(file: Path, minutes: float, *, quick: bool) -> results.Result:
+    """One, in a process of its own, which writes its result; or what became of it."""
+    folder = OUT / file.stem
+    folder.mkdir(parents=True, exist_ok=True)
+    told = folder / "result.json"
+    told.unlink(missing_ok=True)
+    print(f"\n======== {file.stem}", flush=True)
+    command = [sys.executable, "-m", "benchmarks", "--one", str(file), *(["--quick"] if quick else [])]
+    began = time.monotonic()
+    limit = _LONGEST_QUICK if quick else max(_LONGEST_QUICK, 60.0 * _PATIENCE * minutes)
+    try:
+        code: int | None = subprocess.run(command, timeout=limit, check=False).returncode
+    except subprocess.TimeoutExpired:
+        code = None
+    if told.exists():
+        result = results.load(told)
+    else:
+        failure = f"stopped after {limit:.0f} s" if code is None else f"ended with {code}"
+        result = results.Result(file.stem, quick, time.monotonic() - began, results.setting(()), [], [], failure)
+    if not (quick or result.failure) and file.parent == HERE:
+        for picture in result.pictures:
+            shutil.copy(folder / picture, PICTURES)
+        results.save(result, results.RESULTS / f"{file.stem}.json")
+    return result
+
+
+def _one(file: Path, *, quick: bool) -> int:
+    """Measure in this process, and write what was found until the end or a failure."""
+    began = time.monotonic()
+    report, failure, peers = Report(OUT / file.stem), "", ()
+    where = results.setting(())
+    try:
+        module = load(file)
+        peers = tuple(module.PEERS)
+        where = results.setting(peers)
+        (module.quick if quick else module.full)(report)
+    except (Exception, SystemExit) as reason:
+        if not isinstance(reason, SystemExit) or reason.code:
+            failure = f"{type(reason).__name__}: {reason}"
+            print(failure, file=sys.stderr)
+    pictures = [path.name for path in report.pictures]
+    taken = time.monotonic() - began
+    results.save(
+        results.Result(file.stem, quick, taken, where, report.lines, pictures, failure), report.folder / "result.json"
+    )
+    return 1 if failure else 0
+
+
+def _summary(found: Sequence[results.Result]) -> int:
+    print("\n======== summary")
+    for result in found:
+        print(f"{result.seconds:7.1f} s  {result.name:20} {'FAILED: ' + result.failure if result.failure else 'passed'}")
+    print(json.dumps({"page": str(OUT / "page.md")}))
+    return 1 if any(result.failure for result in found) else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
