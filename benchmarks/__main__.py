@@ -16,8 +16,6 @@ that does nothing else; its load stands with each result.
 from __future__ import annotations
 
 import argparse
-import ast
-import importlib.util
 import json
 import shutil
 import subprocess
@@ -25,14 +23,14 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import cast
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
 import page  # noqa: E402
 import results  # noqa: E402
-from benchmark import Benchmark, Report  # noqa: E402
+from benchmark import Report  # noqa: E402
+from discovery import benchmarks, is_benchmark, load, minutes_of, text_of  # noqa: E402
 
 OUT = Path("out_benchmarks")
 PICTURES = results.ROOT / "docs" / "pictures"
@@ -59,7 +57,8 @@ def main() -> int:
     files = [_file(name, parser) for name in asked.names] or benchmarks()
     minutes = {file: minutes_of(file) for file in files}
     if asked.list:
-        print("\n".join(f"{file.stem:20} {minutes[file]:5.1f} min   {_title(file)}" for file in files))
+        for file in files:
+            print(f"{file.stem:20} {minutes[file]:5.1f} min   {text_of(file).splitlines()[0]}")
         return 0
     if not asked.quick:
         print(f"{len(files)} benchmarks, about {sum(minutes.values()):.0f} minutes", flush=True)
@@ -70,46 +69,9 @@ def main() -> int:
     return _summary(found)
 
 
-def benchmarks() -> list[Path]:
-    """The files of this folder with functions `quick` and `full`, by name."""
-    return [file for file in sorted(HERE.glob("*.py")) if {"quick", "full"} <= _functions(file)]
-
-
-def load(file: Path) -> Benchmark:
-    """Import a benchmark."""
-    sys.path.insert(0, str(file.parent))
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file} is no Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[file.stem] = module
-    spec.loader.exec_module(module)
-    return cast(Benchmark, module)
-
-
-def minutes_of(file: Path) -> float:
-    """What a whole run takes, as the file says, which is not imported for that."""
-    for node in _body(file):
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "MINUTES":
-            return float(ast.literal_eval(node.value))
-    raise SystemExit(f"{file} has no MINUTES: see benchmarks/benchmark.py")
-
-
-def _body(file: Path) -> list[ast.stmt]:
-    return ast.parse(file.read_text(encoding="utf-8")).body
-
-
-def _functions(file: Path) -> set[str]:
-    return {node.name for node in _body(file) if isinstance(node, ast.FunctionDef)}
-
-
-def _title(file: Path) -> str:
-    return (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-
-
 def _file(name: str, parser: argparse.ArgumentParser) -> Path:
     own = Path(name).resolve() if name.endswith(".py") else HERE / f"{name}.py"
-    if not own.exists() or not {"quick", "full"} <= _functions(own):
+    if not own.exists() or not is_benchmark(own):
         parser.error(f"{name} is no benchmark; there are {', '.join(file.stem for file in benchmarks())}")
     return own
 
@@ -165,7 +127,8 @@ def _one(file: Path, *, quick: bool) -> int:
 def _summary(found: Sequence[results.Result]) -> int:
     print("\n======== summary")
     for result in found:
-        print(f"{result.seconds:7.1f} s  {result.name:20} {'FAILED: ' + result.failure if result.failure else 'passed'}")
+        verdict = f"FAILED: {result.failure}" if result.failure else "passed"
+        print(f"{result.seconds:7.1f} s  {result.name:20} {verdict}")
     print(json.dumps({"page": str(OUT / "page.md")}))
     return 1 if any(result.failure for result in found) else 0
 

@@ -7,7 +7,7 @@ method's six lowest frequencies, and where a tip is within a second, against fin
 bodies step with the same method and the same step, so that errors are those of the bodies. Processor time is of the
 stepping, the least of several runs taken in turn.
 
-    ./run python benchmarks/beams.py [--quick] [--picture docs/pictures/beams.png]
+    ./run python benchmarks/beams.py [--quick]
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,6 +24,7 @@ from mpi4py import MPI
 import matplotlib.pyplot as plt
 import numpy as np
 import scipy.linalg
+from benchmark import Report
 from scipy.interpolate import PPoly
 
 import flexmbd as fm
@@ -53,6 +55,8 @@ FINE = 8  # elements a beam, of what is reduced
 
 ANGLE, RISE, END, H = np.deg2rad(0.5), 0.3, 1.0, 2e-3  # rad, s
 RUNS = 5
+MINUTES = 1.5
+PEERS: tuple[str, ...] = ()
 
 BETA = np.array([1.87510406871, 4.69409113297, 7.85475743824])
 # the unit beam: mass, length and bending stiffness one, neither shear nor rotary inertia
@@ -211,21 +215,37 @@ def draw(errors: dict[str, np.ndarray], numbers: np.ndarray, rows: list[Row], pa
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a few small bodies: does it work?")
-    parser.add_argument("--picture", type=Path, default=Path("out_beams/beams.png"))
-    chosen = parser.parse_args()
-    numbers = np.array([4, 8, 16] if chosen.quick else [4, 8, 16, 32, 64])
+    report = Report(Path("out_beams"))
+    report.folder.mkdir(exist_ok=True)
+    (quick if parser.parse_args().quick else full)(report)
+
+
+def quick(report: Report) -> None:
+    """A few small bodies."""
+    tell(report, np.array([4, 8, 16]), cases(quick=True), finite_elements(4, 60))
+
+
+def full(report: Report) -> None:
+    """All bodies."""
+    tell(report, np.array([4, 8, 16, 32, 64]), cases(quick=False), finite_elements(4 * FINE, 60))
+
+
+def tell(
+    report: Report, numbers: np.ndarray, bodies: list[tuple[str, int, fm.ReducedBody]], reference: fm.ReducedBody
+) -> None:
+    """Tables of the cantilever by numbers of elements, and of the boom's bodies beside a reference; the picture."""
     errors = {method: np.array([cantilever(method, n) for n in numbers]) for method in CANTILEVERS}
-    print("| cantilever | elements | mode 1 | mode 2 | mode 3 |\n|---|---|---|---|---|")
+    report.table("cantilever", "elements", "mode 1", "mode 2", "mode 3")
     for method, found in errors.items():
         for n, row in zip(numbers, found, strict=True):
-            print(f"| {method} | {n} | " + " | ".join(f"{value:.3e}" for value in row) + " |")
-    rows = measured(cases(quick=chosen.quick), finite_elements(4 if chosen.quick else 4 * FINE, 60))
-    print("\n| boom | elements a beam | coordinates | error of frequencies | of the tip | us a step |")
-    print("|---|---|---|---|---|---|")
+            report.say(f"| {method} | {n} | " + " | ".join(f"{value:.3e}" for value in row) + " |")
+    rows = measured(bodies, reference)
+    report.say()
+    report.table("boom", "elements a beam", "coordinates", "error of frequencies", "of the tip", "us a step")
     for row in rows:
         size = f"{row.elements} | {row.coordinates}"
-        print(f"| {row.method} | {size} | {row.frequencies:.1e} | {row.tip:.1e} | {row.step:.0f} |")
-    draw(errors, numbers, rows, chosen.picture)
+        report.say(f"| {row.method} | {size} | {row.frequencies:.1e} | {row.tip:.1e} | {row.step:.0f} |")
+    report.picture("beams.png", partial(draw, errors, numbers, rows))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ processors; processor times do not.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import time
 from collections.abc import Callable
@@ -28,10 +29,14 @@ from typing import Any
 import beam_record
 import numpy as np
 import scenes
+from benchmark import Report
 
 import flexmbd as fm
 from flexmbd.ensemble import Sampled
 
+MINUTES = 6.0
+PEERS: tuple[str, ...] = ("exudyn", "mujoco")
+FOLDER = Path("out_simulation")
 RTOL = 1e-6
 TURNS = 5
 MASSES = (0.6, 0.65)  # kg, of the fifth link
@@ -98,7 +103,7 @@ def turns(study: Callable[[int], object], count: int) -> tuple[list[Timed], list
     return list(one), list(two)
 
 
-def ceiling(machine: fm.CompiledMachine) -> None:
+def ceiling(report: Report, machine: fm.CompiledMachine) -> None:
     """How much faster two runs of compiled stepping alone are on two threads than one after the other."""
 
     def two(workers: int) -> None:
@@ -107,23 +112,24 @@ def ceiling(machine: fm.CompiledMachine) -> None:
 
     two(1)
     ratios = np.array([wall(lambda: two(1)) / wall(lambda: two(2)) for _ in range(TURNS)])
-    print(f"stepping alone: two threads {np.median(ratios):.2f} times one ({ratios.min():.2f} to {ratios.max():.2f})")
+    span = f"{np.median(ratios):.2f} times as fast ({ratios.min():.2f} to {ratios.max():.2f})"
+    report.say(f"Stepping alone is {span} on two threads.")
 
 
-def tell_share(machine: fm.CompiledMachine, one: list[Timed], count: int) -> None:
+def tell_share(report: Report, machine: fm.CompiledMachine, one: list[Timed], count: int) -> None:
     """The share of a variant's processor time that is not stepping, of the runs that were disturbed least."""
     runs = [machine.simulate(1.0, rtol=RTOL, integrator=_PAIR, mass=mass) for mass in np.linspace(*MASSES, count)]
     stepping = 1e3 * float(np.percentile([run.stats.seconds for run in runs], 5.0))
     whole = 1e3 * min(busy for _, busy in one) / count
     beside = whole - stepping
-    print(f"  a variant: {stepping:.3f} ms stepping and {beside:.3f} ms beside it, {whole / stepping:.2f} times")
+    report.say(f"A variant: {stepping:.3f} ms stepping and {beside:.3f} ms beside it, {whole / stepping:.2f} times.")
 
 
-def tell(name: str, one: list[Timed], two: list[Timed], count: int) -> None:
+def tell(report: Report, name: str, one: list[Timed], two: list[Timed], count: int) -> None:
     (walls, busy), (others, _) = np.array(one).T, np.array(two).T
     ratios = walls / others
     low, middle, high = 1e3 * np.percentile(busy, [0.0, 50.0, 100.0]) / count
-    print(
+    report.say(
         f"{name}: {1e3 * min(walls) / count:.2f} ms a variant on one, {1e3 * min(others) / count:.2f} on two; "
         f"{np.median(ratios):.2f} times as fast ({ratios.min():.2f} to {ratios.max():.2f}); processor time on one "
         f"{middle:.2f} ms ({low:.2f} to {high:.2f})"
@@ -160,7 +166,7 @@ def exudyn_chain(given: dict[str, Any]) -> list[float]:
     return [float(part) for part in found]
 
 
-def beside_exudyn(count: int, exact: np.ndarray, error: float) -> None:
+def beside_exudyn(report: Report, count: int, exact: np.ndarray, error: float) -> None:
     """ParameterVariation on one process and on two, with a tip (3,) m as near the exact one, for the first mass."""
     from exudyn.processing import ParameterVariation
 
@@ -169,7 +175,7 @@ def beside_exudyn(count: int, exact: np.ndarray, error: float) -> None:
         theirs = float(np.linalg.norm(np.array(told) - exact))
         if theirs <= error:
             break
-    print(f"errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {theirs:.1e} m in exudyn with {rtol:g}")
+    report.say(f"Errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {theirs:.1e} m in exudyn with {rtol:g}.")
 
     def study(workers: int) -> None:
         ParameterVariation(
@@ -177,10 +183,10 @@ def beside_exudyn(count: int, exact: np.ndarray, error: float) -> None:
             showProgress=False, parameterFunctionData={"rtol": rtol},
         )  # fmt: skip
 
-    tell("  exudyn, chain of ten", *turns(study, 2), count)
+    tell(report, "exudyn, chain of ten", *turns(study, 2), count)
 
 
-def beside_mujoco(count: int, exact: np.ndarray, error: float) -> None:
+def beside_mujoco(report: Report, count: int, exact: np.ndarray, error: float) -> None:
     """MuJoCo's rollout on one thread and on two, with a tip (3,) m as near the exact one, for the first mass."""
     try:
         from ensemble_mujoco import Batch
@@ -191,40 +197,63 @@ def beside_mujoco(count: int, exact: np.ndarray, error: float) -> None:
         theirs = float(np.linalg.norm(Batch([MASSES[0]], 1.0 / steps).tips(1)[0] - exact))
         if theirs <= error:
             break
-    print(f"errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {theirs:.1e} m in MuJoCo with {steps} steps")
+    there = f"{theirs:.1e} m in MuJoCo with {steps} steps"
+    report.say(f"Errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {there}.")
     batch = Batch(np.linspace(*MASSES, count), 1.0 / steps)
     batch.tips(2)
-    tell("  MuJoCo, chain of ten", *turns(batch.tips, TURNS), count)
+    tell(report, "MuJoCo, chain of ten", *turns(batch.tips, TURNS), count)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--variants", type=int, default=1000)
-    parser.add_argument("--folder", type=Path, default=Path("out_simulation"), help="of the records")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="of the records")
     parser.add_argument("--quick", action="store_true", help="the chain alone, without other programs")
     given = parser.parse_args()
-    count = given.variants
+    report = Report(given.folder)
+    chain(report, given.variants)
+    if not given.quick:
+        others(report, given.variants, given.folder)
+
+
+def quick(report: Report) -> None:
+    """Fifty variants of the chain."""
+    chain(report, 50)
+
+
+def full(report: Report) -> None:
+    """A thousand variants of the chain, the slider-crank, and other programs."""
+    chain(report, 1000)
+    others(report, 1000, FOLDER)
+
+
+def chain(report: Report, count: int) -> None:
+    """The chain's variants, its tip sampled and asked of trajectories."""
     machine, tip = chain_machine()
     masses = {"mass": np.linspace(*MASSES, count)}
     sampled = Sampled(fm.output.Position(tip), t=1.0)
     one, two = in_turns(machine, masses, sampled, 1.0, _PAIR)
-    tell("chain of ten, 1 s, its tip sampled", one, two, count)
-    tell_share(machine, one, count)
+    tell(report, "chain of ten, 1 s, its tip sampled", one, two, count)
+    tell_share(report, machine, one, count)
     by_run = in_turns(machine, masses, lambda run: run.position(tip)[-1], 1.0, _PAIR)
-    tell("chain of ten, 1 s, by trajectories", *by_run, count)
-    if given.quick:
-        return
-    ceiling(machine)
+    tell(report, "chain of ten, 1 s, by trajectories", *by_run, count)
+
+
+def others(report: Report, count: int, folder: Path) -> None:
+    """What two threads could give, a slider-crank, and the chain in other programs."""
+    machine, tip = chain_machine()
+    ceiling(report, machine)
     exact = chain_tip(MASSES[0])
     run = machine.simulate(1.0, rtol=RTOL, integrator=_PAIR, mass=MASSES[0])
     error = float(np.linalg.norm(run.position(tip)[-1] - exact))
-    beside_mujoco(max(4, count // 5), exact, error)
-    machine, slider = crank_machine(given.folder)
+    beside_mujoco(report, max(4, count // 5), exact, error)
+    machine, slider = crank_machine(folder)
     few = max(4, count // 50)
     torques = {"torque": np.linspace(15.0, 25.0, few)}
     end = Sampled(fm.output.Position(slider), t=0.5)
-    tell("slider-crank of 20 modes, 0.5 s", *in_turns(machine, torques, end, 0.5, fm.RadauIIA()), few)
-    beside_exudyn(few, exact, error)
+    tell(report, "slider-crank of 20 modes, 0.5 s", *in_turns(machine, torques, end, 0.5, fm.RadauIIA()), few)
+    if importlib.util.find_spec("exudyn") is not None:
+        beside_exudyn(report, few, exact, error)
 
 
 if __name__ == "__main__":

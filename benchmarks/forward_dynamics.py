@@ -11,8 +11,10 @@ explicit Runge-Kutta step of order 4 and of one forward dynamics, in one run on 
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
+from benchmark import Report
 from numba import njit
 
 import flexmbd as fm
@@ -31,6 +33,8 @@ try:
 except ImportError:
     pinocchio = None
 
+MINUTES = 3.0
+PEERS: tuple[str, ...] = ("exudyn", "pin")
 LENGTH, WIDTH, GRAVITY, STEP = 0.2, 0.02, 9.81, 1e-3
 MASS = 7800.0 * LENGTH * WIDTH**2
 ACROSS = MASS * (LENGTH**2 + WIDTH**2) / 12.0
@@ -222,32 +226,48 @@ def measure_reduced(modes, where):
     return least(lambda: repeat(calls, plan, work, aw, x, v, a, NOTHING), 300) / calls
 
 
-def main():
-    head = "| N | forward dynamics, us | ns a body | pin / ours | RK4 step, us | exudyn, us | exudyn / ours"
-    print(f"{head} | tip's error: ours at h / 4, exudyn's at h, m |")
-    print("|---|---|---|---|---|---|---|---|")
-    for count in (10, 50, 200, 1000, 3000):
+def quick(report: Report) -> None:
+    """The shortest chain and the fewest modes."""
+    chains(report, (10,))
+    bodies(report, (8,))
+
+
+def full(report: Report) -> None:
+    """To 3000 links and 100 modes."""
+    chains(report, (10, 50, 200, 1000, 3000))
+    bodies(report, (8, 20, 50, 100))
+
+
+def chains(report: Report, counts: tuple[int, ...]) -> None:
+    """A row for each number of links."""
+    report.table(
+        "N", "forward dynamics, us", "ns a body", "pin / ours", "RK4 step, us", "exudyn, us", "exudyn / ours",
+        "tip's error: ours at h / 4, exudyn's at h, m",
+    )  # fmt: skip
+    for count in counts:
         dynamics, step, error = measure_chain(count)
         pin = pinocchio_chain(count) if pinocchio and count <= 200 else np.nan
         peer, peer_error = np.nan, np.nan
         if exudyn and count <= 200:
             steps = 1000 if count <= 50 else 20
             peer, peer_error = min(exudyn_chain(count, steps) for _ in range(3))
-        print(
+        report.say(
             f"| {count} | {dynamics:.2f} | {dynamics / count * 1e3:.0f} | {pin / dynamics:.1f} | {step:.2f} | "
-            f"{peer:.1f} | {peer / step:.1f} | {error:.1e}, {peer_error:.1e} |",
-            flush=True,
+            f"{peer:.1f} | {peer / step:.1f} | {error:.1e}, {peer_error:.1e} |"
         )
-    print()
-    print("| modes | leaf, us | child at a frame that is rigid, us | child at the tip, us | tip / rigid | tip / leaf |")
-    print("|---|---|---|---|---|---|")
-    for modes in (8, 20, 50, 100):
+    report.say()
+
+
+def bodies(report: Report, numbers: tuple[int, ...]) -> None:
+    """A row for each number of modes."""
+    report.table(
+        "modes", "leaf, us", "child at a frame that is rigid, us", "child at the tip, us", "tip / rigid", "tip / leaf"
+    )
+    for modes in numbers:
         leaf, rigid, bears = (measure_reduced(modes, where) for where in (None, "root", "tip"))
-        print(
-            f"| {modes} | {leaf:.2f} | {rigid:.2f} | {bears:.2f} | {bears / rigid:.2f} | {bears / leaf:.2f} |",
-            flush=True,
-        )
+        times = f"{leaf:.2f} | {rigid:.2f} | {bears:.2f}"
+        report.say(f"| {modes} | {times} | {bears / rigid:.2f} | {bears / leaf:.2f} |")
 
 
 if __name__ == "__main__":
-    main()
+    full(Report(Path("out_forward_dynamics")))

@@ -7,12 +7,12 @@ figures of earlier states that were measured by hand and have not been run again
 
 from __future__ import annotations
 
-import ast
 import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import results
+from discovery import benchmarks, text_of
 
 HERE = Path(__file__).resolve().parent
 TARGET = results.ROOT / "docs" / "benchmarks.md"
@@ -39,27 +39,25 @@ def of_run(found: Sequence[results.Result], folder: Path) -> str:
 
 
 def _kept() -> Iterator[str]:
-    names = {path.stem for path in results.RESULTS.glob("*.json")} | {path.stem for path in BY_HAND.glob("*.md")}
-    for name in sorted(names - {"head"}):
-        yield f"## {name}"
-        source = HERE / f"{name}.py"
-        if source.exists():
-            yield about(source)
-        kept, by_hand = results.RESULTS / f"{name}.json", BY_HAND / f"{name}.md"
+    """Benchmarks in the order of their names."""
+    for source in benchmarks():
+        kept, by_hand = results.RESULTS / f"{source.stem}.json", BY_HAND / f"{source.stem}.md"
+        yield f"## {source.stem}"
+        yield _about(source)
         if kept.exists():
             yield from _shown(results.load(kept), "pictures/")
+        else:
+            yield "Not yet run as a whole by the command."
         if by_hand.exists():
             yield "### Measured by hand"
             yield by_hand.read_text(encoding="utf-8").strip()
 
 
-def about(source: Path) -> str:
-    """The docstring of a benchmark; what it indents, as calls of it, as a block."""
-    said = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
+def _about(source: Path) -> str:
+    """The text of a benchmark; what it indents, as calls of it, as a block."""
     parts = []
-    for part in said.split("\n\n"):
-        lines = part.splitlines()
-        block = all(line.startswith("    ") for line in lines)
+    for part in text_of(source).split("\n\n"):
+        block = all(line.startswith("    ") for line in part.splitlines())
         parts.append(f"```text\n{textwrap.dedent(part)}\n```" if block else part)
     return "\n\n".join(parts)
 

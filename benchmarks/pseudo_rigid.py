@@ -77,7 +77,8 @@ def least(work: Callable[[], None]) -> float:
 
 def time_per_body(report: Report, numbers: list[int]) -> None:
     """A table."""
-    report.table("bodies", "ns per body and step, 100 steps a call", "1 step a call", "numpy", "ratio", "energy's error")
+    each = "ns per body and step, 100 steps a call"
+    report.table("bodies", each, "1 step a call", "numpy", "ratio", "energy's error")
     for n in numbers:
         many = swarm(n)
         h, energy = 0.1 * many.stable_step(), many.energy().total.sum()

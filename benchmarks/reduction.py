@@ -32,22 +32,26 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import reduction_case as case
 import reduction_picture
+from benchmark import Report
 
 HERE = Path(__file__).resolve().parent
 OURS = "flexmbd"
 # without a factor: slow, so that it is run only with all cores, on some meshes
 ITERATIVE = "flexmbd, iterative"
 # what each peer needs, and whether its modes are converged
-PEERS = {"exudyn, scipy": ("exudyn", "ngsolve"), "exudyn, NGSolve": ("exudyn", "ngsolve"), "NGSolve": ("ngsolve",)}
+CODES = {"exudyn, scipy": ("exudyn", "ngsolve"), "exudyn, NGSolve": ("exudyn", "ngsolve"), "NGSolve": ("ngsolve",)}
 CONVERGED = ("exudyn, scipy", "NGSolve")
 AGREEMENT = 1e-6
 PATIENCE = 900.0
+MINUTES = 15.0
+PEERS: tuple[str, ...] = ("exudyn", "ngsolve")
 # dofs of a mesh that is no small one
 MANY = 30e3
 
@@ -76,13 +80,36 @@ def main() -> int:
             file.write_text(json.dumps(measured, indent=1))
     results = json.loads(file.read_text())
     results["rows"].sort(key=lambda row: row["dofs"])
-    print(f"\n{results['machine']}\n\n{_table(results['rows'])}\n")
-    print("\n".join(_claims(results["rows"])))
-    picture = arguments.output if arguments.quick else HERE.parent / "docs" / "pictures"
-    reduction_picture.draw(results["rows"], picture / "reduction_benchmark.png")
-    faults = list(_disagreements(results["rows"]))
-    print("\n".join(faults) or f"all converged frequencies agree to {AGREEMENT:.0e}")
-    return 1 if faults else 0
+    print(f"\n{results['machine']}\n")
+    _tell(results["rows"], Report(arguments.output))
+    return 0
+
+
+def quick(report: Report) -> None:
+    """The smallest mesh, flexmbd on one rank and on two and NGSolve, each once."""
+    mesh = min(_meshes(argparse.Namespace(quick=True, meshes=None, output=report.folder)), key=lambda mesh: mesh.dofs)
+    wanted = [(OURS, 1), (OURS, 2), *(("NGSolve", 1) for _ in range("NGSolve" in _peers()))]
+    rows = (_least(code, mesh, repeats=1, ranks=ranks) for code, ranks in wanted)
+    _tell([row for row in rows if row is not None], report)
+
+
+def full(report: Report) -> None:
+    """All meshes."""
+    rows = list(_measure(argparse.Namespace(quick=False, meshes=None, output=report.folder)))
+    _tell(sorted(rows, key=lambda row: row["dofs"]), report)
+
+
+def _tell(rows: list[dict[str, Any]], report: Report) -> None:
+    """Table, ratios, picture; ends where converged frequencies disagree."""
+    report.say(_table(rows))
+    report.say()
+    for claim in _claims(rows):
+        report.say(f"- {claim}")
+    report.picture("reduction_benchmark.png", partial(reduction_picture.draw, rows))
+    faults = list(_disagreements(rows))
+    if faults:
+        raise SystemExit("; ".join(faults))
+    report.say(f"All converged frequencies agree to {AGREEMENT:.0e}.")
 
 
 def _arguments() -> argparse.Namespace:
@@ -111,7 +138,7 @@ def _measure(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 def _peers() -> list[str]:
     found = []
-    for peer, needed in PEERS.items():
+    for peer, needed in CODES.items():
         missing = [name for name in needed if importlib.util.find_spec(name) is None]
         if missing:
             print(f"{peer} is left out: no {', '.join(missing)} here; ./run pip install -e .[benchmark] brings it")
@@ -203,7 +230,7 @@ def _claims(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """What the figures say, in ratios; whole seconds and megabytes are the machine's affair."""
     ours = {row["dofs"]: row for row in rows if row["code"] == OURS and row["ranks"] == 1}
     for row in rows:
-        if row["code"] in PEERS and row["dofs"] in ours:
+        if row["code"] in CODES and row["dofs"] in ours:
             mine = ours[row["dofs"]]
             time = row["seconds"]["total"] / mine["seconds"]["total"]
             memory = mine["memory"]["peak"] / row["memory"]["peak"]

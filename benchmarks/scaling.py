@@ -31,13 +31,14 @@ import importlib.util
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import scenes
 from beam_record import beam
+from benchmark import Report
 from numpy.typing import NDArray
 from steps_runner import Case, stepping
 
@@ -46,6 +47,9 @@ from flexmbd.integrate.protocol import Integrator
 
 PEER = importlib.util.find_spec("exudyn") is not None
 H = 1e-3
+MINUTES = 10.0
+PEERS: tuple[str, ...] = ("exudyn",)
+FOLDER = Path("out_scaling")
 CLASSICAL = fm.ExplicitRungeKutta(fm.Pair.CLASSICAL_4)
 
 Row = tuple[str, str, str]
@@ -57,27 +61,44 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="few sizes")
     parser.add_argument("--part", help="only parts with this in their names")
     parser.add_argument("--meshes", type=Path, metavar="FOLDER", help="of the beam's meshes")
-    parser.add_argument("--output", type=Path, default=Path("out_scaling"), metavar="FOLDER")
+    parser.add_argument("--output", type=Path, default=FOLDER, metavar="FOLDER")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    parts: dict[str, Callable[[], Iterator[Row]]] = {
-        "bodies": lambda: bodies(quick=arguments.quick),
-        "loops": lambda: loops(quick=arguments.quick),
-        "ladder": lambda: ladder(quick=arguments.quick),
-        "implicit": lambda: implicit(quick=arguments.quick),
-        "modes": lambda: modes(arguments.output, quick=arguments.quick),
-        "mesh": lambda: mesh(arguments.output, arguments.meshes, quick=arguments.quick),
+    parts = _parts(arguments.output, arguments.meshes, quick=arguments.quick)
+    report = Report(arguments.output)
+    tell(report, {name: part for name, part in parts.items() if arguments.part is None or arguments.part in name})
+    (arguments.output / "table.md").write_text("\n".join(report.lines) + "\n")
+    return 0
+
+
+def _parts(folder: Path, meshes: Path | None, *, quick: bool) -> dict[str, Callable[[], Iterator[Row]]]:
+    return {
+        "bodies": lambda: bodies(quick=quick),
+        "loops": lambda: loops(quick=quick),
+        "ladder": lambda: ladder(quick=quick),
+        "implicit": lambda: implicit(quick=quick),
+        "modes": lambda: modes(folder, quick=quick),
+        "mesh": lambda: mesh(folder, meshes, quick=quick),
         "start": start,
     }
-    lines = ["| part | what | us a step, and ratios |", "|---|---|---|"]
-    print("\n".join(lines), flush=True)
-    for name, part in parts.items():
-        if arguments.part is None or arguments.part in name:
-            for row in part():
-                lines.append(f"| {' | '.join(row)} |")
-                print(lines[-1], flush=True)
-    (arguments.output / "table.md").write_text("\n".join(lines) + "\n")
-    return 0
+
+
+def quick(report: Report) -> None:
+    """Windows of a ladder."""
+    tell(report, {"ladder": partial(ladder, quick=True)})
+
+
+def full(report: Report) -> None:
+    """All parts."""
+    tell(report, _parts(report.folder, None, quick=False))
+
+
+def tell(report: Report, parts: Mapping[str, Callable[[], Iterator[Row]]]) -> None:
+    """The table of some parts."""
+    report.table("part", "what", "us a step, and ratios")
+    for part in parts.values():
+        for row in part():
+            report.say(f"| {' | '.join(row)} |")
 
 
 def step_time(build: Callable[[], fm.System], method: Integrator, *, h: float = H, least: float = 0.2) -> float:

@@ -16,8 +16,7 @@ finds the start as well. "Whole" is all from the built model to the result: ours
 SolveDynamic. Ours run on a ladder of rtol, exudyn's on a ladder of steps, or of rtol where a solver has error control;
 every solver it has for a scene is tried, in the formulation that is fastest there.
 
-Writes out_work_precision/results.json, work_precision.csv, a table, and docs/pictures/work_precision.png (not with
---quick or --scene).
+Writes results.json, work_precision.csv, a table and a picture into out_work_precision.
 """
 
 from __future__ import annotations
@@ -29,12 +28,14 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import scenes
 import work_precision_picture as picture
+from benchmark import Report
 from scenes import METHODS, Method, Scene
 
 import flexmbd as fm
@@ -44,6 +45,8 @@ from flexmbd.run.stepping import Integration, new_snapshot
 
 HERE = Path(__file__).resolve().parent
 PEER = importlib.util.find_spec("exudyn") is not None
+MINUTES = 25.0
+PEERS: tuple[str, ...] = ("exudyn",)
 TARGET = 1e-6  # the relative error at which times are compared
 ENOUGH = 3e-8  # where a ladder ends
 
@@ -56,19 +59,48 @@ def main() -> int:
     file = arguments.output / "results.json"
     faults: list[str] = []
     if not arguments.redraw:
-        rows: list[Row] = []
-        for scene in _scenes(arguments):
-            rows += _measure(scene, faults, patience=0.5 if arguments.quick else 0.8)
-            file.write_text(json.dumps(rows, indent=1))
+        faults = _measure_all(_scenes(arguments), file, patience=0.5 if arguments.quick else 0.8)
     rows = json.loads(file.read_text())
-    _write_csv(rows, arguments.output / "work_precision.csv")
     print("\n" + _table(rows) + "\n")
-    print("\n".join(_claims(rows)))
-    part = arguments.quick or arguments.scene
-    target = arguments.output if part else HERE.parent / "docs" / "pictures"
-    picture.draw(rows, target / "work_precision.png")
+    _tell(rows, Report(arguments.output))
     print("\n".join(faults) or "all converged solutions agree")
     return 1 if faults else 0
+
+
+def quick(report: Report) -> None:
+    """The chain of ten alone."""
+    _whole(report, scenes.rigid_scenes(quick=True)[:1], patience=0.02)
+
+
+def full(report: Report) -> None:
+    """All scenes."""
+    flexible = scenes.flexible_scenes(quick=False, folder=report.folder, meshes=None)
+    _whole(report, [*scenes.rigid_scenes(quick=False), *flexible], patience=0.8)
+
+
+def _whole(report: Report, some: Sequence[Scene], *, patience: float) -> None:
+    file = report.folder / "results.json"
+    faults = _measure_all(some, file, patience=patience)
+    _tell(json.loads(file.read_text()), report)
+    if faults:
+        raise SystemExit("; ".join(faults))
+
+
+def _measure_all(some: Sequence[Scene], file: Path, *, patience: float) -> list[str]:
+    """Measure scenes into a file, scene by scene; which of their solutions disagree."""
+    faults: list[str] = []
+    rows: list[Row] = []
+    for scene in some:
+        rows += _measure(scene, faults, patience=patience)
+        file.write_text(json.dumps(rows, indent=1))
+    return faults
+
+
+def _tell(rows: list[Row], report: Report) -> None:
+    """Times to the target, as a table and a picture; all points as CSV."""
+    _write_csv(rows, report.folder / "work_precision.csv")
+    report.say("\n".join(_claims(rows)))
+    report.picture("work_precision.png", partial(picture.draw, rows))
 
 
 def _arguments() -> argparse.Namespace:

@@ -43,6 +43,7 @@ import numpy as np
 import radial_cylinder
 import yielding_motion as motion
 import yielding_statics as statics
+from benchmark import Report
 from dolfinx import fem
 from yielding_picture import draw
 
@@ -52,8 +53,10 @@ from flexmbd.forms import solid_linear
 
 HERE = Path(__file__).parent
 OUT = Path("out_yielding")
+MINUTES = 20.0
+PEERS: tuple[str, ...] = ()  # programs of their own environments, which tell their versions in the tables
 # where install_peers.sh puts them, as seen from within ./run's tree and from outside
-PEERS = (Path.home().parent / "peers", Path.home() / ".cache" / "flexmbd" / "peers")
+PLACES = (Path.home().parent / "peers", Path.home() / ".cache" / "flexmbd" / "peers")
 
 Task = Callable[[], dict[str, Any]]
 
@@ -106,6 +109,26 @@ def main() -> int:
         draw(rows, OUT / "yielding.png")
         print(f"in {OUT}: rows.json, yielding.png")
     return 0
+
+
+def quick(report: Report) -> None:
+    """A cylinder on coarse meshes, once."""
+    _tell(report, ("cylinder",), short=True)
+
+
+def full(report: Report) -> None:
+    """All parts but the large one, three rounds."""
+    _tell(report, [part for part in PARTS if part not in ("cells", "large")], short=False)
+
+
+def _tell(report: Report, parts: Sequence[str], *, short: bool) -> None:
+    """Tables of some parts, and their picture."""
+    rows: list[Row] = []
+    for part in parts:
+        found = PARTS[part](short, 1 if short else 3)
+        report.say(table(found))
+        rows += found
+    report.picture("yielding.png", partial(draw, rows))
 
 
 def cells(quick: bool, rounds: int) -> list[Row]:
@@ -278,7 +301,7 @@ def in_turns(scene: str, tasks: dict[str, Task], *, level: str, cells: int, roun
 
 def peer_task(peer: str, script: str, arguments: list[str]) -> Task | None:
     """Another program in a process of its own; None, with a word, where it is not installed."""
-    folder = next((root / peer for root in PEERS if (root / peer / "whole").exists()), None)
+    folder = next((root / peer for root in PLACES if (root / peer / "whole").exists()), None)
     if folder is None:
         print(f"{peer}: not installed, left out; see benchmarks/install_peers.sh")
         return None

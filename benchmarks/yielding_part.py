@@ -18,11 +18,13 @@ import argparse
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
+from benchmark import Report
 from numpy.typing import NDArray
 
 import flexmbd as fm
@@ -38,6 +40,8 @@ MODULUS, RATIO, DENSITY, YIELD = 2.1e11, 0.3, 7850.0, 2.5e8
 # bend, degrees, about which the bar keeps: speed of the end, m/s, and time, s, until it stands still
 BENDS = {10: (3.9, 0.016), 30: (6.7, 0.028), 60: (10.8, 0.034)}
 MODES, STEP = 8, 2.5e-4
+MINUTES = 6.0
+PEERS: tuple[str, ...] = ()
 
 STEEL = forms.solid_linear.Parameters(E=MODULUS, nu=RATIO, rho=DENSITY)
 YIELDING = forms.hencky_plasticity.Parameters(
@@ -63,28 +67,43 @@ def main() -> int:
     parser.add_argument("--small", action="store_true", help="the first of the bends alone, a coarse mesh")
     parser.add_argument("--bends", type=int, nargs="+", choices=BENDS, default=list(BENDS), help="degrees")
     arguments = parser.parse_args()
-    divisions = (12, 1, 2) if arguments.small else (24, 1, 2)
-    print("| bend | cuts | end's way | plastic work | remainders' utilisation | time, s | of the whole's |")
-    print("|---|---|---|---|---|---|---|")
-    for bend in arguments.bends[:1] if arguments.small else arguments.bends:
+    report = Report(Path("out_yielding_part"))
+    if arguments.small:
+        quick(report)
+    else:
+        tell(report, arguments.bends, (24, 1, 2))
+    return 0
+
+
+def quick(report: Report) -> None:
+    """The first of the bends, a coarse mesh."""
+    tell(report, list(BENDS)[:1], (12, 1, 2))
+
+
+def full(report: Report) -> None:
+    """All bends."""
+    tell(report, list(BENDS), (24, 1, 2))
+
+
+def tell(report: Report, bends: list[int], divisions: tuple[int, int, int]) -> None:
+    """Rows of the whole and of both couplings, bend by bend (degrees)."""
+    report.table("bend", "cuts", "end's way", "plastic work", "remainders' utilisation", "time, s", "of the whole's")
+    for bend in bends:
         speed, t_end = BENDS[bend]
         whole = run_whole(bar(divisions), speed, t_end)
         size = np.linalg.norm(whole.way - whole.way[0], axis=1).max()
-        print(
-            f"| {abs(whole.turn).max():.1f} | none | {size:.4f} m | {whole.work:.1f} J | | {whole.seconds:.1f} | 1 |",
-            flush=True,
+        report.say(
+            f"| {abs(whole.turn).max():.1f} | none | {size:.4f} m | {whole.work:.1f} J | | {whole.seconds:.1f} | 1 |"
         )
         for coupling in (fm.Coupling.RIGID, fm.Coupling.AVERAGED):
             cut = run_cut(bar(divisions), speed, t_end, coupling)
             off = np.linalg.norm(cut.way - whole.way, axis=1).max() / size
             used = [utilisation(cut, name) for name in ("rest 1", "rest 2")]
-            print(
+            report.say(
                 f"| {abs(cut.turn).max():.1f} | {coupling.name.lower()} | {100 * off:.3f} % | "
                 f"{100 * (cut.work / whole.work - 1.0):+.3f} % | {used[0]:.2f}, {used[1]:.2f} | {cut.seconds:.1f} | "
-                f"{cut.seconds / whole.seconds:.2f} |",
-                flush=True,
+                f"{cut.seconds / whole.seconds:.2f} |"
             )
-    return 0
 
 
 def bar(divisions: tuple[int, int, int]) -> TaggedMesh:
