@@ -5,9 +5,9 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-import page as page  # noqa: E402
-import results as results  # noqa: E402
-from benchmark import Report as Report  # noqa: E402
-from discovery import benchmarks as benchmarks  # noqa: E402
-from discovery import minutes_of as minutes_of  # noqa: E402
-from discovery import text_of as text_of  # noqa: E402
+import page as page
+import results as results
+from benchmark import Report as Report
+from discovery import benchmarks as benchmarks
+from discovery import minutes_of as minutes_of
+from discovery import text_of as text_of
