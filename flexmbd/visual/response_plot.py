@@ -72,7 +72,7 @@ def plot_response(
             if np.abs(values).max() <= 1e-12 * np.abs(response).max():
                 continue
             colour = colours[i * len(machine.drivers) + j]
-            label = f"{output} by {name}"
+            label = f"{output}\nby {name}"
             gain.loglog(frequency / (2.0 * np.pi), np.abs(values), label=label, linewidth=1.4, color=colour)
             turn = np.degrees(np.unwrap(np.angle(values)))
             phase.semilogx(frequency / (2.0 * np.pi), turn, linewidth=1.4, color=colour)
