@@ -62,6 +62,18 @@ def test_yielding(tmp_path, monkeypatch):
     assert found["end"][-1, 2] > 0.00525 + 0.001  # it keeps a bend beyond where the carriage stands
 
 
+def test_controller(tmp_path, monkeypatch):
+    found = run_page("tutorials/controller", tmp_path, monkeypatch)
+    carried = 2.0 * 9.81 * 0.5 * np.cos(found["TARGET"])
+    assert found["rest"].states(found["pid"])[0] * found["KI"] == pytest.approx(carried, rel=1e-9)
+    assert found["samples"].t.tolist() == [k * 0.005 for k in range(800)]
+    assert abs(found["samples"].measurements[-1, 0] - found["TARGET"]) < 1e-3
+    # what falls is the pole on a cart that runs freely (Ogata 2010, section 3.6)
+    falls = np.sqrt(0.5 * 9.81 * 0.4 / (0.02 + 0.5 * 0.4**2 * (1.0 - 0.5 / 1.5)))
+    assert found["linear"].eigenvalues().real.max() == pytest.approx(falls, rel=1e-9)
+    assert abs(found["run"].beta(found["hinge"])[-1] - np.pi / 2) < 2e-3
+
+
 def test_study(tmp_path, monkeypatch):
     found = run_page("tutorials/study", tmp_path, monkeypatch)
     assert not found["study"].failures
