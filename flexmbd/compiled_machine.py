@@ -57,7 +57,8 @@ from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 
-_STARTING = "the start"  # what kernels are compiled for before any integrator's
+#: What kernels are compiled for before any integrator's.
+STARTING = "the start"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,7 +155,7 @@ class CompiledMachine:
     def start_of(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
         """The consistent start of a variant: what joints and bodies are given, or a state found before."""
         if self.team.is_root:
-            announce_compilation(_STARTING)
+            announce_compilation(STARTING)
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
         if about is None:
@@ -166,7 +167,7 @@ class CompiledMachine:
         refuse_different(scene, x, v, self.team)
         memories = None if about is None else about.interiors
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
-        mark_compiled(_STARTING)
+        mark_compiled(STARTING)
         refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         refuse_false_energies(scene, work, start.x)
         if start.strain.warning is not None and self.team.is_root:

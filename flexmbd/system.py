@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.compiled_machine import CompiledMachine
+from flexmbd.compiled_machine import STARTING, CompiledMachine
 from flexmbd.given import refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
@@ -28,6 +28,7 @@ from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.compiling import is_compiled
 from flexmbd.multibody.linear.equilibrium import find_equilibrium
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -150,6 +151,13 @@ class System(MachineAssembly):
             PictureError: pyvista is not installed.
         """
         return self.at_start().to_pyvista(0.0)
+
+    def _repr_html_(self) -> str:
+        """Its text and a picture of its start, where pyvista can draw here and the start's kernels are compiled."""
+        import flexmbd.visual.notebook as notebook  # pyvista loads only here
+
+        quick = is_compiled(STARTING) and self.team.size == 1
+        return notebook.html_of(repr(self), lambda: notebook.still_of(self.at_start()) if quick else None)
 
     def start_with(self, forces: Sequence[Force], *, instead_of: Sequence[Force] = (), t: float = 0.0) -> Start:
         """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.

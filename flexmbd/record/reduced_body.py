@@ -34,11 +34,12 @@ from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
+from flexmbd.record.pictured import PicturedRecord
 from flexmbd.record.summary import summary
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedBody:
+class ReducedBody(PicturedRecord):
     """A linear elastic body reduced to ``n`` modal coordinates.
 
     The Gram matrix holds the mass integrals of the ``4 + 3 n`` scalar fields

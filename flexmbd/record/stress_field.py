@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.record.groups import FloatArray, IntArray
+from flexmbd.record.pictured import PicturedField
 
 
 @dataclass(frozen=True, eq=False)
-class StressField:
-    """Displacement and stress of a body at its mesh nodes, in body axes; `flexmbd.visual.plot_stress` draws it.
+class StressField(PicturedField):
+    """Displacement and stress of a body at its mesh nodes, in body axes; `show` draws it.
 
     Stress jumps from cell to cell; the values here are plain averages over the cells that share
     a node, good to look at.  ``max`` is not averaged: it is the largest value in any cell.
@@ -33,3 +34,8 @@ class StressField:
     von_mises: FloatArray
     max: float
     max_x: FloatArray
+
+    def __repr__(self) -> str:
+        """How many nodes, and the largest stress."""
+        place = ", ".join(f"{x:.4g}" for x in self.max_x)
+        return f"<StressField at {len(self.x)} nodes: at most {self.max:.6g} Pa, at ({place}) m>"

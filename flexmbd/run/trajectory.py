@@ -96,6 +96,12 @@ class Trajectory(ForceSeries):
             f"{self.t[0]:.6g} to {self.t[-1]:.6g} s in {len(self.t) - 1} steps>"
         )
 
+    def _repr_html_(self) -> str:
+        """Its text and, where pyvista can draw here, a picture of the start."""
+        import flexmbd.visual.notebook as notebook  # pyvista loads only here
+
+        return notebook.html_of(repr(self), lambda: notebook.still_of(self))
+
     def at(self, t: float) -> Instant:
         """The machine at a time (s).
 

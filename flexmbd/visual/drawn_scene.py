@@ -147,9 +147,12 @@ def drawn_scene(
     )
 
 
-def portrait(part: Part, *, notes: Sequence[str]) -> DrawnScene:
-    """A scene of one part, seen mostly along its thinnest direction, its longest one to the right."""
-    return DrawnScene((part,), (), {}, part.x, np.zeros(3), tuple(notes), eye=oblique(part.x))
+def portrait(
+    *parts: Part, notes: Sequence[str], legend: Mapping[str, str] | None = None
+) -> DrawnScene:
+    """A scene of one body, seen mostly along its thinnest direction, its longest one to the right."""
+    x = np.concatenate([reach(part) for part in parts])
+    return DrawnScene(parts, (), legend or {}, x, np.zeros(3), tuple(notes), eye=oblique(x))
 
 
 def machine_meshes(

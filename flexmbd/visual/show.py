@@ -101,6 +101,29 @@ def show(
     return target
 
 
+def present(
+    scene: DrawnScene,
+    *,
+    path: str | Path | None = None,
+    size: tuple[int, int] = (1280, 720),
+    view: ArrayLike | None = None,
+) -> Path | None:
+    """Show a scene of one instant in a window or a notebook; or write it to ``path``, a .png. Not collective.
+
+    Raises:
+        PictureError: there is no display; another suffix, a bad choice; the file cannot be written.
+    """
+    target = None if path is None else checked_path(path, SUFFIXES)
+    require("pyvista")
+    eye = checked_view(view)
+    if target is not None:
+        write_picture(scene, target, size=size, view=eye)
+    else:
+        refuse_no_display()
+        open_window(scene, np.zeros(1), size=size, view=eye)
+    return target
+
+
 def _times(motion: RecordedMotion, t: float | None, *, still: bool) -> FloatArray:
     """The instants (nt,) s that are shown."""
     if t is not None:

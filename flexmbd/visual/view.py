@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import PictureError
 from flexmbd.visual.camera import Camera
 from flexmbd.visual.drawn_scene import BARE, DrawnScene
+from flexmbd.visual.legend import add_legend
 from flexmbd.visual.library import load
 from flexmbd.visual.part import Part
 from flexmbd.visual.scales import bar_end, readable
@@ -22,11 +23,9 @@ Picture = NDArray[np.uint8]
 TEXT = "#202020"
 #: Share of the width that the panel takes.
 PANEL = 0.2
-#: Names that the legend has at most.
-MOST_NAMES = 60
 
 _COLOURS = (BARE, "#f7d84a", "#ee6c2b", "#a1001f")
-_LONGEST = 22
+_LINE = 18  # letters of a colour bar's title
 
 
 class SceneView:
@@ -64,7 +63,9 @@ class SceneView:
         self._words = self._write(scene.notes[0])
         if panel:
             self.plotter.subplot(0, 1)
-            self._add_legend(dict(names))
+            panel_size = (round(PANEL * size[0]), size[1])
+            bottom = 0.36 * min(2, len(scene.quantities))
+            add_legend(self.plotter.renderer, names, size=panel_size, bottom=max(0.02, bottom))
             self._add_bars()
             self._focus_scene(panel)
         self.move_to(0)
@@ -127,18 +128,6 @@ class SceneView:
             show_scalar_bar=False,
         )
 
-    def _add_legend(self, names: dict[str, str]) -> None:
-        entries = [[_short(name), colour] for name, colour in list(names.items())[:MOST_NAMES]]
-        if len(names) > MOST_NAMES:
-            entries.append([f"and {len(names) - MOST_NAMES} more", "#ffffff"])
-        if entries:
-            room = 0.9 - 0.32 * min(2, len(self.scene.quantities))
-            height = min(room, 0.045 * len(entries))
-            legend = self.plotter.add_legend(
-                entries, bcolor=None, face="rectangle", loc="upper left", size=(0.95, height), border=False
-            )
-            legend.GetEntryTextProperty().SetColor(*load("pyvista").Color(TEXT).float_rgb)
-
     def _add_bars(self) -> None:
         quantities = self.scene.quantities
         for row, quantity in enumerate(quantities):
@@ -147,7 +136,7 @@ class SceneView:
             _, labels = bar_end(largest / scale)
             each = min(0.32, 0.9 / len(quantities))
             self.plotter.add_scalar_bar(
-                title=f"{quantity[0]}{f' in {unit}' if unit else ''}\n ",
+                title=_title(quantity[0], unit),
                 mapper=self._bars[quantity],
                 vertical=True,
                 position_x=0.08,
@@ -157,8 +146,8 @@ class SceneView:
                 n_labels=labels,
                 fmt="%.6g",
                 color=TEXT,
-                title_font_size=max(8, self._height // 50),
-                label_font_size=max(8, self._height // 48),
+                title_font_size=max(8, self._height // 46),
+                label_font_size=max(8, self._height // 44),
                 render=False,
             )
 
@@ -194,5 +183,10 @@ def _place_camera(plotter: Any, camera: Camera) -> None:
     plotter.camera.clipping_range = (0.01 * camera.distance, 3.0 * camera.distance)
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 3]}..."
+def _title(name: str, unit: str) -> str:
+    """Of a colour bar, in lines that fit the panel."""
+    words = f"{name} in {unit}" if unit else name
+    if len(words) <= _LINE:
+        return f"{words}\n "
+    cut = words.rfind(" ", 0, _LINE)
+    return words[:cut] + "\n" + words[cut + 1 :] + "\n " if cut > 0 else f"{words}\n "

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
-from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import FoundInterface
+from flexmbd.continuum.finite_elements.model_picture import PicturedModel
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
 from flexmbd.errors import InterfaceError
@@ -51,7 +52,7 @@ class StaticState:
     note: str
 
 
-class LinearModel(DiscretisedBody):
+class LinearModel(PicturedModel):
     """Small displacements of a body about a state, with named interfaces; a `ContinuumModel` or a `PrestressedModel`.
 
     Nothing is changed after construction.

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 import dolfinx.mesh
+import dolfinx.plot
 import numpy as np
 import numpy.typing as npt
 
@@ -29,7 +30,7 @@ from flexmbd.continuum.grid.mesh_input import (
 from flexmbd.continuum.grid.pieces import check_connected
 from flexmbd.continuum.grid.predicate import Predicate, locate_groups
 from flexmbd.continuum.grid.row_exchange import blocks_on_root, send
-from flexmbd.errors import MeshError
+from flexmbd.errors import MeshError, PictureError
 
 Points = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -153,6 +154,23 @@ class TaggedMesh:
         if self.dim == 1:
             return self.facets(name)
         return _known("vertex", self.vertex_groups, name)
+
+    def to_pyvista(self) -> Any:
+        """This rank's cells as a pyvista.UnstructuredGrid (m), with their tags as "group", 0 for none. Not collective.
+
+        Raises:
+            PictureError: pyvista is not installed.
+        """
+        try:
+            import pyvista
+        except ImportError as reason:
+            raise PictureError(f"a mesh for pyvista needs it: pip install 'flexmbd[pictures]' ({reason})") from reason
+        grid = pyvista.UnstructuredGrid(*dolfinx.plot.vtk_mesh(self.mesh))
+        tags = np.zeros(grid.n_cells, dtype=np.int32)
+        here = self.cell_tags.indices < grid.n_cells  # ghosts come last
+        tags[self.cell_tags.indices[here]] = self.cell_tags.values[here]
+        grid.cell_data["group"] = tags
+        return grid
 
     def fingerprint(self) -> str:
         """SHA-256 of nodes and cells, hexadecimal; independent of the partition. Collective.

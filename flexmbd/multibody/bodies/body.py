@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -294,6 +295,18 @@ class FlexibleBody:
         interface = self.record.interface(name)
         modes = interface.modes if interface.modes.any() else None
         return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}", name)
+
+    def show(
+        self,
+        *,
+        mode: int | None = None,
+        amplitude: float = 0.1,
+        path: str | Path | None = None,
+        size: tuple[int, int] = (1280, 720),
+        view: ArrayLike | None = None,
+    ) -> Path | None:
+        """Show the body or one of its modes; see ``ReducedBody.show``, also for what is raised."""
+        return self.record.show(mode=mode, amplitude=amplitude, path=path, size=size, view=view)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass of the undeformed body about the body frame."""

@@ -13,6 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.multibody.bodies.triangle_file import read_triangles
+from flexmbd.record.pictured import portraits
 from flexmbd.rotation import Axis, check_rotation, z_onto
 
 FloatArray = NDArray[np.float64]
@@ -232,6 +233,17 @@ class Shape:
         if solid.outline is None:
             raise SceneError("the solid has no outline to be shown by")
         return cls(solid.outline.x, solid.outline.triangles, colour=colour, unit=solid).moved(at, R=R)
+
+    def show(
+        self, *, path: str | Path | None = None, size: tuple[int, int] = (1280, 720), view: ArrayLike | None = None
+    ) -> Path | None:
+        """Show the shape in a window or a notebook; or write it to ``path``, a .png. Not collective.
+
+        Raises:
+            PictureError: there is no display, or the file cannot be written.
+        """
+        shown: Path | None = portraits().present(portraits().shape_scene(self), path=path, size=size, view=view)
+        return shown
 
     @classmethod
     def _together(cls, parts: Sequence[Shape]) -> Shape:

@@ -53,6 +53,11 @@ def mark_compiled(purpose: str) -> None:
             return  # a read-only cache: the next process says it again, and is right
 
 
+def is_compiled(purpose: str) -> bool:
+    """Whether the kernels for a purpose, as they stand, are known to be in the cache."""
+    return purpose in _marked or _marker(purpose).exists()
+
+
 def _marker(purpose: str) -> Path:
     return cache_folder() / f"flexmbd-{_all_sources()[:16]}" / f"compiled {purpose}"
 
