@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flexmbd.cli import main
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 
@@ -43,6 +45,17 @@ def test_flexible_rod(tmp_path, monkeypatch):
     slender = 1.875104**2 / (2 * np.pi * 0.6**2) * np.sqrt(5e7 * 0.03**2 / 12 / 1100.0)  # Euler and Bernoulli
     assert found["body"].frequencies(clamped=["x_min"])[0] == pytest.approx(slender, rel=0.03)  # bonded ends stiffen it
     assert (tmp_path / "stress.png").exists()
+
+
+def test_own_form(tmp_path, monkeypatch):
+    """Along cords of thrice the rubber's stiffness the modulus is fourfold, whatever Poisson's ratio."""
+    text = (DOCS / "tutorials" / "own_form.md").read_text(encoding="utf-8")
+    (tmp_path / "corded.py").write_text(text.split("```python\n")[1].split("```")[0])
+    found = run_page("tutorials/own_form", tmp_path, monkeypatch)
+    slender = 1.875104**2 / (2 * np.pi * 0.6**2) * np.sqrt(5e7 * 0.03**2 / 12 / 1100.0)  # Euler and Bernoulli
+    assert found["lowest"](0.0) == pytest.approx(slender, rel=0.01)
+    assert found["lowest"](1.5e8) == pytest.approx(2.0 * slender, rel=0.01)
+    assert main(["check", str(tmp_path / "corded.py")]) == 0
 
 
 def test_loops(tmp_path, monkeypatch):
