@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import subprocess
@@ -14,7 +13,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from flexmbd.command.terminal import add_json, print_json, print_line, print_warning
+from flexmbd.command.terminal import add_json, print_json, print_line, print_warning, wants_bar
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.kernel_cache import cache_folder, is_cache_writable
 from flexmbd.scene_file.entry_kinds import INTEGRATORS
@@ -89,7 +88,7 @@ def _summary(written: dict[str, int], seconds: float, folder: Path) -> str:
 
 def _bar(total: int) -> AbstractContextManager[Any]:
     """A progress bar where a person looks on and tqdm is there."""
-    if not sys.stderr.isatty() or importlib.util.find_spec("tqdm") is None:
+    if not wants_bar():
         return nullcontext()
     from tqdm import tqdm
 

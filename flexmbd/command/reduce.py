@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexmbd.command.body_file import check_free
 from flexmbd.command.material_file import Material, make_damping, read_material
-from flexmbd.command.terminal import add_json, print_json, print_line, print_progress
+from flexmbd.command.terminal import add_json, print_json, print_line, print_progress, wants_bar
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError, MeshError
 from flexmbd.libraries import OF_THE_CONTINUUM, require
@@ -204,6 +204,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         damping=damping,
         keep=Keep(modes=arguments.keep_modes, surface=arguments.keep_surface),
         interface_modes=characteristic,
+        progress=parallel.on_root(comm, wants_bar),
     )
     parallel.on_root(comm, lambda: body.save(arguments.output))
     _report(arguments.output, body, size, as_json=arguments.json)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from flexmbd.command.body_file import check_free
-from flexmbd.command.terminal import add_json, print_json, print_line, print_warning
+from flexmbd.command.terminal import add_json, print_json, print_line, print_warning, wants_bar
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable, write_table
 from flexmbd.run.stopped import SimulationError
@@ -93,7 +91,7 @@ def _wants_bar(arguments: argparse.Namespace) -> bool:
     """Whether a bar is asked for; by itself where a person looks on and tqdm is there."""
     if arguments.progress or arguments.quiet:
         return bool(arguments.progress)
-    return sys.stderr.isatty() and importlib.util.find_spec("tqdm") is not None
+    return wants_bar()
 
 
 def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory | None, SimulationError | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import math
 import os
@@ -61,6 +62,11 @@ def print_progress(text: str) -> None:
     """Print on a terminal what is being done; nothing where stderr is not one."""
     if is_root() and sys.stderr.isatty():
         print(f"flexmbd: {text} ...", file=sys.stderr)
+
+
+def wants_bar() -> bool:
+    """Whether a progress bar is of use: a person looks on, and tqdm is there."""
+    return sys.stderr.isatty() and importlib.util.find_spec("tqdm") is not None
 
 
 def print_json(values: Mapping[str, Any]) -> None:

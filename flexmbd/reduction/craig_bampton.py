@@ -29,6 +29,7 @@ from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
+from flexmbd.reduction.stages import Stages, stages
 from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
@@ -51,6 +52,7 @@ def craig_bampton(
     solver: Solver | None = None,
     eigensolver: Eigensolver | None = None,
     interface_modes: InterfaceModes | None = None,
+    progress: bool = False,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -74,12 +76,12 @@ def craig_bampton(
             modes miss of the static response to each is in the record's provenance.
         damping: of the deformation; none by default.
         keep: what the record holds of the modes on the mesh; nothing by default.
-        solver: by what the stiffness is inverted; None: by a factor, or where that would not fit in the
-            memory there is by conjugate gradients.
+        solver: by what the stiffness is inverted; None: the quickest that fits in the memory there is.
         eigensolver: by what the modes are found: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
             `SpectrumSlicing()`.
         interface_modes: which interfaces keep their six static shapes, and how many characteristic modes stand for
             those of the others; None: all keep them.
+        progress: whether the first rank shows a bar with the stages and the memory that is expected.
 
     Returns:
         The record, the same to the bit on every rank.
@@ -107,23 +109,40 @@ def craig_bampton(
         solver=solver,
         eigensolver=eigensolver,
         interface_modes=interface_modes,
+        progress=progress,
     )
-    refuse_no_truth(ReductionError, geometric_stiffness=geometric_stiffness)
+    refuse_no_truth(ReductionError, geometric_stiffness=geometric_stiffness, progress=progress)
     method = chosen_eigensolver(eigensolver)
     truncation = chosen_truncation(modes)
     contents = Contents(geometric_stiffness=geometric_stiffness, loads=given, damping=damping, keep=keep)
     contents.check(model)
     if interface_modes is not None:
         check_interface_modes(interface_modes, model.interfaces, frame=frame)
-    basis, count, notes = _basis(
-        model,
-        frame,
-        truncation=truncation,
-        contents=contents,
-        solver=solver,
-        eigensolver=method,
-        choice=interface_modes,
-    )
+    with stages(model.comm, shown=progress) as stage:
+        basis, count, notes = _basis(
+            model,
+            frame,
+            truncation=truncation,
+            contents=contents,
+            solver=solver,
+            eigensolver=method,
+            choice=interface_modes,
+            stage=stage,
+        )
+        stage.begin("projection")
+        provenance = _provenance(model, count, truncation, method, notes=notes, frame=frame)
+        return project(model, basis, provenance=provenance, contents=contents)
+
+
+def _provenance(
+    model: LinearModel,
+    count: int,
+    truncation: Truncation,
+    method: Eigensolver,
+    *,
+    notes: dict[str, str],
+    frame: str | None,
+) -> dict[str, str]:
     provenance = {
         "reduction": _name(model, count),
         **({} if truncation.free else {"fixed-interface modes": str(count)}),
@@ -146,7 +165,7 @@ def craig_bampton(
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]
     if averaged:
         provenance["averaged interfaces"] = ", ".join(averaged)
-    return project(model, basis, provenance=provenance, contents=contents)
+    return provenance
 
 
 def _name(model: LinearModel, modes: int) -> str:
@@ -164,17 +183,23 @@ def _basis(
     solver: Solver | None,
     eigensolver: Eigensolver,
     choice: InterfaceModes | None,
+    stage: Stages,
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
     expected = _EXPECTED if truncation.modes is None else truncation.modes
+    stage.begin("factor")
     with body_statics(model, frame=frame, solver=solver, modes=expected) as statics:
+        stage.note(f"{statics.solver}; some {statics.memory / 1e6:.1f} MB beside K and M")
+        stage.begin("static shapes")
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
         if choice is None:
+            stage.begin("responses to loads")
             # before the modes, since counting these may take the place of the factor
             kept = all_interface_shapes(statics)
             found = responses(statics, contents, kept.interfaces)
+        stage.begin("modes")
         if truncation.free:
             frames = interface_loads(model, statics.interfaces, R=statics.R).forces
             fixed, notes = free_interface_modes(
@@ -188,6 +213,7 @@ def _basis(
         notes.update(kept.notes)
         count = len(fixed.eigenvalues)
         if contents.geometric_stiffness and count > 0:
+            stage.begin("stretch modes")
             more = _stretch_modes(statics, fixed, found, images)
             fixed = eigen.Modes(
                 np.concatenate([fixed.eigenvalues, more.eigenvalues]), np.hstack([fixed.shapes, more.shapes])

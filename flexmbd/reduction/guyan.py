@@ -22,6 +22,7 @@ def guyan(
     damping: Damping | None = None,
     keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
+    progress: bool = False,
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
 
@@ -37,6 +38,7 @@ def guyan(
         damping: of the deformation.
         keep: what the record holds of the modes on the mesh.
         solver: by what the stiffness is inverted.
+        progress: whether the first rank shows a bar with the stages.
 
     Returns:
         The record, the same to the bit on every rank; n is six times the interfaces but one.
@@ -55,4 +57,5 @@ def guyan(
         damping=damping,
         keep=keep,
         solver=solver,
+        progress=progress,
     )

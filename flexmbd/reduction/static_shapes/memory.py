@@ -31,19 +31,19 @@ def workspace(model: LinearModel, *, shapes: int, modes: int) -> int:
     """
     dofs = int(model.K.getSize()[0])
     # the interior's K, of which the factor is made, goes before the blocks come; its M stays
-    matrices = _ENTRY * entries(model.M)
+    matrices = stored(model.M)
     basis, projection = _BASIS * modes + min(_BEGINNING, dofs), _COPIES * (shapes + modes)
     return matrices + _NUMBER * dofs * max(basis, projection)
 
 
 def multigrid_memory(model: LinearModel) -> int:
     """Bytes on all ranks of multigrid for the stiffness. Collective."""
-    return int(_HIERARCHY * _ENTRY * entries(model.K))
+    return int(_HIERARCHY * stored(model.K))
 
 
-def entries(matrix: PETSc.Mat) -> int:
-    """How many entries a sparse matrix stores on all ranks. Collective."""
-    return int(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+def stored(matrix: PETSc.Mat) -> int:
+    """Bytes of a sparse matrix on all ranks. Collective."""
+    return _ENTRY * int(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
 
 
 def memory_limit(comm: MPI.Comm) -> int | None:

@@ -37,7 +37,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import (
     equilibrated,
     factorised,
 )
-from flexmbd.reduction.static_shapes.memory import workspace
+from flexmbd.reduction.static_shapes.memory import multigrid_memory, stored, workspace
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes, rigid_modes
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 from flexmbd.reduction.static_shapes.support import is_held, minimal_support
@@ -87,6 +87,7 @@ class Statics:
     M: PETSc.Mat
     _interior: InteriorStiffness
     _constraint: Constraint | None
+    _beside: int
 
     @property
     def solver(self) -> str:
@@ -102,6 +103,18 @@ class Statics:
     def tolerance(self) -> float:
         """To which the factor is compressed; 0: it is not, or there is none."""
         return self._interior.inverse.tolerance if isinstance(self._interior.inverse, HeldFactor) else 0.0
+
+    @cached_property
+    def memory(self) -> int:
+        """Bytes that the reduction takes on all ranks, by estimate, beside its model. Collective.
+
+        With a second factor, by which modes are counted, as far as both fit in the memory there is.
+        """
+        inverse = self._interior.inverse
+        if not isinstance(inverse, HeldFactor):
+            return self._beside + multigrid_memory(self.model)
+        # the factor is made of a copy of K
+        return self._beside + 2 * inverse.memory + stored(self.model.K)
 
     def release_factor(self) -> None:
         """Give the factor's memory back; it is made again where it is needed. Collective."""
@@ -373,6 +386,7 @@ def body_statics(
             M=model.M if supported else interior.M,
             _interior=interior,
             _constraint=constraint,
+            _beside=beside,
         )
 
 
