@@ -12,7 +12,10 @@ from flexmbd.errors import ReductionError
 
 @dataclass(frozen=True)
 class BlockMethod:
-    """Block Lanczos on the factor that the static shapes need anyway (`flexmbd.continuum.matrices.eigen`)."""
+    """Block Lanczos on the factor that the static shapes need anyway (`flexmbd.continuum.matrices.eigen`).
+
+    Without a whole factor Davidson's method in blocks (`flexmbd.reduction.modes.davidson`), averaged interfaces apart.
+    """
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ModesWarning, ReductionError, warn
+from flexmbd.reduction.modes.davidson import DavidsonSearch
 from flexmbd.reduction.modes.eigensolver import BlockMethod, Eigensolver, ModeSearch
 from flexmbd.reduction.modes.mode_count import (
     RequestedModes,
@@ -205,7 +206,17 @@ def _mode_search(
         raise ReductionError("with its interfaces fixed the body has no modes; ask for modes=0 or refine the mesh")
     start = np.asfortranarray(start)
     if isinstance(eigensolver, BlockMethod):
-        return eigen.BlockLanczos(statics.solve, statics.M, start=start, limit=limit)
+        if statics.is_exact or statics.held_averages is not None:
+            return eigen.BlockLanczos(statics.solve, statics.M, start=start, limit=limit)
+        return DavidsonSearch(
+            statics.stiffness,
+            statics.M,
+            statics.approximate,
+            statics.noise,
+            start=start,
+            size=statics.size,
+            limit=limit,
+        )
     return slepc_search(statics, eigensolver, start=start)
 
 

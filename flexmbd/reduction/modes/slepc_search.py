@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
-
-from flexmbd.continuum.matrices.blocks import FloatArray, multiply
+from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.modes.eigensolver import KrylovSchur, ModeSearch, SpectrumSlicing
 from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch, SlicingSearch
@@ -27,14 +25,9 @@ def slepc_search(statics: Statics, choice: KrylovSchur | SpectrumSlicing, *, sta
     """
     model, mask = statics.model, statics.mask
 
-    def stiffness(block: FloatArray) -> FloatArray:
-        whole = np.zeros((len(mask), block.shape[1]), order="F")
-        whole[mask] = block
-        return np.asfortranarray(multiply(model.K, whole)[mask])
-
     arguments = {
         "solve": statics.solve,
-        "stiffness": stiffness,
+        "stiffness": statics.stiffness,
         "mass": statics.M,
         "start": start,
         "size": statics.size,

@@ -53,6 +53,10 @@ class CompressedInverse:
         """
         return self._iteration.solve(block)
 
+    def approximate(self, block: FloatArray) -> FloatArray:
+        """The compressed factor alone in the place of K_II^-1. Collective."""
+        return self._factor.solve(block)
+
     def destroy(self) -> None:
         """Give the memory back. Collective."""
         self._factor.destroy()

@@ -56,16 +56,18 @@ class ConjugateGradients:
         return result
 
     def _solve(self, loads: FloatArray) -> FloatArray:
-        size = self._dots(loads, self.precondition(loads))
+        image = self.precondition(loads)
+        size = self._dots(loads, image)
         x: FloatArray = np.zeros(loads.shape, order="F")
         rest, iterations, worst = loads, 0, np.inf
         goal = _TOLERANCE**2 * size
         for _ in range(_STARTS):
-            correction, more = self._iterate(rest, goal)
+            correction, more = self._iterate(rest, goal, image)
             x += correction
             iterations += more
             rest = loads - self.product(x)
-            left = self._dots(rest, self.precondition(rest))
+            image = self.precondition(rest)
+            left = self._dots(rest, image)
             last, worst = worst, _largest(left, size)
             if worst <= _BOUND:
                 return x
@@ -88,16 +90,16 @@ class ConjugateGradients:
         noise = np.asfortranarray(signs * self.noise(x))
         return self._dots(noise, self.precondition(noise))
 
-    def _iterate(self, loads: FloatArray, goal: FloatArray) -> tuple[FloatArray, int]:
+    def _iterate(self, loads: FloatArray, goal: FloatArray, image: FloatArray) -> tuple[FloatArray, int]:
         """A solution by recurrences, and the number of iterations (Hestenes & Stiefel 1952). Collective.
 
         Args:
             loads: (rows of this rank, k).
             goal: (k,) squares of the norms of residuals at which it ends.
+            image: (rows of this rank, k), preconditioned loads.
         """
         x: FloatArray = np.zeros(loads.shape, order="F")
         rest = loads.copy(order="F")
-        image = self.precondition(rest)
         direction = image.copy(order="F")
         left = self._dots(rest, image)
         for iteration in range(_ITERATIONS):
@@ -153,6 +155,12 @@ class MultigridInverse:
         loads = np.zeros((len(self._mask), block.shape[1]), order="F")
         loads[self._mask] = self._scale * block
         return np.asfortranarray(self._scale * self._iteration.solve(loads)[self._mask])
+
+    def approximate(self, block: FloatArray) -> FloatArray:
+        """One multigrid cycle in the place of K_II^-1. Collective."""
+        loads = np.zeros((len(self._mask), block.shape[1]), order="F")
+        loads[self._mask] = self._scale * block
+        return np.asfortranarray(self._scale * self._iteration.precondition(loads)[self._mask])
 
 
 @contextmanager

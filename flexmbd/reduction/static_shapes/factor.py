@@ -94,6 +94,10 @@ class Factor:
         right.destroy()
         return solution
 
+    def approximate(self, block: FloatArray) -> FloatArray:
+        """The same as `solve`. Collective."""
+        return self.solve(block)
+
     @property
     def negative_pivots(self) -> int:
         """How many negative eigenvalues the matrix has; of one that was not said to be definite."""

@@ -48,6 +48,9 @@ class Inverse(Protocol):
     def solve(self, block: FloatArray) -> FloatArray:
         """K_II^-1 times a block (interior dofs of this rank, k), N or what K_II is to be solved for. Collective."""
 
+    def approximate(self, block: FloatArray) -> FloatArray:
+        """Nearly that, at the least cost: symmetric, positive definite where K_II is. Collective."""
+
 
 class HeldFactor:
     """K_II^-1 by a factor that can be given up while another one needs its memory, and is then made again.
@@ -55,6 +58,7 @@ class HeldFactor:
     Attributes:
         name: of the method, for the record's provenance.
         memory: bytes on all ranks, by MUMPS's estimate.
+        tolerance: to which it is compressed; 0: it is not.
     """
 
     def __init__(self, make: Callable[[], Factor | CompressedInverse]) -> None:
@@ -62,17 +66,19 @@ class HeldFactor:
         self._make = make
         self._factor: Factor | CompressedInverse | None = make()
         self.name, self.memory = self._factor.name, self._factor.memory
-
-    @property
-    def tolerance(self) -> float:
-        """To which it is compressed; 0: it is not."""
-        return TOLERANCE if isinstance(self._factor, CompressedInverse) else 0.0
+        self.tolerance = TOLERANCE if isinstance(self._factor, CompressedInverse) else 0.0
 
     def solve(self, block: FloatArray) -> FloatArray:
         """As in `Inverse`."""
         if self._factor is None:
             self._factor = self._make()
         return self._factor.solve(block)
+
+    def approximate(self, block: FloatArray) -> FloatArray:
+        """As in `Inverse`."""
+        if self._factor is None:
+            self._factor = self._make()
+        return self._factor.approximate(block)
 
     def release(self) -> None:
         """Give the memory back. Collective."""

@@ -25,6 +25,7 @@ from flexmbd.continuum.finite_elements.interface import AveragedInterface, Found
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_forces
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.matrices.eigen import BlockOperator
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.constraint import Constraint, constrain
 from flexmbd.reduction.static_shapes.factor import SINGULAR
@@ -133,6 +134,16 @@ class Statics:
         return int(self.M.getSize()[0]) - 6 * held
 
     @property
+    def is_exact(self) -> bool:
+        """Whether one solution with the stiffness is as cheap as an approximate one."""
+        return self.has_factor and self.tolerance == 0.0
+
+    @property
+    def _free(self) -> RigidModes | None:
+        """The rigid modes of a body that nothing holds."""
+        return self.rigid if self._supported else None
+
+    @property
     def _supported(self) -> bool:
         """Whether no interface is rigid and no support there, so that six dofs hold the body."""
         return not (_rigid(self.interfaces) or self.model.supports)
@@ -161,10 +172,28 @@ class Statics:
             The same shape, m. Of a body without interfaces: the deformation under the loads and the
             inertia forces they cause.
         """
-        displacement = _flexibility(self._interior, self.rigid if self._supported else None, block)
+        displacement = _flexibility(self._interior, self._interior.solve, self._free, block)
         if self._constraint is None:
             return displacement
         return self._constraint.held(displacement, block)
+
+    def approximate(self, block: FloatArray) -> FloatArray:
+        """Nearly `solve`, at the least cost, of a body without averaged interfaces. Collective."""
+        return _flexibility(self._interior, self._interior.inverse.approximate, self._free, block)
+
+    def stiffness(self, block: FloatArray) -> FloatArray:
+        """K times displacements (rows of `mask`, k) with all interfaces fixed, N, on the same rows. Collective."""
+        return np.asfortranarray(multiply(self.model.K, self._on_all(block))[self.mask])
+
+    def noise(self, block: FloatArray) -> FloatArray:
+        """Sizes of the round-off of `stiffness`, N. Collective."""
+        with round_off(self.model.K) as measure:
+            return np.asfortranarray(measure.forces(self._on_all(block))[self.mask])
+
+    def _on_all(self, block: FloatArray) -> FloatArray:
+        whole = np.zeros((len(self.mask), block.shape[1]), order="F")
+        whole[self.mask] = block
+        return whole
 
     def held_response(self, loads: FloatArray) -> FloatArray:
         """`solve` on all owned dofs: (owned dofs, k), m, under loads (owned dofs, k), N. Collective."""
@@ -370,7 +399,7 @@ def body_statics(
             free = rigid if supported else None
             constraint = constrain(
                 model.comm,
-                lambda block: _flexibility(interior, free, block),
+                lambda block: _flexibility(interior, interior.solve, free, block),
                 _average_columns(model, interfaces, axes=R)[mask],
                 rigid=np.zeros((int(mask.sum()), 0)) if free is None else free.motions,
                 names=[one.name for one in averaged],
@@ -409,13 +438,18 @@ def _averaged(interfaces: Sequence[FoundInterface]) -> list[AveragedInterface]:
     return [one for one in interfaces if isinstance(one, AveragedInterface)]
 
 
-def _flexibility(interior: InteriorStiffness, free: RigidModes | None, block: FloatArray) -> FloatArray:
-    """A times a block: K_II^-1, or the elastic flexibility of a body that nothing holds. Collective."""
+def _flexibility(
+    interior: InteriorStiffness, solve: BlockOperator, free: RigidModes | None, block: FloatArray
+) -> FloatArray:
+    """A times a block: K_II^-1, or the elastic flexibility of a body that nothing holds. Collective.
+
+    By `solve`, the interior's inverse or nearly that.
+    """
     if free is None:
-        return interior.solve(block)
+        return solve(block)
     loads = free.balanced(block)
     displacement = np.zeros(loads.shape, order="F")
-    displacement[interior.mask] = interior.solve(np.asfortranarray(loads[interior.mask]))
+    displacement[interior.mask] = solve(np.asfortranarray(loads[interior.mask]))
     return np.asfortranarray(free.deformation(displacement))
 
 
