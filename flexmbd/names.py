@@ -29,6 +29,9 @@ from flexmbd.integrate.explicit.tableau import Pair as Pair
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA
 from flexmbd.linearized import LinearizedMachine as LinearizedMachine
 from flexmbd.linearized import StateSpace as StateSpace
+from flexmbd.monitors.hot_spots import HotSpot as HotSpot
+from flexmbd.monitors.hot_spots import StressMeasure as StressMeasure
+from flexmbd.monitors.hot_spots import hot_spots as hot_spots
 from flexmbd.monitors.yield_history import YieldHistory as YieldHistory
 from flexmbd.monitors.yield_history import YieldPoint as YieldPoint
 from flexmbd.monitors.yield_monitor import YieldMonitor as YieldMonitor

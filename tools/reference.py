@@ -49,6 +49,7 @@ PAGES = {
         "Reduced bodies",
         "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "
         "ModalStretch NodalModes StressModes StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
+        "hot_spots HotSpot StressMeasure "
         "yielding_slabs",
         "",
     ),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.monitors.watched_nodes import PointFilter, places, stress_modes, watched_nodes
 from flexmbd.monitors.yield_history import YieldHistory, YieldPoint
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.record.groups import StressModes
@@ -18,7 +19,6 @@ from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-PointFilter = Callable[[FloatArray], NDArray[np.bool_]]
 
 # Nodes and instants at a time, so that what is written stays in the processor's cache.
 _NODES, _INSTANTS = 256, 128
@@ -159,42 +159,19 @@ class YieldMonitor:
 
     @property
     def _modes(self) -> StressModes:
-        stress = self.body.record.stress
-        if stress is None:
-            raise SceneError(
-                f"{self._name}: its record holds no stress modes; reduce it with keep=Keep(stress=True), as in "
-                "craig_bampton(model, ..., keep=Keep(stress=True))"
-            )
-        return stress
+        return stress_modes(self.body, name=self._name)
 
     @cached_property
     def _places(self) -> FloatArray:
         """All nodes in the mesh's axes."""
-        record = self.body.record
-        return self._modes.x @ record.R_MB.T + record.p_MB_M
+        return places(self.body, self._modes)
 
     @cached_property
     def _watched(self) -> IntArray:
         """Rows of the stress modes."""
-        chosen = np.ones(len(self._modes.node), dtype=bool)
-        held = self._modes.interface >= 0
-        if self.clearance is not None and held.any():
-            from scipy.spatial import cKDTree  # on need: 0.1 s
-
-            distance, _ = cKDTree(self._modes.x[held]).query(self._modes.x)
-            chosen &= distance > self.clearance
-        if self.where is not None:
-            try:
-                inside = np.asarray(self.where(self._places.T))
-            except Exception as reason:
-                raise SceneError(f"{self._name}: `where` raised {type(reason).__name__}: {reason}") from reason
-            if inside.shape != chosen.shape or inside.dtype != np.bool_:
-                raise SceneError(
-                    f"{self._name}: `where` of points (3, n) must return n truth values, got {inside.dtype} "
-                    f"{inside.shape} for n = {len(chosen)}"
-                )
-            chosen &= inside
-        return np.flatnonzero(chosen)
+        return watched_nodes(
+            self.body, self._modes, clearance=self.clearance, where=self.where, name=self._name
+        )
 
     @cached_property
     def _rows(self) -> tuple[FloatArray, ...]:
