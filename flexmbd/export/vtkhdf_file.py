@@ -16,15 +16,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flexmbd.errors import ExportError, RecordError
+from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_body
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
-from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.interiors.observed import InteriorMesh
-from flexmbd.record.groups import FloatArray, IntArray, Surface
+from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.trajectory import Trajectory
+from flexmbd.visual.drawn_scene import drawn_scene
+from flexmbd.visual.part import Part, placed
 
 if TYPE_CHECKING:
     import h5py
@@ -78,85 +79,66 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
 
 
 def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> tuple[str, ...]:
-    """Write the surfaces of a machine's bodies that deform, moving, for ParaView. Not collective; the root writes.
+    """Write a machine on its way, for ParaView: what a film shows of its bodies. Not collective; the root writes.
 
     One mesh in the inertial frame, with the vector ``displacement`` (m, in inertial axes: of the deformation, without
     the body frame's motion) at its points and ``body`` at its triangles: the number, from 0, of the body in the
-    dataset ``/bodies``, which holds their names.  Bodies with history are there as they were recorded, linear between
+    dataset ``/bodies``, which holds their names.  Bodies are there by their shapes or surfaces, others by sticks and
+    balls, the ground by its shape.  Bodies with history are there as they were recorded, linear between
     the instants, with their scalar fields (``von_mises`` in Pa, ``plastic_strain``, ...; not a number on other bodies).
 
     Args:
-        run: of a machine with bodies whose records have `surface`, or with recorded bodies with history.
+        run: of any machine.
         path: destination.
         t: (k,) s, ascending instants; by default those of the recording, or without one those of the steps.
 
     Returns:
-        What is not in the file, a phrase each: the bodies without a surface.
+        What is not in the file, a phrase each: bodies that are shown by symbols alone.
 
     Raises:
-        ExportError: no body has a surface, the instants do not ascend, or the destination cannot be written.
+        ExportError: the instants do not ascend, or the destination cannot be written.
         SceneError: an instant outside the trajectory.
     """
     own = run.recordings[0].t if run.recordings else run.t
     instants = np.atleast_1d(own if t is None else np.asarray(t, dtype=np.float64))
     if instants.ndim != 1 or len(instants) == 0 or not (np.diff(instants) > 0.0).all():
         raise ExportError("t must be instants that ascend, each once")
-    surfaces = [_Skin.of(run, body, instants) for body in run.bodies.values() if _surface(body) is not None]
-    recorded = [_RecordedSkin.of(one, instants) for one in run.recordings]
-    skins: list[_Skin | _RecordedSkin] = [*surfaces, *recorded]
-    if not skins:
-        raise ExportError(
-            "no body of this machine has a surface to show: reduce flexible ones with keep=Keep(surface=True), "
-            "simulate bodies with history with recording=fm.Recording(...)"
-        )
-    parts = [part for one in run.recordings if one.body is not None for part in one.body.parts]
-    bare = [
-        name for name, body in run.bodies.items() if _surface(body) is None and not any(body is part for part in parts)
-    ]
+    frames = [part for one in run.recordings if one.body is not None for part in one.body.parts]
+    shown = {name: body for name, body in run.bodies.items() if not any(body is part for part in frames)}
+    scene = drawn_scene(run, instants, notes=[""] * len(instants))
+    parts = [part for part in (*scene.parts, *scene.fixed) if part.label in {*shown, run.scene.parts.ground.name}]
+    skins: list[_Skin | _RecordedSkin] = [_Skin(part.label, part) for part in parts]
+    skins += [_RecordedSkin.of(one, instants) for one in run.recordings]
+    covered = [body for part in scene.parts for body in part.covers]
+    bare = [name for name, body in shown.items() if not any(body is other for other in covered)]
     if run.team.is_root:
         points = len(instants) * sum(skin.size for skin in skins)
         size = points * (36 + 4 * len({name for skin in skins for name in skin.fields}))
         _write(path, lambda file: _fill(file, skins, instants), size=size)
-    return (f"bodies without a surface: {', '.join(bare)}",) if bare else ()
+    return (f"bodies shown by symbols, for want of a shape or a surface: {', '.join(bare)}",) if bare else ()
 
 
 @dataclass(frozen=True, eq=False)
 class _Skin:
-    """A body's surface and its motion.
-
-    p (nt, 3), R (nt, 3, 3) of the body frame in the inertial one; q (nt, n).
-    """
+    """What a film shows of a body."""
 
     name: str
-    surface: Surface
-    p: FloatArray
-    R: FloatArray
-    q: FloatArray
-
-    @classmethod
-    def of(cls, run: Trajectory, body: Body, t: FloatArray) -> _Skin:
-        surface = _surface(body)
-        if surface is None:
-            raise RecordError(f"body {body.name!r} has no surface")
-        frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
-        return cls(body.name, surface, run.position(frame, t=t), run.rotation(frame, t=t), run.q(body, t=t))
-
+    part: Part
     fields = ()
 
     @property
     def triangle(self) -> IntArray:
         """(t, 3) vertices."""
-        return self.surface.triangle
+        return self.part.triangle
 
     @property
     def size(self) -> int:
         """How many vertices."""
-        return len(self.surface.x)
+        return len(self.part.x)
 
     def at(self, k: int) -> tuple[FloatArray, FloatArray]:
         """(v, 3) places and displacements at instant k, in the inertial frame."""
-        moved = (self.surface.phi @ self.q[k]) @ self.R[k].T
-        return self.p[k] + self.surface.x @ self.R[k].T + moved, moved
+        return placed(self.part, k)[0], self.part.displacement(k) @ self.part.pose[k, :3, :3].T
 
     def value(self, field: str, k: int) -> FloatArray:
         """(v,) a field at instant k; it has none."""
@@ -204,11 +186,6 @@ class _RecordedSkin:
         return self.recording.between(field, self.t[k])[0, self.shown]
 
 
-def _surface(body: Body) -> Surface | None:
-    record = body.reduced()
-    return None if record is None else record.surface
-
-
 def _fill(file: h5py.File, skins: list[_Skin | _RecordedSkin], t: FloatArray) -> None:
     sizes = [skin.size for skin in skins]
     starts = np.cumsum([0, *sizes])
@@ -228,7 +205,8 @@ def _fill(file: h5py.File, skins: list[_Skin | _RecordedSkin], t: FloatArray) ->
             points[rows], moves[rows] = skin.at(k)
             for name in skin.fields:
                 values[name][rows] = skin.value(name, k)
-    numbers = np.arange(len(skins), dtype=np.int32)
+    bodies = list(dict.fromkeys(skin.name for skin in skins))
+    numbers = np.array([bodies.index(skin.name) for skin in skins], dtype=np.int32)
     root["CellData/body"] = np.repeat(numbers, [len(skin.triangle) for skin in skins])
     steps, whole = root.create_group("Steps"), np.zeros(len(t), np.int64)
     steps.attrs["NSteps"] = len(t)
@@ -241,7 +219,7 @@ def _fill(file: h5py.File, skins: list[_Skin | _RecordedSkin], t: FloatArray) ->
     # the triangles are those of the first instant at all of them
     steps["CellOffsets"] = steps["ConnectivityIdOffsets"] = whole[:, None]
     steps["CellDataOffsets/body"] = whole
-    file["bodies"] = [skin.name for skin in skins]
+    file["bodies"] = bodies
 
 
 def _grid(file: h5py.File, n: int, cells: IntArray) -> Any:

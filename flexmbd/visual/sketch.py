@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.shape import Shape
+from flexmbd.multibody.bodies.solid import unit_ball, unit_tube
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.scene_index import IdentityMap
@@ -25,6 +26,7 @@ from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.skin import surface_of
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: Of the axes of a frame: x, y and z.
 AXES = ("#c44e52", "#55a868", "#4c72b0")
@@ -129,40 +131,38 @@ def cylinder(a: FloatArray, b: FloatArray, radius: float, colour: str, label: st
     norm = np.linalg.norm(x, axis=1, keepdims=True)
     x = x / np.where(norm > 0.0, norm, 1.0)
     columns = np.stack([radius * x, radius * np.cross(z, x), length * z], axis=2)
-    unit = unit_cylinder()
-    return RigidPart(label, colour, unit.points, unit.triangles, pose_matrix(a, columns))
+    return RigidPart(label, colour, *unit_cylinder(), pose_matrix(a, columns))
 
 
 def ball(p: FloatArray, radius: float, colour: str, label: str) -> RigidPart:
     """A ball at p (nt, 3) m."""
-    unit = unit_ball()
     pose = pose_matrix(p, np.broadcast_to(radius * np.eye(3), (len(p), 3, 3)))
-    return RigidPart(label, colour, unit.points, unit.triangles, pose)
+    return RigidPart(label, colour, *small_ball(), pose)
 
 
 def box(pose: Pose, half: Sequence[float], colour: str, label: str) -> RigidPart:
     """A box with half sides ``half`` (m) along the axes of a frame."""
-    unit = unit_box()
-    matrix = pose_matrix(pose.p, pose.R * np.asarray(half))
-    return RigidPart(label, colour, unit.points, unit.triangles, matrix)
+    return RigidPart(label, colour, *unit_box(), pose_matrix(pose.p, pose.R * np.asarray(half)))
 
 
 @cache
-def unit_cylinder() -> Shape:
-    """Of radius 1, from z = 0 to 1."""
-    return Shape.cylinder(1.0, 1.0, at=(0.0, 0.0, 0.5))
+def unit_cylinder() -> tuple[FloatArray, IntArray]:
+    """Points and triangles, of radius 1, from z = 0 to 1; fewer than shapes have, for there are many."""
+    x, triangles = unit_tube(sides=20)
+    return x + np.array([0.0, 0.0, 0.5]), triangles
 
 
 @cache
-def unit_ball() -> Shape:
-    """Of radius 1."""
-    return Shape.sphere(1.0)
+def small_ball() -> tuple[FloatArray, IntArray]:
+    """Points and triangles, of radius 1."""
+    return unit_ball(10, 20)
 
 
 @cache
-def unit_box() -> Shape:
-    """Of half sides 1."""
-    return Shape.box((2.0, 2.0, 2.0))
+def unit_box() -> tuple[FloatArray, IntArray]:
+    """Points and triangles, of half sides 1."""
+    box = Shape.box((2.0, 2.0, 2.0))
+    return box.points, box.triangles
 
 
 def _joints(trajectory: RecordedMotion) -> list[Connection]:

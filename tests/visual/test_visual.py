@@ -263,9 +263,9 @@ def test_symbols_are_where_the_bodies_are(machine):
     times = 0.025 * np.arange(5.0)
     drawn = machine_parts(machine, times)
     crank, rod, piston = (machine.bodies[name] for name in ("crank", "rod", "piston"))
-    units = {"cylinder": sketch.unit_cylinder(), "ball": sketch.unit_ball(), "box": sketch.unit_box()}
+    units = {"cylinder": sketch.unit_cylinder(), "ball": sketch.small_ball(), "box": sketch.unit_box()}
     parts = {
-        (name, part.label): part for part in drawn.parts for name, unit in units.items() if part.x is unit.points
+        (name, part.label): part for part in drawn.parts for name, (x, _) in units.items() if part.x is x
     }
     stick = parts["cylinder", "rod"]
     assert stick.colour == drawn.legend["rod"]

@@ -94,7 +94,7 @@ class Solid:
         """An ellipsoid about the origin: semi-axes (3,) m along the axes, density kg/m^3."""
         a = _lengths(semi_axes, "semi-axes of an ellipsoid")
         volume = 4.0 / 3.0 * np.pi * float(a.prod())
-        return cls._even(volume, a**2 / 5.0, density, Outline(*_unit_ball(), a))
+        return cls._even(volume, a**2 / 5.0, density, Outline(*unit_ball(), a))
 
     @classmethod
     def cylinder(cls, radius: float, length: float, *, density: float, bore: float = 0.0) -> Solid:
@@ -107,7 +107,7 @@ class Solid:
             )
         across = (r**2 + inner**2) / 4.0
         volume = np.pi * (r**2 - inner**2) * h
-        points, triangles = _unit_tube(inner / r)
+        points, triangles = unit_tube(inner / r)
         outline = Outline(points, triangles, np.array([r, r, h]))
         return cls._even(volume, (across, across, h**2 / 12.0), density, outline)
 
@@ -190,15 +190,15 @@ def _unit_box() -> tuple[FloatArray, IntArray]:
 
 
 @cache
-def _unit_ball() -> tuple[FloatArray, IntArray]:
+def unit_ball(rings: int = _RINGS, around: int = _AROUND) -> tuple[FloatArray, IntArray]:
     """Points and triangles of a ball of radius one: rings about z, and two poles."""
-    down, round_ = np.pi * np.arange(1, _RINGS) / _RINGS, 2 * np.pi * np.arange(_AROUND) / _AROUND
-    ring = np.stack([np.cos(round_), np.sin(round_), np.zeros(_AROUND)], axis=1)
-    rings = np.sin(down)[:, None, None] * ring + np.cos(down)[:, None, None] * [0.0, 0.0, 1.0]
-    points = np.vstack([rings.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
-    rows = np.arange((_RINGS - 1) * _AROUND).reshape(_RINGS - 1, _AROUND)
+    down, round_ = np.pi * np.arange(1, rings) / rings, 2 * np.pi * np.arange(around) / around
+    ring = np.stack([np.cos(round_), np.sin(round_), np.zeros(around)], axis=1)
+    places = np.sin(down)[:, None, None] * ring + np.cos(down)[:, None, None] * [0.0, 0.0, 1.0]
+    points = np.vstack([places.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    rows = np.arange((rings - 1) * around).reshape(rings - 1, around)
     after = np.roll(rows, -1, axis=1)
-    top, bottom = np.full(_AROUND, rows.size), np.full(_AROUND, rows.size + 1)
+    top, bottom = np.full(around, rows.size), np.full(around, rows.size + 1)
     bands = [
         (top, rows[0], after[0]),
         (rows[:-1], rows[1:], after[1:]),
@@ -209,26 +209,26 @@ def _unit_ball() -> tuple[FloatArray, IntArray]:
 
 
 @cache
-def _unit_tube(bore: float) -> tuple[FloatArray, IntArray]:
+def unit_tube(bore: float = 0.0, sides: int = _SIDES) -> tuple[FloatArray, IntArray]:
     """Points and triangles of a tube of outer radius and length one about the origin along z; bore 0: a cylinder."""
-    turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)], axis=1)
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(sides)], axis=1)
     up = np.array([0.0, 0.0, 0.5])
-    here = np.arange(_SIDES)
+    here = np.arange(sides)
     after = np.roll(here, -1)
-    low, high = here, here + _SIDES
-    sides = [(low, after, high), (after, after + _SIDES, high)]
+    low, high = here, here + sides
+    faces = [(low, after, high), (after, after + sides, high)]
     if bore == 0.0:
         points = np.vstack([ring - up, ring + up, [-up, up]])
-        foot, head = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
-        sides += [(foot, after, low), (head, high, after + _SIDES)]
+        foot, head = np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+        faces += [(foot, after, low), (head, high, after + sides)]
     else:
         points = np.vstack([ring - up, ring + up, bore * ring - up, bore * ring + up])
-        n = 2 * _SIDES
-        sides += [(low + n, high + n, after + n), (after + n, high + n, after + high[0] + n)]
-        sides += [(low, low + n, after), (after, low + n, after + n)]
-        sides += [(high, after + _SIDES, high + n), (after + _SIDES, after + _SIDES + n, high + n)]
-    return points, np.vstack([np.stack(part, axis=1) for part in sides])
+        n = 2 * sides
+        faces += [(low + n, high + n, after + n), (after + n, high + n, after + high[0] + n)]
+        faces += [(low, low + n, after), (after, low + n, after + n)]
+        faces += [(high, after + sides, high + n), (after + sides, after + sides + n, high + n)]
+    return points, np.vstack([np.stack(part, axis=1) for part in faces])
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
