@@ -7,6 +7,7 @@ from pathlib import Path
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import SUFFIXES
 from flexmbd.scene_file import values as v
+from flexmbd.scene_file.controller_entry import read_controller
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
 from flexmbd.scene_file.event_entry import read_event
 from flexmbd.scene_file.scene_description import (
@@ -41,7 +42,7 @@ def read_scene(path: str | Path) -> SceneFile:
             what was expected, and for a key or name that is not known the nearest one.
     """
     top = read_toml(path, kind=SceneError)
-    top.allow(("gravity", "ground", "body", "joint", "force", "coupling", "event", "simulate", "output"))
+    top.allow(("gravity", "ground", "body", "joint", "force", "coupling", "event", "controller", "simulate", "output"))
     sections = top.tables("body")
     if not sections:
         top.fail("body", "a scene needs at least one, headed [[body]]")
@@ -69,6 +70,7 @@ def read_scene(path: str | Path) -> SceneFile:
         run,
         _output(output, names, run),
         _ground(top, folder),
+        tuple(read_controller(one, names) for one in top.tables("controller")),
     )
 
 

@@ -14,24 +14,30 @@ from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.files.python_file import PythonFiles
 from flexmbd.force import Force
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.motion.quantity import Acceleration, Position, Velocity
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.run.event import Event, Moment
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, JOINTS
 from flexmbd.scene_file.scene_description import (
     BodyName,
+    ControllerEntry,
     Crossing,
     EventEntry,
     FramePlace,
     FunctionPlace,
     JointName,
+    Measured,
     RecordEntry,
     RigidEntry,
     SceneFile,
     ShapedEntry,
+    SignalName,
 )
 from flexmbd.scene_file.shapes import make_shape
+from flexmbd.scene_file.values import nearest
 from flexmbd.system import System
 
 
@@ -45,6 +51,7 @@ class Built:
         joints: by their names.
         forces: by their places in the file.
         events: what to look for while it moves, in the file's order.
+        signals: by their names.
     """
 
     system: System
@@ -52,6 +59,7 @@ class Built:
     joints: Mapping[str, Connection]
     forces: Mapping[str, Force]
     events: list[Event] = field(default_factory=list, init=False)
+    signals: dict[str, Signal] = field(default_factory=dict, init=False)
     _files: PythonFiles = field(default_factory=lambda: PythonFiles(SceneError), init=False)
 
     def frame(self, place: FramePlace) -> Frame:
@@ -65,6 +73,14 @@ class Built:
             return body.frame(place.interface)
         return body.frame((0.0, 0.0, 0.0) if place.p is None else place.p, R=place.R)
 
+
+    def signal(self, place: SignalName) -> Signal:
+        """The signal of a name, the same wherever it stands.
+
+        Raises:
+            SceneError: its initial value is not finite.
+        """
+        return self.signals.setdefault(place.name, Signal(place.name, place.initial))
 
     def function(self, place: FunctionPlace) -> Any:
         """The function at a place; its file is run when the first of its functions is asked for.
@@ -131,6 +147,9 @@ def build(scene: SceneFile) -> Built:
     for event in scene.events:
         with _at(scene, event.place, event.name):
             built.events.append(_event(built, event))
+    for entry in scene.controllers:
+        with _at(scene, entry.place, entry.name):
+            _add_controller(built, entry)
     return built
 
 
@@ -138,6 +157,26 @@ def _event(built: Built, entry: EventEntry) -> Event:
     function: Callable[[Moment], Any] = _resolved_value(built, entry.function)
     action = None if entry.action is None else built.function(entry.action)
     return Event(function, entry.direction, entry.stop, action, entry.name)
+
+
+def _add_controller(built: Built, entry: ControllerEntry) -> None:
+    """Put a controller into the scene.
+
+    Raises:
+        SceneError: its law is no function, no load has a signal that it sets, or as ``System.add_controller``.
+    """
+    for signal in entry.inputs:
+        if signal.name not in built.signals:
+            raise SceneError(f"no load has the signal {signal.name!r}; {nearest(signal.name, built.signals)}")
+    built.system.add_controller(
+        built.function(entry.step),
+        period=entry.period,
+        measurements=[_resolved_value(built, one) for one in entry.measurements],
+        inputs=[built.signal(signal) for signal in entry.inputs],
+        offset=entry.offset,
+        state=entry.state,
+        name=entry.name,
+    )
 
 
 def _crossing(built: Built, crossing: Crossing) -> Callable[[Moment], float]:
@@ -187,6 +226,10 @@ def _resolved_value(built: Built, value: object) -> Any:
             return built.bodies[name]
         case FunctionPlace():
             return built.function(value)
+        case SignalName():
+            return built.signal(value)
+        case Measured(of, order):
+            return (Position, Velocity, Acceleration)[order](_resolved_value(built, of))
         case Crossing():
             return _crossing(built, value)
         case tuple():

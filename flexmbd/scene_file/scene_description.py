@@ -49,6 +49,14 @@ class FunctionPlace:
 
 
 @dataclass(frozen=True)
+class SignalName:
+    """A signal of the scene, and its value before it is set; one of the same name is the same signal."""
+
+    name: str
+    initial: float = 0.0
+
+
+@dataclass(frozen=True)
 class FramePlace:
     """A frame on a body.
 
@@ -120,7 +128,7 @@ class JointEntry:
     child: FramePlace
     position: Vector | None
     velocity: Vector | None
-    motion: TimeFunction | FunctionPlace | None
+    motion: TimeFunction | FunctionPlace | SignalName | None
 
 
 @dataclass(frozen=True)
@@ -150,6 +158,28 @@ class EventEntry:
     direction: Direction
     stop: bool
     action: FunctionPlace | None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The place (0), velocity (1) or acceleration (2) of a joint or a frame."""
+
+    of: JointName | FramePlace
+    order: int
+
+
+@dataclass(frozen=True)
+class ControllerEntry:
+    """A sampled controller: its law, s between samples, what it measures, what it sets."""
+
+    name: str
+    place: str
+    step: FunctionPlace
+    period: float
+    measurements: tuple[Measured | SignalName | FunctionPlace, ...]
+    inputs: tuple[SignalName, ...]
+    offset: float
+    state: Vector | None
 
 
 @dataclass(frozen=True)
@@ -199,3 +229,4 @@ class SceneFile:
     run: RunEntry
     output: OutputEntry
     floor: tuple[ShapeEntry, ...] = ()
+    controllers: tuple[ControllerEntry, ...] = ()

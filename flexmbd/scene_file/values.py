@@ -10,7 +10,14 @@ import numpy as np
 
 from flexmbd.multibody.functions.spline_table import Beyond, Table
 from flexmbd.multibody.functions.time_function import Sine, TimeFunction
-from flexmbd.scene_file.scene_description import GROUND, BodyName, FramePlace, FunctionPlace, JointName
+from flexmbd.scene_file.scene_description import (
+    GROUND,
+    BodyName,
+    FramePlace,
+    FunctionPlace,
+    JointName,
+    SignalName,
+)
 from flexmbd.toml_file import TomlSection
 
 _FORMS = '"body", "body:interface", or { body = "name", p = [x, y, z] }'
@@ -84,12 +91,12 @@ def _function(section: TomlSection, key: str, *, takes_scene: bool) -> FunctionP
     return FunctionPlace(section.file.parent / file, name, section.path(key), takes_scene)
 
 
-def time_function(section: TomlSection, key: str, names: Names) -> TimeFunction | FunctionPlace:
+def time_function(section: TomlSection, key: str, names: Names) -> TimeFunction | FunctionPlace | SignalName:
     """A number, a sine, a table or a user's function over time."""
     return time_function_of(section, section.need(key), key)
 
 
-def time_function_of(section: TomlSection, value: object, key: str) -> TimeFunction | FunctionPlace:
+def time_function_of(section: TomlSection, value: object, key: str) -> TimeFunction | FunctionPlace | SignalName:
     """A value, which stands at a key, as a function of time."""
     if not isinstance(value, dict):
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -102,11 +109,14 @@ def time_function_of(section: TomlSection, value: object, key: str) -> TimeFunct
     inner = section.table_of(value, key)
     if inner.has("t") or inner.has("y"):
         return _points(inner, "t", "y")
+    if inner.has("signal"):
+        inner.allow(("signal", "initial"))
+        return SignalName(inner.text("signal"), inner.number("initial") if inner.has("initial") else 0.0)
     if inner.has("law"):
         inner.allow(("law", "breaks"))
         law = _function(inner, "law", takes_scene=False)
         return replace(law, breaks=inner.numbers("breaks")) if inner.has("breaks") else law
-    inner.allow(("amplitude", "omega", "phase", "offset", "t", "y", "law"))
+    inner.allow(("amplitude", "omega", "phase", "offset", "t", "y", "law", "signal"))
     more = {name: inner.number(name) for name in ("phase", "offset") if inner.has(name)}
     return Sine(inner.number("amplitude"), inner.number("omega"), **more)
 
@@ -140,7 +150,7 @@ def _beyond(inner: TomlSection) -> Beyond:
 
 def three_time_functions(
     section: TomlSection, key: str, names: Names
-) -> tuple[TimeFunction | FunctionPlace, ...]:
+) -> tuple[TimeFunction | FunctionPlace | SignalName, ...]:
     """Three components, each a function of time."""
     value = section.need(key)
     if not isinstance(value, list) or len(value) != 3:
