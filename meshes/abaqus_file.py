@@ -45,6 +45,10 @@ _REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _DEEPEST = 10
 
 
+# Numbers in one set.
+_MOST = 10**9
+
+
 @dataclass(frozen=True)
 class _Block:
     """A keyword, its options by their names in capitals, and the lines below it."""
@@ -155,6 +159,8 @@ class _Reader:
                         f"{self._path}: *{option} {name!r}: GENERATE needs first, last and step, got {line!r}"
                     )
                 first, last, step = [*bounds, 1][:3]
+                if (last - first) / step > _MOST:
+                    raise MeshError(f"{self._path}: *{option} {name!r} claims {(last - first) // step + 1} numbers")
                 _append(sets, name, np.arange(first, last + 1, step))
             return
         fields = [field for line in block.lines for field in _fields(line) if field]
@@ -167,7 +173,7 @@ class _Reader:
     ) -> IntArray:
         """A number, or what the set of a name holds."""
         if field.isdigit():
-            return np.array([int(field)])
+            return self._whole([field], where)
         # a set of an instance is written instance.set
         known = sets.get(_key(field)) or sets.get(_key(field.rpartition(".")[2]))
         if known is None:
@@ -191,7 +197,7 @@ class _Reader:
     def _whole(self, fields: Sequence[str], where: str) -> IntArray:
         try:
             return np.array(fields, dtype=str).astype(np.int64)
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise MeshError(f"{self._path}: under {where}: {error}") from error
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import gmsh
 
 from flexmbd.errors import MeshError
+from flexmbd.meshes.trial_read import Kind, try_to_read
 
 
 def merge(path: Path) -> None:
@@ -16,6 +17,7 @@ def merge(path: Path) -> None:
         MeshError: it is no such file, or gmsh cannot read it.
     """
     _check_header(path)
+    try_to_read(path, Kind.MSH)
     try:
         gmsh.merge(str(path))
     except Exception as error:

@@ -25,6 +25,7 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
+from flexmbd.meshes.trial_read import Kind, try_to_read
 from flexmbd.meshes.step_faces import StepFace, SurfacePoint, point_text, read_faces, volume
 
 # A bracket of our own: a foot with two bolt bores and a lug with a pin bore (data/README.md).
@@ -221,6 +222,7 @@ def _import(path: Path) -> list[int]:
         raise MeshError(f"{path}: cannot be opened: {error.strerror}") from error
     if not start.lstrip().startswith(b"ISO-10303-21"):
         raise MeshError(f"{path}: not a STEP file: it does not begin with ISO-10303-21")
+    try_to_read(path, Kind.STEP)
     try:
         found = gmsh.model.occ.importShapes(str(path), format="step")
     except Exception as error:

@@ -53,6 +53,7 @@ def read_npz(path: str | Path) -> ReducedBody:
             for folder in folders:
                 place = place.setdefault(folder, {})
             place[last] = _value(array)
+        tree.setdefault("provenance", {})  # an empty folder leaves no trace in an archive
         return ReducedBody.from_tree(tree)
     except (KeyError, TypeError, ValueError, AttributeError, RecordError) as error:
         raise ExportError(f"{path} does not hold the arrays of a reduced body: {error}") from error

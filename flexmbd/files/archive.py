@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.files.whole_file import read_file, write_file
+from flexmbd.files.whole_file import first_line, read_file, write_file
 
 #: Arrays in one archive, and bytes of them all together; an archive may claim any size at no cost in the file.
 MOST_ARRAYS = 10_000
@@ -64,7 +64,7 @@ def read_archive(
         OSError, EOFError, KeyError, ValueError, RuntimeError, NotImplementedError, OverflowError, SyntaxError,
         MemoryError, TypeError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
     ) as error:  # fmt: skip
-        raise ExportError(f"{path} is not an archive of arrays that can be read: {error}") from error
+        raise ExportError(f"{path} is not an archive of arrays that can be read: {first_line(error)}") from error
 
 
 def _refuse_excess(path: str | Path, members: list[zipfile.ZipInfo], most: int) -> None:

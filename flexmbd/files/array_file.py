@@ -45,8 +45,8 @@ def read_arrays(path: str | Path, *, version: int) -> dict[str, NDArray[Any]]:
     """
     try:
         arrays = read_archive(path, compressed=False)
-        found = int(arrays["version"])
-    except (ExportError, KeyError, ValueError, TypeError, OverflowError) as reason:
+        found = int(arrays["version"].item())
+    except (ExportError, KeyError, ValueError, TypeError, AttributeError, OverflowError) as reason:
         raise RecordError(f"{path} is not a checkpoint that can be read: {reason}") from reason
     if found != version:
         raise RecordError(f"{path}: a checkpoint of version {found}, not {version}")

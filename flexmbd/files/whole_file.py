@@ -25,12 +25,13 @@ except ImportError:  # Windows
 
 # Names of parts: ".", so many bytes of the target's name at most, random digits (two a byte) and what they end in.
 _LONGEST_STEM, _TOKEN, _PART = 100, 8, ".part"
+_LONGEST_WORDS = 300
 
 #: No file of a reduced body is larger (bytes); what claims more is refused before it is read.
 LARGEST = 2**31
 
 
-def replace_file(path: Path, *parts: bytes | bytearray) -> None:
+def replace_file(path: Path, *parts: bytes | memoryview) -> None:
     """Put the parts into a new file and rename it to `path`.
 
     Raises:
@@ -96,9 +97,9 @@ def refuse_no_room(file: int, size: int) -> None:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, without the libraries' traces below it."""
+    """What an error says in short, without the libraries' traces below it and what of a file they quote."""
     told = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return next((line for line in told.splitlines() if line.strip()), type(error).__name__)
+    return next((line for line in told.splitlines() if line.strip()), type(error).__name__)[:_LONGEST_WORDS]
 
 
 def take_part(temporary: Path, target: Path, *, file: int) -> None:

@@ -37,6 +37,9 @@ from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.pictured import PicturedRecord
 from flexmbd.record.summary import summary
 
+# Of the mass matrix in its own scales: files of other programs have eight digits.
+_ROUND_OFF = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody(PicturedRecord):
@@ -134,6 +137,8 @@ class ReducedBody(PicturedRecord):
                 yield f"{item} has shape {array.shape}, expected {shape}"
             elif not np.isfinite(array).all():
                 yield f"{item} holds values that are not finite"
+            elif item == "gram":
+                yield from self._mass_faults()
         if not (self.stiffness > 0.0).all() and np.isfinite(self.stiffness).all():
             yield f"stiffness is not positive: {self.stiffness.min():.3e} 1/s^2 is its least value"
         if len(self.partition_names) != n:
@@ -154,6 +159,20 @@ class ReducedBody(PicturedRecord):
             group = getattr(self, attribute)
             if group is not None:
                 yield from group_faults(group, n=n)
+
+    def _mass_faults(self) -> Iterable[str]:
+        """What makes the Gram matrix no mass integrals of a body: kinetic energies below zero."""
+        if not self.mass > 0.0:
+            yield f"the mass is {self.mass:.3e} kg"
+            return
+        m = self.mass_matrix()
+        sizes = np.sqrt(np.abs(np.diag(m)))
+        sizes[sizes == 0.0] = 1.0
+        scaled = m / sizes / sizes[:, None]
+        if not np.isfinite(scaled).all():
+            yield "gram holds numbers beyond all bounds"
+        elif (least := float(np.linalg.eigvalsh(scaled)[0])) < -_ROUND_OFF:
+            yield f"the mass matrix is indefinite, {least:.1e} in its own scale: some motions have kinetic energies below 0"
 
     @property
     def n_modes(self) -> int:

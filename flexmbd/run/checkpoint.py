@@ -23,7 +23,7 @@ from flexmbd.run.stepping import Snapshot, new_groups
 
 _VERSION = 8
 # Arrays of whole numbers; arrays (ne, 2).
-_WHOLE = ("state.counts", "groups.of", "groups.kind")
+_WHOLE = ("state.counts", "groups.of", "groups.kind", "rows", "sample")
 _BY_ELEMENT = ("stiffness", "softest")
 
 
@@ -110,14 +110,13 @@ class Checkpoint:
             )
             t_start, first_step = file["times"]
             own = _memory(file, "method.")
-            memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"])))
-            kept = InteriorSnapshot(file["wrenches"], memories)
-            sampling = SamplingMemory(
-                str(file["controllers"]), file["sample"], file["signals"], file["controller_states"]
-            )
-            snapshot = Snapshot(state, groups, own, float(first_step), file["rows"], kept, sampling)
+            memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"].item())))
+            kept = InteriorSnapshot(_part(file, "wrenches", 2), memories)
+            following, signals, states = (_part(file, name, 1) for name in ("sample", "signals", "controller_states"))
+            sampling = SamplingMemory(str(file["controllers"]), following, signals, states)
+            snapshot = Snapshot(state, groups, own, float(first_step), _part(file, "rows", 1), kept, sampling)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
-        except (KeyError, ValueError, TypeError, OverflowError) as reason:
+        except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as reason:
             raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason
 
 

@@ -42,7 +42,7 @@ from flexmbd.run.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 
 # Seconds and bytes of rows after which a block is written.
-_EVERY, _BLOCK = 1.0, 1 << 22
+_EVERY, _BLOCK = 1.0, 1 << 24
 
 
 class RunStream:

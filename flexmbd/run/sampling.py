@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import RecordError, SceneError
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.kernels.reading.force_tables import constant_place
 from flexmbd.multibody.motion.instant import Instant, measure
@@ -241,7 +241,14 @@ class Sampling:
         self.write(scene)
 
     def resume(self, memory: SamplingMemory, scene: CompiledScene) -> None:
-        """Go on from a checkpoint made with these controllers."""
+        """Go on from a checkpoint made with these controllers.
+
+        Raises:
+            RecordError: it is damaged.
+        """
+        sizes = len(self._next), len(self._values), sum(state.size for state in self._states)
+        if tuple(len(part) for part in (memory.next, memory.values, memory.states)) != sizes:
+            raise RecordError("the checkpoint is damaged: what controllers remember has another size")
         self.restore(replace(memory, taken=(0,) * len(self._log)), scene)
         self._before = self._values.copy()
 

@@ -69,7 +69,7 @@ def load_stream(path: Path, scene: CompiledScene) -> SavedRun:
                 refuse_other_machine(path, tree["about"], scene)
                 head = tree
                 continue
-            rows, first = _rows(tree, scene), int(tree["first"])
+            rows, first = _rows(tree, scene), int(tree["first"].item())
             if not head or not 0 <= first <= store.count:
                 raise ValueError(f"a block from row {first} on, after {store.count} rows")
             store.keep(first)
@@ -125,7 +125,7 @@ def resumed_log(path: Path, scene: CompiledScene, t: float) -> tuple[TreeLog, in
             if "about" in tree:
                 refuse_other_machine(path, tree["about"], scene)
             else:
-                first = int(tree["first"])
+                first = int(tree["first"].item())
                 instants = np.concatenate([instants[:first], shaped(tree["t"], 1)])
                 events = [*(one for one in events if one.row < first), *events_of(path, tree["events"])]
             end = after
