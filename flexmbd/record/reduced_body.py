@@ -163,7 +163,7 @@ class ReducedBody(PicturedRecord):
     def _mass_faults(self) -> Iterable[str]:
         """What makes the Gram matrix no mass integrals of a body: kinetic energies below zero."""
         if not self.mass > 0.0:
-            yield f"the mass is {self.mass:.3e} kg"
+            yield f"the mass is {self.mass} kg"
             return
         m = self.mass_matrix()
         sizes = np.sqrt(np.abs(np.diag(m)))

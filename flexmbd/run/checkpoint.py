@@ -105,6 +105,8 @@ class Checkpoint:
         file = read_arrays(path, version=_VERSION)
         try:
             state = st.State(*(_part(file, f"state.{name}", 1) for name in names_of(st.State)))
+            if (len(state.numbers), len(state.counts)) != (st.N_NUMBER, st.N_COUNT):
+                raise ValueError(f"{len(state.numbers)} numbers and {len(state.counts)} counts")
             groups = st.Groups(
                 *(_part(file, f"groups.{name}", 2 if name in _BY_ELEMENT else 1) for name in names_of(st.Groups))
             )
