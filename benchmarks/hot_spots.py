@@ -2,8 +2,8 @@
 
 ./run python benchmarks/hot_spots.py
 
-A rod with a weight swings; 21 modes, 7 and 20 thousand nodes, 4 000 instants. Both find the same node and stress. Prints
-seconds and their ratio, median and range of five turns.
+A rod with a weight swings; 21 modes, 7 and 20 thousand nodes, 4 000 instants. Both find the same node and stress.
+Prints seconds and their ratio, median and range of five turns.
 """
 
 from __future__ import annotations

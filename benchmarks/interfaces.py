@@ -1,0 +1,102 @@
+"""What interface reduction costs in accuracy and saves in size: a plate bolted at thirty places.
+
+./run python benchmarks/interfaces.py [picture.png]
+
+Over the tolerance: coordinates of the interfaces, the true error of the six lowest eigenvalues (2 pi f)^2 of the free plate
+and of the plate held at its frame, against the unreduced model, and the estimate of it, (1 + estimate for the fixed-interface
+modes)(1 + what the interface modes add) - 1.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse.linalg
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
+from flanged_plate import PITCH, flanged_plate
+from full_model import FullModel
+
+from flexmbd.continuum import ContinuumModel
+from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.reduction import InterfaceModes, Truncation, craig_bampton, truncation_errors
+
+FRAME, MODES = "flange_1", 80
+TOLERANCES = (0.3, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+
+
+def eigenvalues(body: ReducedBody) -> list[np.ndarray]:
+    """The six lowest of the free and of the held body."""
+    return [(2 * np.pi * body.frequencies(clamped)[:6]) ** 2 for clamped in ((), (FRAME,))]
+
+
+def unreduced(model: ContinuumModel) -> list[np.ndarray]:
+    """The same of the unreduced model, by scipy's shift and invert."""
+    full = FullModel(model)
+    frames = []
+    for one in model.interfaces:
+        near = (abs(full.x[:, :2] - one.p[:2]) < 0.51 * PITCH).all(axis=1)
+        frames.append((near & (abs(full.x[:, 2]) < 1e-9), one.p))
+    x = full.bound(frames)
+    k, m = ((x.T @ matrix @ x).tocsc() for matrix in (full.K, full.M))
+    # below the rigid modes, well above round-off
+    free = np.sort(scipy.sparse.linalg.eigsh(k, k=12, M=m, sigma=-1e4, return_eigenvectors=False))[6:]
+    held = np.sort(scipy.sparse.linalg.eigsh(k[6:, 6:], k=6, M=m[6:, 6:], sigma=0.0, return_eigenvectors=False))
+    return [free, held]
+
+
+def largest(found: list[np.ndarray], expected: list[np.ndarray]) -> float:
+    """The largest relative excess."""
+    return max(float((one / other - 1.0).max()) for one, other in zip(found, expected, strict=True))
+
+
+def main() -> None:
+    """Reduce over the tolerance, print a table and draw it."""
+    model = flanged_plate(5, 6)
+    exact = unreduced(model)
+    interior = max(truncation_errors(model, [MODES], frame=FRAME, held=held).errors.max() for held in (False, True))
+    print(f"30 interfaces, 174 static shapes, {MODES} modes, which alone leave an error of at most {interior:.1e}")
+    rows = []
+    for tol in TOLERANCES:
+        for local in (False, True):
+            choice = InterfaceModes(Truncation(tol=tol), local=local)
+            begin = time.perf_counter()
+            body = craig_bampton(
+                model, modes=MODES, frame=FRAME, geometric_stiffness=False, interface_modes=choice
+            )
+            seconds = time.perf_counter() - begin
+            added = float(body.provenance["error of eigenvalues added by them"].split()[0])
+            estimate, true = (1 + interior) * (1 + added) - 1, largest(eigenvalues(body), exact)
+            count = body.n_modes - MODES
+            rows.append((tol, local, count, true, estimate))
+            kind = "each interface" if local else "whole"
+            print(f"tol {tol:7.0e} {kind:14s} {count:4d} of 174, true {true:.2e}, estimate {estimate:.2e}, {seconds:.2f} s")
+    if len(sys.argv) > 1:
+        draw(rows, Path(sys.argv[1]), interior)
+
+
+def draw(rows: list[tuple[float, bool, int, float, float]], path: Path, interior: float) -> None:
+    """Error and size over the tolerance."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
+    tol, _, _, true, estimate = zip(*(row for row in rows if not row[1]), strict=True)
+    left.loglog(tol, estimate, "s--", label="estimate", color="C1")
+    left.loglog(tol, true, "o-", label="true error", color="C0")
+    left.axhline(interior, color="0.6", lw=0.8, label="fixed-interface modes alone")
+    left.set(xlabel="tolerance of the interface modes", ylabel="error of the eigenvalues")
+    left.legend(frameon=False, fontsize=8)
+    for local, text in ((False, "whole"), (True, "interface by interface")):
+        tol, _, count, _, _ = zip(*(row for row in rows if row[1] == local), strict=True)
+        right.semilogx(tol, count, "o-", label=text)
+    right.axhline(174, color="0.6", lw=0.8, label="all static shapes")
+    right.set(xlabel="tolerance of the interface modes", ylabel="coordinates", ylim=(0, 185))
+    right.legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
