@@ -117,7 +117,7 @@ def _one(file: Path, *, quick: bool) -> int:
             failure = f"{type(reason).__name__}: {reason}"
             print(failure, file=sys.stderr)
     pictures = [path.name for path in report.pictures]
-    taken = time.monotonic() - began
+    taken = round(time.monotonic() - began, 1)
     results.save(
         results.Result(file.stem, quick, taken, where, report.lines, pictures, failure), report.folder / "result.json"
     )

@@ -1,6 +1,6 @@
 """How much quicker the largest stress of a run is found than by the stress of all nodes.
 
-./run python benchmarks/hot_spots.py
+    ./run python benchmarks/hot_spots.py
 
 A rod with a weight swings; 21 modes, 7 and 20 thousand nodes, 4 000 instants. Both find the same node and stress.
 Prints seconds and their ratio, median and range of five turns.
@@ -9,8 +9,10 @@ Prints seconds and their ratio, median and range of five turns.
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
+from benchmark import Report
 
 import flexmbd as fm
 from flexmbd import meshes
@@ -21,6 +23,8 @@ from flexmbd.reduction import Keep, craig_bampton
 STEEL = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
 INSTANTS = np.linspace(0.0, 1.0, 4000)
 TURNS = 5
+MINUTES = 1.5
+PEERS: tuple[str, ...] = ()
 
 
 def swung(divisions: tuple[int, int, int]) -> tuple[fm.Trajectory, fm.FlexibleBody]:
@@ -44,9 +48,20 @@ def every_node(run: fm.Trajectory, rod: fm.FlexibleBody) -> tuple[float, int]:
     return float(history.utilisation[i]), int(history.node[i])
 
 
-def main() -> None:
-    """Compare."""
-    for divisions in ((40, 4, 4), (60, 6, 6)):
+def quick(report: Report) -> None:
+    """A coarse rod."""
+    tell(report, (12, 2, 2))
+
+
+def full(report: Report) -> None:
+    """7 and 20 thousand nodes."""
+    tell(report, (40, 4, 4), (60, 6, 6))
+
+
+def tell(report: Report, *sizes: tuple[int, int, int]) -> None:
+    """A row for each mesh."""
+    report.table("nodes", "modes", "s", "times as fast as all nodes")
+    for divisions in sizes:
         run, rod = swung(divisions)
         ratios, seconds = [], []
         for _ in range(TURNS):
@@ -61,11 +76,9 @@ def main() -> None:
             seconds.append(end - middle)
         stress = rod.record.stress
         assert stress is not None
-        print(
-            f"{len(stress.node)} nodes, {rod.record.n_modes} modes: {np.median(seconds):.3f} s, "
-            f"{np.median(ratios):.1f} ({min(ratios):.1f} to {max(ratios):.1f}) times as fast"
-        )
+        ratio = f"{np.median(ratios):.1f} ({min(ratios):.1f} to {max(ratios):.1f})"
+        report.say(f"| {len(stress.node)} | {rod.record.n_modes} | {np.median(seconds):.3f} | {ratio} |")
 
 
 if __name__ == "__main__":
-    main()
+    full(Report(Path("out_hot_spots")))

@@ -1,6 +1,6 @@
 """What interface reduction costs in accuracy and saves in size: a plate bolted at thirty places.
 
-./run python benchmarks/interfaces.py [picture.png]
+    ./run python benchmarks/interfaces.py
 
 Over the tolerance: coordinates of the interfaces, the true error of the six lowest eigenvalues (2 pi f)^2 of the free plate
 and of the plate held at its frame, against the unreduced model, and the estimate of it, (1 + estimate for the fixed-interface
@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse.linalg
+from benchmark import Report
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
 from flanged_plate import PITCH, flanged_plate
@@ -25,6 +26,8 @@ from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import InterfaceModes, Truncation, craig_bampton, truncation_errors
 
 FRAME, MODES = "flange_1", 80
+MINUTES = 3.0
+PEERS: tuple[str, ...] = ()
 TOLERANCES = (0.3, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 
 
@@ -53,14 +56,25 @@ def largest(found: list[np.ndarray], expected: list[np.ndarray]) -> float:
     return max(float((one / other - 1.0).max()) for one, other in zip(found, expected, strict=True))
 
 
-def main() -> None:
-    """Reduce over the tolerance, print a table and draw it."""
+def quick(report: Report) -> None:
+    """One tolerance."""
+    tell(report, TOLERANCES[2:3])
+
+
+def full(report: Report) -> None:
+    """All tolerances."""
+    tell(report, TOLERANCES)
+
+
+def tell(report: Report, tolerances: tuple[float, ...]) -> None:
+    """Reduce over the tolerance; a table and its picture."""
     model = flanged_plate(5, 6)
     exact = unreduced(model)
     interior = max(truncation_errors(model, [MODES], frame=FRAME, held=held).errors.max() for held in (False, True))
-    print(f"30 interfaces, 174 static shapes, {MODES} modes, which alone leave an error of at most {interior:.1e}")
+    report.say(f"30 interfaces, 174 static shapes, {MODES} modes; these alone leave errors of {interior:.1e} at most.")
+    report.table("tolerance", "modes of", "coordinates of 174", "true error", "estimate", "s")
     rows = []
-    for tol in TOLERANCES:
+    for tol in tolerances:
         for local in (False, True):
             choice = InterfaceModes(Truncation(tol=tol), local=local)
             begin = time.perf_counter()
@@ -73,9 +87,8 @@ def main() -> None:
             count = body.n_modes - MODES
             rows.append((tol, local, count, true, estimate))
             kind = "each interface" if local else "whole"
-            print(f"tol {tol:7.0e} {kind:14s} {count:4d} of 174, true {true:.2e}, estimate {estimate:.2e}, {seconds:.2f} s")
-    if len(sys.argv) > 1:
-        draw(rows, Path(sys.argv[1]), interior)
+            report.say(f"| {tol:.0e} | {kind} | {count} | {true:.2e} | {estimate:.2e} | {seconds:.2f} |")
+    report.picture("interface_modes.png", lambda path: draw(rows, path, interior))
 
 
 def draw(rows: list[tuple[float, bool, int, float, float]], path: Path, interior: float) -> None:
@@ -99,4 +112,6 @@ def draw(rows: list[tuple[float, bool, int, float, float]], path: Path, interior
 
 
 if __name__ == "__main__":
-    main()
+    OUT = Path("out_interfaces")
+    OUT.mkdir(exist_ok=True)
+    full(Report(OUT))
