@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+_INDEX = re.compile(r"\[(\d+)\]")
 # Bytes; a scene with a long table has some hundred thousand.
 _LARGEST = 2**24
 
@@ -172,6 +174,30 @@ def read_toml(path: str | Path, *, kind: type[FlexmbdError]) -> TomlSection:
         raise kind(f"{file} is no TOML: it is not UTF-8 at byte {error.start}") from error
     except (ValueError, RecursionError) as error:
         raise kind(f"{file} is no TOML: {error}") from error
+
+
+def toml_value(text: str) -> Any:
+    """A value as TOML has it, as 2.3, true, "a" or [1, 2]; a text without quotes where it is none of these."""
+    try:
+        found = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    return found["value"] if list(found) == ["value"] else text
+
+
+def toml_path(text: str) -> tuple[str, ...]:
+    """The words of a dotted path, as body.crank.com[0] or body."a.b".mass; none where it is no path."""
+    found: Any
+    try:
+        found = tomllib.loads(re.sub(_INDEX, r".\1", text) + " = 0")
+    except (ValueError, RecursionError):
+        return ()
+    words: list[str] = []
+    while isinstance(found, dict) and len(found) == 1:
+        (word,) = found
+        words.append(word)
+        found = found[word]
+    return tuple(words) if found == 0 else ()
 
 
 def _shown(value: object) -> str:

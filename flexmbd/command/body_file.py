@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from flexmbd.errors import ExportError, FlexmbdError
+from flexmbd.errors import ExportError, FlexmbdError, SceneError
 from flexmbd.export import FORMATS, Format, format_named
 from flexmbd.files.tree_file import check_destination
 from flexmbd.record.reduced_body import ReducedBody
@@ -55,8 +57,10 @@ def read_body(path: Path, *, kind: str | None = None) -> ReducedBody:
     raise ExportError(f"{path} cannot be read: " + "; ".join(f"as {name}: {fault}" for name, fault in faults))
 
 
-def write_body(body: ReducedBody, path: Path, *, kind: str, lossy: bool) -> tuple[str, ...]:
-    """Write a body, whole or not at all. Not collective.
+def write_body(
+    body: ReducedBody, path: Path, *, kind: str, lossy: bool, options: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """Write a body, whole or not at all, with options of the format's writer. Not collective.
 
     Returns:
         What the file leaves out, a phrase each.
@@ -67,7 +71,7 @@ def write_body(body: ReducedBody, path: Path, *, kind: str, lossy: bool) -> tupl
     if kind == RECORD:
         body.save(path)
         return ()
-    return format_named(kind).write(body, path, lossy=lossy)
+    return format_named(kind).write(body, path, lossy=lossy, **options)
 
 
 def kind_of(path: Path) -> str:
@@ -108,6 +112,18 @@ def check_free(path: Path, *, force: bool, source: Path | None = None) -> None:
             raise ExportError(f"{path} is the file to read; give another name by -o")
         if not force:
             raise ExportError(f"{path} exists; give --force to replace it, or another name")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder of results, if it is not there.
+
+    Raises:
+        SceneError: it cannot be made.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise SceneError(f"cannot make the folder {folder}: {error.strerror or error}; give another by -o") from error
 
 
 def _ends(path: Path, one: Format) -> bool:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from flexmbd.command.body_file import RECORD, check_free, kind_of, read_body, write_body
 from flexmbd.command.export import add_writing, report_written
+from flexmbd.command.format_options import add_options, given_options
+from flexmbd.errors import RecordError
 from flexmbd.export import FORMATS, format_named
 
 
@@ -27,6 +29,7 @@ examples:
     parser.add_argument("output", type=Path, metavar="OUT", help="the file to write")
     parser.add_argument("--from", dest="source_kind", metavar="FORMAT", help="of IN; default: by its name")
     parser.add_argument("--to", dest="output_kind", metavar="FORMAT", help="of OUT; default: by its name")
+    add_options(parser)
     add_writing(parser)
     parser.set_defaults(run=convert)
 
@@ -38,10 +41,11 @@ def convert(arguments: argparse.Namespace) -> int:
         RecordError, ExportError: as `flexmbd export`; or the body cannot be read.
     """
     kind: str = arguments.output_kind or kind_of(arguments.output)
-    if kind != RECORD:
-        format_named(kind)
+    if kind == RECORD and arguments.options:
+        raise RecordError("a record has no options; they are those of other programs' formats")
+    options = {} if kind == RECORD else given_options(format_named(kind), arguments.options, with_deck=False)[0]
     check_free(arguments.output, force=arguments.force, source=arguments.source)
     body = read_body(arguments.source, kind=arguments.source_kind)
-    left_out = write_body(body, arguments.output, kind=kind, lossy=arguments.lossy)
+    left_out = write_body(body, arguments.output, kind=kind, lossy=arguments.lossy, options=options)
     report_written(arguments.output, kind, left_out, as_json=arguments.json)
     return 0

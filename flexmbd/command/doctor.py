@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flexmbd.command.terminal import add_json, launched_ranks, print_json, print_line
+from flexmbd.command.launch import launched_ranks
+from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.multibody.kernels.base.kernel_cache import cache_folder
 
 _BROKEN = 1

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import signal
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from flexmbd.command.body_file import check_free
+from flexmbd.command.body_file import check_free, make_folder
+from flexmbd.command.interrupts import INTERRUPTED, exits_at_once
 from flexmbd.command.terminal import add_json, print_json, print_line, print_warning, wants_bar
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable, write_table
-from flexmbd.run.stopped import SimulationError
+from flexmbd.run.interrupts import interrupts_handled, interrupts_wait
+from flexmbd.run.stopped import SimulationError, SimulationInterrupted
 from flexmbd.scene_file import Built, SceneFile, build, plan_columns, read_scene, tabulate
-from flexmbd.scene_file.entry_kinds import INTEGRATORS
+from flexmbd.scene_file.scene_sweep import integrator_of, simulated
+from flexmbd.toml_file import toml_value
 
 if TYPE_CHECKING:
-    from flexmbd.integrate.protocol import Integrator
     from flexmbd.run.trajectory import Trajectory
+
+Broken: TypeAlias = SimulationError | SimulationInterrupted
 
 _STOPPED = 1
 _MOST_EVENTS = 20  # told one by one
@@ -24,10 +30,11 @@ _EXAMPLES = """\
 examples:
   flexmbd simulate pendulum.toml                     the tables go to the folder pendulum_results
   flexmbd simulate pendulum.toml -o run1 --force --quiet
+  flexmbd simulate pendulum.toml --set bodies.bob.mass=2.3 --set simulate.t_end=5
   flexmbd simulate pendulum.toml --explain           what would be computed, and by which integrator
   flexmbd plot pendulum_results/results.csv
 
-exit code 1: the simulation stopped early; what it computed until then is in the tables
+exit code 1: the simulation stopped early; what it computed until then is in the tables, as after Ctrl-C (130)
 docs/command_line.md has a whole scene file and all its keys
 """
 
@@ -39,12 +46,42 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, help="a scene file, as pendulum.toml")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder of results (default: SCENE_results)")
     parser.add_argument("--force", action="store_true", help="replace results that are there")
+    add_settings(parser)
     parser.add_argument("--explain", action="store_true", help="say what would be computed, and stop")
     bar = parser.add_mutually_exclusive_group()
     bar.add_argument("--progress", action="store_true", help="a progress bar on stderr, even if it is not a terminal")
     bar.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     add_json(parser)
     parser.set_defaults(run=simulate)
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Give a parser the argument `--set`."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="settings",
+        help="another value than the file's, as body.crank.mass=2.3 or simulate.rtol=1e-8; repeat it",
+    )
+
+
+def settings_of(words: Sequence[str], *, option: str = "--set") -> dict[str, Any]:
+    """Values by their keys, of KEY=VALUE each.
+
+    Raises:
+        SceneError: one has no key or no value, or two have one key.
+    """
+    found: dict[str, Any] = {}
+    for word in words:
+        key, equals, value = (part.strip() for part in word.partition("="))
+        if not (key and equals and value):
+            raise SceneError(f"{option} takes KEY=VALUE, as body.crank.mass=2.3, got {word!r}")
+        if key in found:
+            raise SceneError(f"{option} {key} is given twice")
+        found[key] = toml_value(value)
+    return found
 
 
 def simulate(arguments: argparse.Namespace) -> int:
@@ -55,64 +92,54 @@ def simulate(arguments: argparse.Namespace) -> int:
         ExportError: results exist already, or cannot be written.
         PictureError: the film cannot be made; the tables are there then.
     """
-    scene = read_scene(arguments.scene)
+    with exits_at_once():
+        scene = read_scene(arguments.scene, changes=settings_of(arguments.settings))
+        built = build(scene)
     folder: Path = arguments.output or Path(f"{arguments.scene.stem}_results")
     files = [folder / f"results.{kind}" for kind in scene.output.formats]
     film = None if scene.output.film is None else folder / scene.output.film
-    built = build(scene)
     if arguments.explain:
-        print_line(built.system.explain(rtol=scene.run.rtol, h=scene.run.h, integrator=_integrator(scene)))
+        print_line(built.system.explain(rtol=scene.run.rtol, h=scene.run.h, integrator=integrator_of(scene)))
         return 0
     columns = plan_columns(built, scene.output)
-    _make_folder(folder)
+    make_folder(folder)
     for path in [*files, *([] if film is None else [film])]:
         check_free(path, force=arguments.force)
-    run, fault = _run(built, scene, progress=_wants_bar(arguments))
-    if run is None:
-        raise SceneError(str(fault))
-    table = tabulate(run, columns, every=scene.output.every)
-    for path in files:
-        write_table(table, path)
-    if film is not None:
+    with interrupts_wait() as late:
+        run, fault = _run(built, scene, progress=shows_bar(arguments))
+        table = tabulate(run, columns, every=scene.output.every)
+        for path in files:
+            write_table(table, path)
+    is_interrupted = late.seen or isinstance(fault, KeyboardInterrupt)
+    if film is not None and not is_interrupted:
         run.animate(film)
         files.append(film)
-    _report(arguments, run, table, files, fault)
+    _report(arguments, run, table, files, SimulationInterrupted("", run) if is_interrupted else fault)
+    if is_interrupted:
+        return INTERRUPTED
     return 0 if fault is None else _STOPPED
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise SceneError(f"cannot make the folder {folder}: {error.strerror or error}; give another by -o") from error
-
-
-def _wants_bar(arguments: argparse.Namespace) -> bool:
+def shows_bar(arguments: argparse.Namespace) -> bool:
     """Whether a bar is asked for; by itself where a person looks on and tqdm is there."""
     if arguments.progress or arguments.quiet:
         return bool(arguments.progress)
     return wants_bar()
 
 
-def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory | None, SimulationError | None]:
+def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory, Broken | None]:
     """The trajectory; of a simulation that stopped early the part that there is, and the error."""
-    settings = scene.run
+    run: Trajectory | None = None
     try:
-        run = built.system.simulate(
-            settings.t_end,
-            rtol=settings.rtol,
-            h=settings.h,
-            integrator=_integrator(scene),
-            events=built.events,
-            progress=progress,
-        )
-    except SimulationError as error:
+        with interrupts_handled(signal.default_int_handler):
+            run = simulated(built, scene, progress=progress)
+    except (SimulationError, SimulationInterrupted) as error:
         return error.trajectory, error
+    except KeyboardInterrupt:
+        if run is None:
+            raise
+        return run, SimulationInterrupted("interrupted at the end", run)
     return run, None
-
-
-def _integrator(scene: SceneFile) -> Integrator | Literal["auto"]:
-    return INTEGRATORS[scene.run.integrator]() if scene.run.integrator else "auto"
 
 
 def _report(
@@ -120,13 +147,17 @@ def _report(
     run: Trajectory,
     table: ResultTable,
     files: list[Path],
-    fault: SimulationError | None,
+    fault: Broken | None,
 ) -> None:
     """Say what was done, for people or for scripts."""
     stats = run.stats
     end = float(run.t[-1])
+    written = f"what was computed until t = {end:.6g} s is in {', '.join(map(str, files))}"
+    if isinstance(fault, KeyboardInterrupt):
+        print_warning(f"stopped by Ctrl-C; {written}")
+        return
     if fault is not None:
-        print_warning(f"{fault}; what was computed until t = {end:.6g} s is in {', '.join(map(str, files))}")
+        print_warning(f"{fault}; {written}")
     if arguments.json:
         print_json(
             {

@@ -11,12 +11,25 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-_RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
-_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
+from flexmbd.command.launch import launched_rank
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that prints on rank 0 alone."""
+
+    def long_options(self) -> list[str]:
+        """The options that it knows, as "--json"."""
+        return [word for word in self._option_string_actions if word.startswith("--")]
+
+    def choices_of_options(self) -> dict[str, list[str]]:
+        """The values that options may have, where these are listed, as "none" of "--damping"."""
+        chosen = [action for action in self._actions if action.choices is not None]
+        return {word: [*map(str, one.choices or ())] for one in chosen for word in one.option_strings}
+
+    def positional_choices(self) -> list[str]:
+        """The words that may stand without an option, where these are listed."""
+        positional = [action for action in self._actions if not action.option_strings]
+        return [str(word) for action in positional for word in action.choices or ()]
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if is_root():
@@ -29,21 +42,7 @@ def is_root() -> bool:
         from mpi4py import MPI
 
         return bool(MPI.COMM_WORLD.rank == 0)
-    return _first_number(_RANKS, 0) == 0
-
-
-def launched_ranks() -> int:
-    """Number of processes that mpirun started with this one; 1 without it."""
-    return _first_number(_SIZES, 1)
-
-
-def _first_number(names: tuple[str, ...], default: int) -> int:
-    """The number in the first of these environment variables of mpirun that has one."""
-    for name in names:
-        text = os.environ.get(name, "")
-        if text.isdecimal():
-            return int(text)
-    return default
+    return launched_rank() == 0
 
 
 def print_line(text: str) -> None:

@@ -50,14 +50,14 @@ class Study:
     """What is done with each variant.
 
     Attributes:
-        simulate: from the values of parameters to a trajectory.
+        simulate: from the values of parameters to a trajectory, or to what else outputs are asked of.
         outputs: what is asked of it, by name.
         shared: whether threads may run it side by side; else they take turns.
         batch: runs variants without trajectories; None where outputs or machine need these.
     """
 
-    simulate: Callable[..., Trajectory]
-    outputs: Mapping[str, VariantOutput]
+    simulate: Callable[..., Any]
+    outputs: Mapping[str, Callable[[Any], ArrayLike]]
     shared: bool
     batch: BatchRuns | None = None
 

@@ -18,6 +18,7 @@ from flexmbd.export.exudyn_files.exudyn_reader import read_exudyn
 from flexmbd.export.functional_mockup.reduced_unit import CAPABILITIES as _FMU
 from flexmbd.export.functional_mockup.reduced_unit import fmu
 from flexmbd.export.loss import Capabilities
+from flexmbd.export.mbdyn_files.mbdyn_deck import mbdyn_deck
 from flexmbd.export.mbdyn_files.mbdyn_file import CAPABILITIES as _MBDYN
 from flexmbd.export.mbdyn_files.mbdyn_file import mbdyn
 from flexmbd.export.mbdyn_files.mbdyn_reader import read_mbdyn
@@ -56,6 +57,7 @@ class Format:
         write: the writer, callable as ``write(body, path, lossy=False)``.
         read: the reader, or None where the format does not hold a whole body.
         digits: significant digits that a body keeps which is written and read back.
+        deck: writes an input deck that runs the file, ``deck(body, file, path)``, or None.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Format:
     write: Writer
     read: Reader | None = None
     digits: int = 9
+    deck: Callable[..., object] | None = None
 
 
 FORMATS: tuple[Format, ...] = (
@@ -75,7 +78,7 @@ FORMATS: tuple[Format, ...] = (
     Format("openfast", "OpenFAST's ExtPtfm", ".dat", _OPENFAST, openfast, read_openfast, digits=10),
     Format("op4", "Nastran", ".op4", _OP4, op4, read_op4, digits=11),
     Format("fmu", "importers of FMI 3, as Simulink, Dymola, FMPy", ".fmu", _FMU, fmu),
-    Format("mbdyn", "MBDyn", ".fem", _MBDYN, mbdyn, read_mbdyn, digits=10),
+    Format("mbdyn", "MBDyn", ".fem", _MBDYN, mbdyn, read_mbdyn, digits=10, deck=mbdyn_deck),
     Format("exudyn", "Exudyn", ".npz", _EXUDYN, exudyn, read_exudyn, digits=12),
     Format("sid", "SIMPACK, DLR FlexibleBodies, EMBSlib", ".SID_FEM", _SID, sid, read_sid, digits=12),
     Format("vtkhdf_modes", "ParaView, VTK", ".vtkhdf", _VTKHDF, vtkhdf_modes),

@@ -30,6 +30,7 @@ from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.controller import Controller
 from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
+from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.recording_file import Recorder, open_recorder
@@ -102,7 +103,11 @@ def _run(
     search = EventSearch(integration, events, bodies, team) if events else None
     watch = StretchWatch(start.scene, bodies.values())
     shown = settings.progress and team.is_root
-    with open_recorder(settings, integration, team) as recorder, _progress_bar(shown, t_end - integration.t) as bar:
+    with (
+        open_recorder(settings, integration, team) as recorder,
+        interrupt_ends() as early,
+        _progress_bar(shown, t_end - integration.t) as bar,
+    ):
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
             try:
@@ -127,13 +132,15 @@ def _run(
                 if saves is not None and stop in saved:
                     saves.write(checkpoint, team)
     times = time.perf_counter() - began, compiled - set_out
-    mark_compiled(purpose)
-    trajectory = replace(
-        _finish(start, bodies, team, integration, times=times),
-        events=tuple(_occurred(search)),
-        checkpoints=tuple(kept),
-        recordings=() if recorder is None else recorder.recordings,
-    )
+    with interrupts_wait() as late:  # what was computed is kept
+        mark_compiled(purpose)
+        trajectory = replace(
+            _finish(start, bodies, team, integration, times=times),
+            events=tuple(_occurred(search)),
+            checkpoints=tuple(kept),
+            recordings=() if recorder is None else recorder.recordings,
+        )
+    error = error or (KeyboardInterrupt() if early.seen or late.seen else None)
     _refuse_torn_loops(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
     _refuse_broken_off(error, trajectory)

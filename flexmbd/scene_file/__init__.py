@@ -9,3 +9,4 @@ from flexmbd.scene_file.result_columns import tabulate as tabulate
 from flexmbd.scene_file.scene_builder import Built as Built
 from flexmbd.scene_file.scene_builder import build as build
 from flexmbd.scene_file.scene_description import SceneFile as SceneFile
+from flexmbd.scene_file.scene_sweep import SceneSweep as SceneSweep

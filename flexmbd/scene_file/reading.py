@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import SUFFIXES
 from flexmbd.scene_file import values as v
+from flexmbd.scene_file.changes import changed
 from flexmbd.scene_file.controller_entry import read_controller
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
 from flexmbd.scene_file.event_entry import read_event
@@ -34,14 +36,18 @@ _MOST_ROWS = 1e7
 _FILMS = (".mp4", ".gif")
 
 
-def read_scene(path: str | Path) -> SceneFile:
-    """Read a scene file; records that it names are not opened yet. Not collective.
+def read_scene(path: str | Path, *, changes: Mapping[str, object] | None = None) -> SceneFile:
+    """Read a scene file; records and Python files that it names are not opened yet. Not collective.
+
+    Args:
+        path: of the file.
+        changes: other values than those in the file, by dotted paths, as {"body.crank.mass": 2.3}.
 
     Raises:
         SceneError: it cannot be read, is no TOML, or holds something else than a scene: the message has the key's path,
             what was expected, and for a key or name that is not known the nearest one.
     """
-    top = read_toml(path, kind=SceneError)
+    top = changed(read_toml(path, kind=SceneError), changes or {})
     top.allow(("gravity", "ground", "body", "joint", "force", "coupling", "event", "controller", "simulate", "output"))
     sections = top.tables("body")
     if not sections:

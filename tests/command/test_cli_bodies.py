@@ -10,7 +10,8 @@ import pytest
 from two_crosses_body import two_crosses
 
 import flexmbd as fm
-from flexmbd.cli import SUBCOMMANDS, main
+from flexmbd.cli import main
+from flexmbd.command.subcommands import SUBCOMMANDS
 from flexmbd.export import FORMATS
 from flexmbd.record.reduced_body import ReducedBody
 

@@ -17,7 +17,7 @@ import pytest
 from scipy.special import ellipk
 
 import flexmbd as fm
-from flexmbd.cli import SUBCOMMANDS
+from flexmbd.command.subcommands import SUBCOMMANDS
 
 if importlib.util.find_spec("dolfinx") is not None:
     pytest.skip("tools/try_wheel.py runs these where DOLFINx is not", allow_module_level=True)
