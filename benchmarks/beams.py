@@ -192,7 +192,7 @@ def cases(*, quick: bool) -> list[tuple[str, int, fm.ReducedBody]]:
 
 def draw(errors: dict[str, np.ndarray], numbers: np.ndarray, rows: list[Row], path: Path) -> None:
     """Three panels: the cantilever; the boom's frequencies by coordinates; its tip by run time."""
-    figure, (first, second, third) = plt.subplots(1, 3, figsize=(14.0, 4.8), layout="constrained")
+    figure, (first, second, third) = plt.subplots(1, 3, figsize=(14.0, 6.0), layout="constrained")
     for style, (method, found) in zip(("C3o-", "k.:", "C1s-", "C0^-"), errors.items(), strict=True):
         for mode, alpha in ((0, 1.0), (2, 0.4)):
             label = method if mode == 0 else None
@@ -206,7 +206,7 @@ def draw(errors: dict[str, np.ndarray], numbers: np.ndarray, rows: list[Row], pa
     third.set(xlabel="microseconds a step", ylabel="error of the tip over its travel", title="boom: tilted in 0.3 s")
     for axes in (first, second, third):
         axes.grid(which="both", alpha=0.25)
-        axes.legend(fontsize=8, framealpha=0.6)
+        axes.legend(fontsize=10, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)

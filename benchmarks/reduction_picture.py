@@ -25,7 +25,7 @@ STYLES = {
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Draw the rows and write a PNG file."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.6), layout="constrained")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 6.6), layout="constrained")
     for (code, ranks), (label, color, style) in STYLES.items():
         mine = [row for row in rows if (row["code"], row["ranks"]) == (code, ranks)]
         _line(left, mine, lambda row: row["seconds"]["total"], label, color, style)
@@ -45,7 +45,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
         axes.grid(which="both", alpha=0.25)
-        axes.legend(fontsize=8, framealpha=0.6)
+        axes.legend(fontsize=10, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.14))
     figure.savefig(path, dpi=130)
     plt.close(figure)
 

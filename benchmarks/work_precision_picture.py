@@ -8,33 +8,38 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+from picture_legend import colours, legend_below
+
+# one style a code
+STYLES = {"flexmbd": "o-"}
+_OTHERS = "s--"
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Draw the rows and write a PNG file; ours in full lines, exudyn's dashed."""
+    """Draw the rows and write a PNG file: ours in full lines with dots, exudyn's dashed with squares."""
     names = list(dict.fromkeys(row["scene"] for row in rows))
-    series = list(dict.fromkeys((row["code"], row["method"]) for row in rows))
+    colour = colours((row["code"], row["method"]) for row in rows)
     across = min(3, len(names))
     down = math.ceil(len(names) / across)
-    figure, axes = plt.subplots(
-        down, across, figsize=(4.4 * across, 3.6 * down + 0.6), layout="constrained", squeeze=False
-    )
-    for panel, name in zip(axes.flat, names, strict=False):
-        for k, (code, method) in enumerate(series):
-            mine = [row for row in rows if (row["scene"], row["code"], row["method"]) == (name, code, method)]
-            if mine:
-                style = "o-" if code == "flexmbd" else "s--"
-                x, y = [row["solve"] for row in mine], [row["error"] for row in mine]
-                panel.loglog(x, y, style, color=f"C{k % 10}", markersize=3.5, label=f"{code} {method}")
-        panel.axhline(1e-6, color="0.6", linewidth=0.8)
-        panel.set(title=name, xlabel="s of processor time, stepping", ylabel="relative error")
-        panel.grid(which="major", alpha=0.3)
-    for panel in list(axes.flat)[len(names) :]:
-        panel.set_axis_off()
-    handles: dict[str, Any] = {}
-    for panel in axes.flat:
-        drawn, labels = panel.get_legend_handles_labels()
-        handles |= dict(zip(labels, drawn, strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
-    figure.savefig(path, dpi=70)
-    plt.close(figure)
+    with plt.rc_context({"font.size": 13}):
+        figure, axes = plt.subplots(
+            down, across, figsize=(4.6 * across, 3.7 * down + 1.2), layout="constrained", squeeze=False
+        )
+        for panel, name in zip(axes.flat, names, strict=False):
+            for code, method in colour:
+                mine = [row for row in rows if (row["scene"], row["code"], row["method"]) == (name, code, method)]
+                if mine:
+                    x, y = [row["solve"] for row in mine], [row["error"] for row in mine]
+                    style, label = STYLES.get(code, _OTHERS), f"{code} {method}"
+                    panel.loglog(x, y, style, color=colour[code, method], markersize=5, linewidth=1.8, label=label)
+            panel.axhline(1e-6, color="0.6", linewidth=0.8)
+            panel.set_title(name)
+            panel.grid(which="major", alpha=0.3)
+        for panel in list(axes.flat)[len(names) :]:
+            panel.set_axis_off()
+        for panel in list(axes.flat)[max(0, len(names) - across) : len(names)]:
+            panel.set_xlabel("processor time in s")
+        figure.supylabel("relative error")
+        legend_below(figure, axes.flat, columns=3, size=13)
+        figure.savefig(path, dpi=70)
+        plt.close(figure)

@@ -75,6 +75,17 @@ say("     frequencies on its pins: " + ", ".join(f"{f:.0f}" for f in hinged[:4])
 # coordinates; the cylinder closes the loop, and its side force is among the multipliers.
 
 
+DARK = "#3c4650"
+DISC = fm.Shape.cylinder(0.055, 0.024, at=(-0.02, 0.0, -0.034))
+WEB = DISC + fm.Shape.box((0.11, 0.07, 0.024), at=(0.03, 0.0, -0.034))
+PIN = fm.Shape.cylinder(0.034, 0.05, at=(CRANK, 0.0, 0.0), colour=DARK)
+SHAFT = fm.Shape.cylinder(0.028, 0.05, at=(0.0, 0.0, -0.07), colour=DARK)
+CROWN = fm.Shape.cylinder(0.045, 0.035, axis="x", at=(0.05, 0.0, 0.0))
+SKIRT = fm.Shape.box((0.07, 0.05, 0.01), at=(0.0, 0.0, -0.022)) + fm.Shape.cylinder(0.0175, 0.04, colour=DARK)
+GUIDE = fm.Shape.box((0.17, 0.008, 0.08), at=(0.335, 0.05, 0.0))
+LINER = GUIDE + GUIDE.moved((0.0, -0.1, 0.0))
+
+
 def crank_angle(omega: float, ramp: float, end: float) -> PPoly:
     """Angle (rad) over time (s): up to the speed omega (rad/s) at the time `ramp`."""
     rise = (1.0 - IDLE) * np.array([6.0 / ramp**5, -15.0 / ramp**4, 10.0 / ramp**3, 0.0, 0.0, 0.0])
@@ -114,6 +125,7 @@ def simulate(speed: float, *, flexible: bool) -> Case:
     turn = 2.0 * np.pi / omega
     scene = fm.System(gravity=(0.0, -9.81, 0.0), team=MpiTeam(comm))
     crank = scene.add(fm.RigidBody(mass=1.5, inertia=(1e-3, 3e-3, 3e-3), com=(0.02, 0.0, 0.0)), name="crank")
+    crank.shape = WEB + PIN + SHAFT  # for pictures
     conrod: Any
     if flexible:
         conrod = scene.add(fm.FlexibleBody(rod), name="conrod")
@@ -122,6 +134,7 @@ def simulate(speed: float, *, flexible: bool) -> Case:
         conrod = scene.add(fm.RigidBody(mass=rod.mass, inertia=rod.inertia, com=tuple(rod.com)), name="conrod")
         big, small = conrod.frame(), conrod.frame((LENGTH, 0.0, 0.0))
     piston = scene.add(fm.RigidBody(mass=PISTON, inertia=(5e-4, 5e-4, 5e-4)), name="piston")
+    piston.shape, scene.ground.shape = CROWN + SKIRT, LINER
     drive = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), crank.frame(), name="main bearing")
     scene.connect(fm.joint.Revolute("z"), crank.frame((CRANK, 0.0, 0.0)), big, name="crank pin")
     scene.connect(fm.joint.Revolute("z"), small, piston.frame(), name="piston pin")
@@ -293,6 +306,7 @@ fast.run.animate(
     size=(960, 540),
     amplification=20.0,
     models={fast.conrod: model},
+    view=(0.15, 0.2, 1.0),
 )
 say(f"\nin {out}: slider_crank.png, stress.png, slider_crank.mp4")
 
