@@ -6,6 +6,7 @@ Tested with 0.9 and 0.11; the branches for 0.10 alone follow its published sourc
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
@@ -17,6 +18,7 @@ import ufl
 from dolfinx import fem, jit, mesh
 
 from flexmbd.errors import VersionError
+from flexmbd.files.form_cache import mend_form_cache
 
 
 def check_version(version: str) -> None:
@@ -32,6 +34,9 @@ def check_version(version: str) -> None:
 
 
 check_version(dolfinx.__version__)
+
+if MPI.COMM_WORLD.rank == 0:  # which compiles for all
+    mend_form_cache(Path(jit.get_options()["cache_dir"]))
 
 
 def cell_nodes(domain: mesh.Mesh) -> npt.NDArray[np.int32]:

@@ -172,7 +172,7 @@ class ReducedBody(PicturedRecord):
         if not np.isfinite(scaled).all():
             yield "gram holds numbers beyond all bounds"
         elif (least := float(np.linalg.eigvalsh(scaled)[0])) < -_ROUND_OFF:
-            yield f"the mass matrix is indefinite, {least:.1e} in its own scale: some motions have kinetic energies below 0"
+            yield f"the mass matrix is indefinite: of some motions the kinetic energy is below zero, {least:.1e} in its scale"
 
     @property
     def n_modes(self) -> int:

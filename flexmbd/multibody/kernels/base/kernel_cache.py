@@ -15,6 +15,7 @@ from numba.core import caching
 from numba.core.compiler import CompileResult
 from numba.core.registry import CPUDispatcher
 
+from flexmbd.multibody.kernels.base.cache_pruning import note_use, prune
 from flexmbd.multibody.kernels.base.kernel_stamp import options_of, stamp
 from flexmbd.multibody.kernels.base.pipeline import PartCompiler, part_from, part_payload
 
@@ -140,6 +141,7 @@ class _CheckedFiles(caching.IndexDataCacheFile):
         size = hashlib.sha256().digest_size
         if content[:size] != self._digest(name, content[size:]):
             return None
+        note_use(os.path.join(self._cache_path, name))
         try:
             return pickle.loads(content[size:])
         except (ImportError, AttributeError):  # types of arguments that have since moved to another module
@@ -161,4 +163,6 @@ class _CheckedFiles(caching.IndexDataCacheFile):
 
     def _save_data(self, name: str, data: Any) -> None:
         self._write(name, data)
+        if not _written:
+            prune(cache_folder() / "flexmbd")
         _written.append(name)
