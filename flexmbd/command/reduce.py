@@ -140,6 +140,11 @@ def _describe_reduction(parser: argparse.ArgumentParser) -> None:
     reduction.add_argument(
         "--joint", action="append", default=[], metavar="NAME", help="an interface that keeps its six; repeat it"
     )
+    reduction.add_argument(
+        "--residual-vectors",
+        action="store_true",
+        help="add what the modes that are left out do in statics under the body's own inertia forces, for stresses",
+    )
     reduction.add_argument("--no-geometric-stiffness", action="store_true", help="leave out what loads add to it")
     reduction.add_argument("--keep-modes", action="store_true", help="keep the modes at all nodes of the mesh")
     reduction.add_argument("--keep-surface", action="store_true", help="keep the surface, for pictures")
@@ -204,6 +209,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         damping=damping,
         keep=Keep(modes=arguments.keep_modes, surface=arguments.keep_surface),
         interface_modes=characteristic,
+        residual_vectors=arguments.residual_vectors,
         progress=parallel.on_root(comm, wants_bar),
     )
     parallel.on_root(comm, lambda: body.save(arguments.output))

@@ -23,6 +23,7 @@ from flexmbd.reduction.modes.interface_modes import (
     all_interface_shapes,
     check_interface_modes,
     interface_shapes,
+    kept_interfaces,
 )
 from flexmbd.reduction.modes.ritz import ritz_modes
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
@@ -30,6 +31,7 @@ from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.stages import Stages, stages
+from flexmbd.reduction.residual_vectors import residual_vectors as residual_modes
 from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
@@ -52,6 +54,7 @@ def craig_bampton(
     solver: Solver | None = None,
     eigensolver: Eigensolver | None = None,
     interface_modes: InterfaceModes | None = None,
+    residual_vectors: bool = False,
     progress: bool = False,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
@@ -81,6 +84,9 @@ def craig_bampton(
             `SpectrumSlicing()`.
         interface_modes: which interfaces keep their six static shapes, and how many characteristic modes stand for
             those of the others; None: all keep them.
+        residual_vectors: whether the quasi-static response of the modes that are left out, to `loads` and to the
+            inertia forces of the body's own motion, is kept as further modes, up to one a load, high ones. Stresses are
+            then as good as displacements (`flexmbd.reduction.residual_vectors`).
         progress: whether the first rank shows a bar with the stages and the memory that is expected.
 
     Returns:
@@ -109,12 +115,21 @@ def craig_bampton(
         solver=solver,
         eigensolver=eigensolver,
         interface_modes=interface_modes,
+        residual_vectors=residual_vectors,
         progress=progress,
     )
-    refuse_no_truth(ReductionError, geometric_stiffness=geometric_stiffness, progress=progress)
+    refuse_no_truth(
+        ReductionError, geometric_stiffness=geometric_stiffness, residual_vectors=residual_vectors, progress=progress
+    )
     method = chosen_eigensolver(eigensolver)
     truncation = chosen_truncation(modes)
-    contents = Contents(geometric_stiffness=geometric_stiffness, loads=given, damping=damping, keep=keep)
+    contents = Contents(
+        geometric_stiffness=geometric_stiffness,
+        loads=given,
+        damping=damping,
+        keep=keep,
+        residual_vectors=residual_vectors,
+    )
     contents.check(model)
     if interface_modes is not None:
         check_interface_modes(interface_modes, model.interfaces, frame=frame)
@@ -194,11 +209,9 @@ def _basis(
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)
         static = statics.static
-        if choice is None:
-            stage.begin("responses to loads")
-            # before the modes, since counting these may take the place of the factor
-            kept = all_interface_shapes(statics)
-            found = responses(statics, contents, kept.interfaces)
+        stage.begin("responses to loads")
+        # before the modes, since counting these may take the place of the factor
+        found = responses(statics, contents, kept_interfaces(statics, choice))
         stage.begin("modes")
         if truncation.free:
             frames = interface_loads(model, statics.interfaces, R=statics.R).forces
@@ -207,21 +220,24 @@ def _basis(
             )
         else:
             fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
-        if choice is not None:
-            kept = interface_shapes(statics, fixed, choice)
-            found = responses(statics, contents, kept.interfaces)
+        kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
         notes.update(kept.notes)
         count = len(fixed.eigenvalues)
-        if contents.geometric_stiffness and count > 0:
-            stage.begin("stretch modes")
-            more = _stretch_modes(statics, fixed, found, images)
+        wanted = "residual vectors" if contents.residual_vectors else "stretch modes"
+        if contents.residual_vectors or (contents.geometric_stiffness and count > 0):
+            stage.begin(wanted)
+            if contents.residual_vectors:
+                # what the loads of the body's motion stretch is among them
+                more = residual_modes(statics, fixed, forces=found.loads.forces, held=found.held, images=images)
+            else:
+                more = _stretch_modes(statics, fixed, found, images)
             fixed = eigen.Modes(
                 np.concatenate([fixed.eigenvalues, more.eigenvalues]), np.hstack([fixed.shapes, more.shapes])
             )
             if truncation.free:
                 # beside modes that are no eigenvectors of the fixed body they share mass or energy
                 fixed = ritz_modes(model, fixed.shapes, images=images)
-            notes["stretch modes"] = str(len(more.eigenvalues))
+            notes[wanted] = str(len(more.eigenvalues))
     # the shapes of the first interface were only for the check
     shapes, forces = statics.moving
     if choice is not None:
@@ -243,7 +259,10 @@ def _basis(
         R=statics.R,
         interfaces=interfaces,
         rows=kept.frame_rows(statics, n) - moved,
-        names=(*kept.names, *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free)),
+        names=(
+            *kept.names,
+            *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free, more=wanted.split()[0]),
+        ),
         shapes=shapes,
         forces=forces,
         eigenvalues=fixed.eigenvalues,
@@ -266,11 +285,11 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
     )
 
 
-def _names(statics: Statics, modes: int, stretch: int, *, free: bool) -> tuple[str, ...]:
+def _names(statics: Statics, modes: int, added: int, *, free: bool, more: str) -> tuple[str, ...]:
     """Names of the modes' coordinates."""
     kind = ("free-interface" if free else "fixed-interface") if statics.interfaces else "free-free"
     modal = [f"{kind} {i + 1}" for i in range(modes)]
-    return (*modal, *(f"stretch {i + 1}" for i in range(stretch)))
+    return (*modal, *(f"{more} {i + 1}" for i in range(added)))
 
 
 def _signed_modes(

@@ -69,12 +69,14 @@ class Contents:
         loads: those of `DistributedLoads`.
         damping: of the deformation, or None.
         keep: of the modes on the mesh.
+        residual_vectors: of the loads of the body's motion and of `loads`, as modes.
     """
 
     geometric_stiffness: bool
     loads: tuple[Load, ...]
     damping: Damping | None
     keep: Keep
+    residual_vectors: bool = False
 
     def check(self, model: LinearModel) -> None:
         """Refuse what does not fit the model. Collective.
@@ -122,7 +124,8 @@ def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundIn
     """Apply the loads that the contents need, those of the interfaces that the record has among them. Collective."""
     names, forces = tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
     named = UnitLoads(names, forces, np.zeros(len(names)))
-    loads = joined(unit_loads(statics, interfaces), named) if contents.geometric_stiffness else named
+    moved = contents.geometric_stiffness or contents.residual_vectors
+    loads = joined(unit_loads(statics, interfaces), named) if moved else named
     held = statics.held_response(loads.forces)
     return Responses(loads, statics.static_response(loads.forces, held=held), held)
 

@@ -81,6 +81,13 @@ def all_interface_shapes(statics: Statics) -> InterfaceShapes:
     return InterfaceShapes(statics.interfaces, statics.frame_motions.motions, _names(statics, every), {})
 
 
+def kept_interfaces(statics: Statics, choice: InterfaceModes | None) -> tuple[FoundInterface, ...]:
+    """The interfaces that keep their six, that of the body frame or the first one at first; None: all."""
+    if choice is None:
+        return statics.interfaces
+    return (*statics.interfaces[:1], *(one for one in statics.interfaces[1:] if one.name in choice.joints))
+
+
 def check_interface_modes(choice: InterfaceModes, interfaces: Sequence[FoundInterface], *, frame: str | None) -> None:
     """Refuse what is not well formed; not collective.
 
@@ -125,8 +132,7 @@ def interface_shapes(statics: Statics, fixed: Modes, choice: InterfaceModes) -> 
     mass = symmetric(inner(comm, shapes, images))
     coupling = inner(comm, images, fixed.shapes)
     stiffness = symmetric(inner(comm, psi, forces))
-    own = statics.interfaces[:1]
-    kept = (*own, *(one for one in statics.interfaces[1:] if one.name in choice.joints))
+    kept = kept_interfaces(statics, choice)
     joint = np.array([one.name in choice.joints for one in statics.interfaces[1:]])
     blocks = [np.flatnonzero(frames.owner == i) for i in np.flatnonzero(~joint)]
     own_motions = np.flatnonzero(joint[frames.owner])
