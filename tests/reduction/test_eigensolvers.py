@@ -21,7 +21,9 @@ from flexmbd.forms import solid_linear
 from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, Truncation, craig_bampton
 from flexmbd.reduction.modes import fixed_modes
 from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch
+from flexmbd.reduction.modes.signs import asymmetric_fields
 from flexmbd.reduction.modes.sturm import count_below
+from flexmbd.reduction.modes.truncation import MOST
 from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
@@ -69,6 +71,47 @@ def test_by_frequency_and_by_tolerance(method):
     found = craig_bampton(model, modes=close, frame="x_min", eigensolver=method, geometric_stiffness=False)
     assert found.n_modes < 100
     assert np.all(found.frequencies()[:6] ** 2 <= 1.01 * exact**2)
+
+
+@pytest.mark.parametrize("method", METHODS[:2], ids=["blocks", "Krylov-Schur"])
+def test_more_modes_below_a_frequency_than_are_looked_for_uncounted(method):
+    """Two thirds of all the modes of a part: their number is counted first, and each is that of the dense pencil."""
+    model = cube("x_min")
+    exact = exact_eigenvalues("x_min")
+    assert len(exact) > 700 > 600 > MOST
+    n = 600 + int(np.argmax(exact[600:650] / exact[599:649]))
+    below = float(np.sqrt(np.sqrt(exact[n - 1] * exact[n]))) / (2.0 * np.pi)
+    with body_statics(model, frame="x_min") as statics:
+        start = np.asfortranarray(asymmetric_fields(model)[statics.mask])
+        found = fixed_modes.fixed_interface_modes(statics, Truncation(below_hz=below), start=start, eigensolver=method)
+    assert found.count == n
+    assert found.provenance["completeness"].startswith(f"counted, {n} below")
+    bound = 10.0 * np.finfo(float).eps * np.maximum(exact[-1] / exact[:n], exact[:n] / exact[0])
+    assert np.all(abs(found.modes.eigenvalues[:n] / exact[:n] - 1.0) <= bound)
+
+
+def test_a_frequency_above_all_that_a_part_has():
+    """Gives all modes there are; memory that does not suffice for them is told before they are looked for."""
+    mesh = meshes.block(1.0, 0.8, 0.7, divisions=(2, 1, 1), cell="tetrahedron", degree=1)
+    model = ContinuumModel(mesh, solid_linear, STEEL, degree=1, interfaces=[Interface("x_min")])
+    body = craig_bampton(model, modes=Truncation(below_hz=1e9), frame="x_min", geometric_stiffness=False)
+    dofs = MPI.COMM_WORLD.allreduce(model.n_owned)
+    assert int(body.provenance["fixed-interface modes"]) == dofs - 12
+    with pytest.raises(ReductionError, match=f"the interior has {dofs - 12} dofs"):
+        craig_bampton(model, modes=dofs, frame="x_min")
+
+
+def test_modes_below_a_frequency_that_do_not_fit_in_memory(monkeypatch):
+    monkeypatch.setattr(fixed_modes, "memory_limit", lambda comm: 10**6)
+    with pytest.raises(ReductionError, match=r"modes lie below 20000 Hz; .*MB are left: take a lower below_hz"):
+        craig_bampton(cube("x_min"), modes=Truncation(below_hz=2e4), frame="x_min")
+
+
+@functools.cache
+def exact_eigenvalues(name):
+    """By the flexibility, which has the low ones to the last digits, and the high ones to eps lambda / lambda_1."""
+    k, m = held_pencil(cube(name))
+    return 1.0 / scipy.linalg.eigh(m, k, eigvals_only=True)[::-1]
 
 
 def held_pencil(model):

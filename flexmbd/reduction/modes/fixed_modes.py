@@ -26,7 +26,9 @@ from flexmbd.reduction.modes.signs import asymmetric_fields
 from flexmbd.reduction.modes.slepc_search import slepc_search
 from flexmbd.reduction.modes.spectrum_error import static_part
 from flexmbd.reduction.modes.sturm import confirmed
+from flexmbd.reduction.modes.sturm import count_below as inertia_below
 from flexmbd.reduction.modes.truncation import LOWEST, MOST, Truncation, whole_number
+from flexmbd.reduction.static_shapes.memory import memory_limit, workspace
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics
 
 #: Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
@@ -93,13 +95,18 @@ def fixed_interface_modes(
         _check_number(statics, truncation.modes)
         if truncation.modes == 0:
             return FoundModes(0, eigen.Modes(np.zeros(0), np.zeros((len(start), 0))), {})
-    limit = SEARCH_LIMIT if truncation.modes is None else 10 * (truncation.modes + GUARD) + 100
+    there = _number_below(statics, truncation)
+    known = truncation.modes if there is None else there
+    limit = SEARCH_LIMIT if known is None else 10 * (known + GUARD) + 100
     search = _mode_search(statics, start, eigensolver, limit=limit)
     while True:
-        count, provenance = _count(statics, search, truncation)
+        count, provenance = _count(statics, search, truncation, there=there)
         whole = find_whole_clusters(search, count, size=statics.size)
         if not truncation.complete:
             provenance["completeness"] = "not counted"
+            break
+        if whole == there:
+            provenance["completeness"] = f"counted, {there} below {truncation.below_hz:.6g} Hz"
             break
         before = search.eigenvalues[:whole].copy()
         provenance["completeness"] = confirmed(statics, search, whole)
@@ -152,10 +159,44 @@ def truncation_errors(
     return parallel.on_root(model.comm, estimate)
 
 
-def _count(statics: Statics, search: ModeSearch, truncation: Truncation) -> tuple[int, dict[str, str]]:
-    """How many modes were asked for, by what is known of the spectrum, and what the provenance says. Collective."""
+def _number_below(statics: Statics, truncation: Truncation) -> int | None:
+    """How many modes lie below a frequency that is asked for, by inertia; None where that is not to be had. Collective.
+
+    Raises:
+        ReductionError: on all ranks: so many that they do not fit in memory.
+    """
+    if truncation.below_hz is None or truncation.tol is not None or not (truncation.complete and statics.has_factor):
+        return None
+    try:
+        there = inertia_below(statics, truncation.eigenvalue)
+    except ReductionError:
+        return None  # no room for another factor, or the frequency is one of the body's
+    comm = statics.model.comm
+    shapes = 6 * len(statics.interfaces)
+    limit, needed = memory_limit(comm), workspace(statics.model, shapes=shapes, modes=there)
+    if limit is not None and needed > limit * comm.size:
+        raise ReductionError(
+            f"{there} fixed-interface modes lie below {truncation.below_hz:g} Hz; with them the reduction would take "
+            f"{needed / 1e6:.0f} MB more, and {limit * comm.size / 1e6:.0f} MB are left: take a lower below_hz, or a "
+            "number of modes"
+        )
+    return there
+
+
+def _count(
+    statics: Statics, search: ModeSearch, truncation: Truncation, *, there: int | None
+) -> tuple[int, dict[str, str]]:
+    """How many modes were asked for, by what is known of the spectrum, and what the provenance says. Collective.
+
+    `there`: of `_number_below`.
+    """
     if truncation.modes is not None:
         return truncation.modes, {}
+    if there:
+        search.find(0, spare=there)
+        if int(np.sum(search.eigenvalues < truncation.eigenvalue)) < there:
+            search.search_below(truncation.eigenvalue, there)
+        return there, {"modes below": f"{truncation.below_hz:g} Hz"}
     if truncation.tol is None:
         return count_below(search, truncation), {"modes below": f"{truncation.below_hz:g} Hz"}
     count, error = count_for_tolerance(statics, search, truncation, tol=truncation.tol)

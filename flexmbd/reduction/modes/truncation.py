@@ -13,7 +13,7 @@ from flexmbd.reduction.modes.spectrum_error import FLOOR
 
 #: Number of elastic frequencies that a tolerance is for where no range is named.
 LOWEST = 6
-#: Most modes that are looked for where their number is not given.
+#: Most modes that are looked for where their number is neither given nor counted.
 MOST = 500
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -18,7 +20,7 @@ _BASIS, _BEGINNING = 3, 60
 # their forces, the modes with ghosts, the fields of the Gram matrix and their images.
 _COPIES = 6
 # Memory of the levels of multigrid, and of the blocks that its iteration takes, over that of the matrix.
-_HIERARCHY = 2.5
+_HIERARCHY = 3.0
 
 
 def workspace(model: LinearModel, *, shapes: int, modes: int) -> int:
@@ -48,9 +50,18 @@ def stored(matrix: PETSc.Mat) -> int:
 
 def memory_limit(comm: MPI.Comm) -> int | None:
     """Bytes that a reduction may take on each rank, the same on all; None where nothing is known. Collective."""
+    _trim()
     host = comm.Split_type(MPI.COMM_TYPE_SHARED)
     available, ranks = available_memory(), host.size
     host.Free()
     share = None if available is None else int(_SHARE * available / ranks)
     shares = [one for one in comm.allgather(share) if one is not None]
     return min(shares, default=None)
+
+
+def _trim() -> None:
+    """Give back what was freed: of the pattern of a matrix, small pieces that glibc keeps, a third of an assembly."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError):
+        pass  # another C library, which has no such function
