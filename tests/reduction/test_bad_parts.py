@@ -43,7 +43,7 @@ def test_pieces_and_mechanisms_inside_a_part(shift):
 
 def test_interfaces_that_share_nodes():
     mesh = meshes.block(0.3, 0.1, 0.1, divisions=(3, 2, 2))
-    with pytest.raises(InterfaceError, match="share nodes|share"):
+    with pytest.raises(InterfaceError, match="share"):
         ContinuumModel(mesh, solid_linear, STEEL, degree=1, interfaces=[Interface("x_min"), Interface("y_min")])
 
 
