@@ -78,6 +78,10 @@ class TableWarning(UserWarning):
     """A table's cubics leave the range of its points by more than that range, as beside a jump."""
 
 
+class EventWarning(UserWarning):
+    """An event's function passes through zero several times in a step, so that passages may be missed."""
+
+
 class ExplicitRunError(FlexmbdError):
     """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long."""
 

@@ -5,6 +5,7 @@ from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import AssemblyError as AssemblyError
 from flexmbd.errors import ConvergenceError as ConvergenceError
 from flexmbd.errors import EnsembleError as EnsembleError
+from flexmbd.errors import EventWarning as EventWarning
 from flexmbd.errors import ExportError as ExportError
 from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.errors import FormulationError as FormulationError

@@ -68,9 +68,10 @@ class Event:
 
     Attributes:
         function: of a ``Moment``, one number; the event is where it passes through zero.  It must be continuous.
-            What passes and comes back within a step is found by looking at the motion between its ends, once at least
-            and thrice in the time between its last two passages: of passages that are much nearer than that some may
-            be missed; ``max_step`` bounds the steps.
+            What passes and comes back within a step is found by looking at the motion between its ends, once at least,
+            thrice in the time between its last two passages, and the closer the more it bends between looks; of
+            passages that are much nearer than a 32nd of a step some may be missed.  An ``EventWarning`` tells where
+            that may be; ``max_step`` bounds the steps.
         direction: which passages count.
         stop: end the simulation there.
         action: called at the event; may set joint velocities, as an impact does.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import EventWarning, SceneError, warn
 from flexmbd.integrate import state as st
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series, interpolated_coordinates
@@ -24,6 +24,8 @@ _GONE = 1e-10
 # Where a function is looked at within a step: once at least, so often in the time between its last two passages, and
 # at most so often; what is found twice in a row by twice as many looks is all there is.
 _LOOKS, _MOST_LOOKS = 3.0, 4096
+# So often, if what is seen could hide passages: a function that lies on zero could from any number of looks.
+_CLOSE_LOOKS = 32
 _UNEVEN = 0.618  # no whole share of a step, for functions that repeat themselves
 # Where a function's pace is not known yet, at the start and after a passage, it is also looked at in shorter and
 # shorter parts of the step, each half the one before: the first of passages at equal times is then seen by itself.
@@ -59,6 +61,9 @@ class EventSearch:
         self._last_passage = np.full(len(events), -np.inf)
         self._spacing = np.full(len(events), np.inf)
         self._new_pace = True  # whether a function may pass at another pace than before
+        # where the last step ended, NaN where an event took place there
+        self._values: FloatArray = np.full(len(events), np.nan)
+        self._warned: set[int] = set()
 
     def advance(self, t_end: float) -> int:
         """One step towards ``t_end`` (s), cut short at the first event in it; the stepper's code."""
@@ -67,15 +72,18 @@ class EventSearch:
         code = integration.advance(t_end)
         if code not in (st.OUTPUT, st.DONE) or integration.t == before.state.numbers[st.TIME]:
             return code
-        signs = self._signs_now()
+        values = self._values_now()
+        signs = np.sign(values)
         fallen = (signs != 0.0) & (signs == self._thrown_back)
         if fallen.any():
             code = self._follow_throw(before, np.flatnonzero(fallen))
-            signs = self._signs_now()
-        if (first := self._first_of_many(before, signs)) is not None:
+            values = self._values_now()
+            signs = np.sign(values)
+        if (first := self._first_of_many(before, values)) is not None:
             code = self._step_to(before, first)
             code = st.OUTPUT if code == st.DONE else code
-            signs = self._signs_now()
+            values = self._values_now()
+            signs = np.sign(values)
         self._thrown_back[signs != 0.0] = 0.0
         passed = [
             k for k, event in enumerate(self._events) if event.passes(self._signs[k], signs[k])
@@ -85,8 +93,10 @@ class EventSearch:
             # a function that touches zero keeps its side
             self._signs = np.where(signs == 0.0, self._signs, signs)
             self._new_pace = first is not None
+            self._values = values
             integration.keep_rows()
             return code
+        self._values = np.full(len(self._events), np.nan)
         return self._take_place(passed, before, signs, t_end)
 
     def _note_passages(self, passed: NDArray[np.bool_]) -> None:
@@ -95,32 +105,55 @@ class EventSearch:
         self._spacing[passed] = (self._integration.t - self._last_passage)[passed]
         self._last_passage[passed] = self._integration.t
 
-    def _first_of_many(self, before: Snapshot, signs: NDArray[np.float64]) -> float | None:
+    def _first_of_many(self, before: Snapshot, values: FloatArray) -> float | None:
         """Where to end the step that a function passes more than once in: at a look with but its first passage before.
 
         A function that is zero at the step's beginning has none before it: it must be seen on a side to leave that.
-        Looked for on the motion between the step's ends, which nothing but this is taken from.
+        Looked for on the motion between the step's ends, which nothing but this is taken from; more and more closely as
+        long as what is seen could hide a passage (``_hides_none``).
+
+        Args:
+            before: the step's beginning.
+            values: of the functions at its end.
         """
         begin, end = float(before.state.numbers[st.TIME]), self._integration.t
         looks = int(min(1.0 + np.ceil(_LOOKS * (end - begin) / self._spacing.min()), _MOST_LOOKS))
         halves = 0.5 ** np.arange(1, _HALVES + 1) if self._new_pace else np.zeros(0)
         allowed = (self._signs != 0.0).astype(int)
-        found = -1
+        found, most = -1, max(_CLOSE_LOOKS, 2 * looks)
         while True:
             shares = np.concatenate([halves, (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)])
             instants = begin + (end - begin) * np.unique(shares)
             instants = instants[instants > begin]
             rows = zip(instants, *self._motion_since(before, instants), strict=True)
-            seen = [self._signs, *(np.sign(self._values_at(t, x, v, a)) for t, x, v, a in rows), signs]
+            told = np.array([self._values, *(self._values_at(t, x, v, a) for t, x, v, a in rows), values])
+            seen = np.vstack([self._signs, np.sign(told[1:])])
             changes = [_changes(np.array([row[k] for row in seen])) for k in range(len(self._events))]
-            if all(len(one) <= most for one, most in zip(changes, allowed, strict=True)):
+            resolved = _hides_none(np.array([begin, *instants, end]), told)
+            none = all(len(one) <= most for one, most in zip(changes, allowed, strict=True))
+            if none and (resolved.all() or looks >= _CLOSE_LOOKS):
                 return None
             total = sum(len(one) for one in changes)
-            if total == found or looks >= _MOST_LOOKS:
+            if not none and ((total == found and (resolved.all() or looks >= most)) or looks >= _MOST_LOOKS):
+                self._warn(begin, end, changes, resolved)
                 # seen[k + 1] is what is seen at instants[k]
                 last = min(one[0] - 2 + most for one, most in zip(changes, allowed, strict=True) if len(one))
                 return float(instants[last]) if last < len(instants) else None
             found, looks = total, 2 * looks
+
+    def _warn(
+        self, begin: float, end: float, changes: Sequence[NDArray[np.int64]], resolved: NDArray[np.bool_]
+    ) -> None:
+        """Warn, once for each event, where a function changes its sign faster than it was looked at."""
+        for k, event in enumerate(self._events):
+            if len(changes[k]) > 1 and not resolved[k] and k not in self._warned and self._team.is_root:
+                self._warned.add(k)
+                warn(
+                    f"the function of event {event.name!r} passes through zero at least {len(changes[k])} times in a step "
+                    f"of {end - begin:.3g} s at t = {begin:.6g} s; of passages so near to each other some may be missed. "
+                    "Bound the steps (max_step=), or let a controller sample at exact instants (scene.add_controller)",
+                    EventWarning,
+                )
 
     def _motion_since(self, before: Snapshot, instants: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x (k, nx), v, a (k, nv) at instants (s) of the step from ``before`` to where the integration stands."""
@@ -248,6 +281,22 @@ class EventSearch:
     def _values_now(self) -> NDArray[np.float64]:
         moment = self._moment()
         return np.array([event.value(moment, self._team) for event in self._events])
+
+
+def _hides_none(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """Whether each function (k, events) is smooth enough between looks at t (k,) to hide no passage through zero.
+
+    Three values in a row of one sign do not where they lie farther from zero than the middle one from the line through
+    the others; of two signs where they ascend or descend by more than that.  What is not known (NaN) says nothing.
+    """
+    first, middle, last = values[:-2], values[1:-1], values[2:]
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    bend = np.abs(middle - first - share * (last - first))
+    rise, further = middle - first, last - middle
+    ascends = (rise * further > 0.0) & (np.minimum(np.abs(rise), np.abs(further)) >= bend)
+    nearest = np.minimum(np.minimum(np.abs(first), np.abs(middle)), np.abs(last))
+    one_sided = (np.sign(first) == np.sign(middle)) & (np.sign(middle) == np.sign(last))
+    return np.asarray((np.where(one_sided, nearest >= bend, ascends) | np.isnan(bend)).all(axis=0))
 
 
 def _changes(signs: FloatArray) -> NDArray[np.int64]:

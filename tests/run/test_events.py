@@ -195,3 +195,18 @@ def falling_bar():
     hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), bar.frame())
     hinge.position = 0.3
     return scene, hinge, bar
+
+
+def test_a_clock_is_heard_whole_and_warned_of():
+    """Steps of 0.1 s, of which ends and one look fall on like places of a sine: 8 of a hundred ticks were heard."""
+    scene, *_ = pendulum()
+    clock = fm.Event(lambda now: np.sin(np.pi * (now.t / 0.01 - 0.5)), name="clock")
+    with pytest.warns(fm.EventWarning, match="'clock' passes through zero at least .* let a controller sample"):
+        run = scene.simulate(0.3, rtol=1e-3, events=[clock])
+    np.testing.assert_allclose([one.t for one in run.events], 0.01 * (0.5 + np.arange(30)), atol=1e-9)
+
+
+def test_a_short_dip_within_a_long_step_is_found():
+    scene, *_ = pendulum()
+    dip = fm.Event(lambda now: abs(now.t - 0.537) - 1e-2)
+    assert [one.t for one in scene.simulate(1.0, rtol=1e-3, events=[dip]).events] == pytest.approx([0.527, 0.547])
