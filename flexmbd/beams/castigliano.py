@@ -74,7 +74,10 @@ def check_section(section: Section, group: str) -> None:
     Raises:
         SceneError: names the group and the value.
     """
-    values = {name: float(getattr(section, name)) for name in ("E", "rho", "A", "Iy", "Iz", "J", "ky", "kz")}
+    try:
+        values = {name: float(getattr(section, name)) for name in ("E", "rho", "A", "Iy", "Iz", "J", "ky", "kz")}
+    except (AttributeError, TypeError, ValueError) as error:
+        raise SceneError(f"section of {group!r}: {error}; give forms.beam_timoshenko.Parameters or its like") from error
     for name, value in values.items():
         # written so that NaN fails; without shear its factors are infinite
         if not (0.0 < value and (math.isfinite(value) or name in ("ky", "kz"))):

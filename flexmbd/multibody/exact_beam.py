@@ -28,7 +28,7 @@ from flexmbd.multibody.force.protocol import vector
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ExactBeam:
     """Beams that bend, twist, shear and stretch by any amount: Simo's and Reissner's, one or a frame of many.
 
@@ -82,12 +82,18 @@ class ExactBeam:
             value = self._viscosity(name)
             if not (is_number(value) and value >= 0.0):
                 raise SceneError(f"viscosity of {name!r} must be a number of seconds, not negative, got {value!r}")
+        if isinstance(self.viscosity, Mapping) and (unknown := sorted(set(self.viscosity) - set(groups))):
+            raise SceneError(f"viscosity of {unknown[0]!r}: the groups are {', '.join(map(repr, groups))}")
         for name, pair in self.rotary_inertia.items():
             if name not in groups:
                 raise SceneError(f"rotary_inertia of {name!r}: the groups are {', '.join(map(repr, groups))}")
             if np.shape(pair) != (2,) or not all(is_number(one) and one > 0.0 for one in pair):
                 raise SceneError(f"rotary_inertia of {name!r} must be two positive numbers, kg m, got {pair!r}")
         _ = self.elements  # refuses orientations along beams
+
+    def __repr__(self) -> str:
+        """Its name and how much of it there is."""
+        return f"<ExactBeam {self.name!r}: {len(self.mesh.x)} sections, {len(self.elements)} elements, {self.mass:.4g} kg>"
 
     @cached_property
     def mesh(self) -> FrameMesh:
