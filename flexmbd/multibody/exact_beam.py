@@ -93,7 +93,7 @@ class ExactBeam:
 
     def __repr__(self) -> str:
         """Its name and how much of it there is."""
-        return f"<ExactBeam {self.name!r}: {len(self.mesh.x)} sections, {len(self.elements)} elements, {self.mass:.4g} kg>"
+        return f"<ExactBeam {self.name!r}: {len(self.elements)} elements, {self.mass:.4g} kg>"
 
     @cached_property
     def mesh(self) -> FrameMesh:

@@ -100,7 +100,8 @@ def _energy(plan, work, row, d, R, rate, spin):
     return 0.5 * (dot3(n, s) + dot3(m, turn))
 
 
-# Unseen, as the rounding of places makes accelerations of a thin element whose errors no explicit step is too short for.
+# Unseen: the rounding of places makes accelerations of a thin element, of whose noise no explicit step is short enough
+# to make less at a tight tolerance.
 BEAM_ELEMENT = FrameElement(
     Behaviour("elements of beams, which may be stiff", Stiffness.UNSEEN, damper=(_C, 36)), _wrench, _variation, _energy
 )
