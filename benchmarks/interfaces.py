@@ -3,8 +3,8 @@
     ./run python benchmarks/interfaces.py
 
 Over the tolerance: coordinates of the interfaces, the true error of the six lowest eigenvalues (2 pi f)^2 of the free
-and of the held plate against the unreduced one, and its estimate, (1 + estimate for the fixed-interface modes)(1 + what the
-interface modes add) - 1.
+and of the held plate against the unreduced one, and its estimate, (1 + estimate for the fixed-interface modes)(1 + what
+the interface modes add) - 1.
 """
 
 from __future__ import annotations

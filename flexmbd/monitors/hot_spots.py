@@ -1,14 +1,14 @@
 """Where and when the largest stress of a run is, found exactly without the stress of every node at every instant.
 
 Stress is linear in the strain coordinates s of the record, sigma = sum_j S_j s_j. A measure f of it, the von Mises
-stress or a principal stress, is convex, and changes by no more than a norm |.| of a change of stress: the von Mises stress of the
-difference, or its Frobenius norm (Weyl). With e the departure of s from the straight line between the instants a and b,
+stress or a principal stress, is convex, and changes by no more than a norm |.| of a change of stress: the von Mises
+stress of the difference, or its Frobenius norm (Weyl). With e the departure of s from the straight line between the instants a and b,
 f is between them at most
 
     max(f(a), f(b)) + sum_j |S_j| max |e_j|,
 
-which closes in with the square of b - a. Stretches of time whose bound lies below what was found already are left alone,
-the others are halved, for the nodes in question alone: branch and bound, the highest bound first. The coordinates are
+which closes in with the square of b - a. Stretches of time whose bound lies below what was found already are left
+alone, the others are halved, for the nodes in question alone: branch and bound, the highest bound first. The coordinates are
 turned to the principal directions of the motion, so that few of them are large.
 """
 
@@ -127,7 +127,8 @@ def _search(
     sigma, s = _principal(sigma, strained)
     reach, count = _reach(sigma, measure), min(count, len(sigma))
     grid = np.unique([*range(0, len(s), _STRETCH), len(s) - 1])
-    values = np.concatenate([_measured(_stresses(sigma, s[grid[i : i + 8]]), measure) for i in range(0, len(grid), 8)], axis=1)
+    blocks = [grid[i : i + 8] for i in range(0, len(grid), 8)]
+    values = np.concatenate([_measured(_stresses(sigma, s[block]), measure) for block in blocks], axis=1)
     best, when = values.max(axis=1), grid[values.argmax(axis=1)]
     heap: list[tuple[float, int, int, IntArray, FloatArray, FloatArray, FloatArray]] = []
 
@@ -166,7 +167,7 @@ def _search(
 
 
 def _principal(sigma: FloatArray, strained: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same stresses (k, 6, r) and motion (nt, r) in its principal directions, weighed by the size of their stress."""
+    """The same stresses (k, 6, r) and motion (nt, r) in its principal directions, weighed by stress."""
     sizes = np.sqrt(np.mean(sigma**2, axis=(0, 1)))
     sizes[sizes == 0.0] = 1.0
     weighed = strained * sizes

@@ -30,8 +30,8 @@ from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
-from flexmbd.reduction.stages import Stages, stages
 from flexmbd.reduction.residual_vectors import residual_vectors as residual_modes
+from flexmbd.reduction.stages import Stages, stages
 from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
@@ -201,7 +201,7 @@ def _basis(
     stage: Stages,
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
-    expected = _EXPECTED if truncation.modes is None else truncation.modes
+    expected = _EXPECTED if truncation.modes is None else min(truncation.modes, int(model.K.getSize()[0]))
     stage.begin("factor")
     with body_statics(model, frame=frame, solver=solver, modes=expected) as statics:
         stage.note(f"{statics.solver}; some {statics.memory / 1e6:.1f} MB beside K and M")

@@ -2,8 +2,8 @@
 
 A load's static response with all interfaces fixed, less what the modes have of it, is the quasi-static share of all
 modes that were left out. Kept as shapes beside the modes they do what the mode acceleration method does afterwards
-(modal truncation augmentation: Dickens, Nakagawa & Wittbrodt 1997, Computers & Structures 62): stresses converge as fast as
-displacements. They are orthogonal to the modes in mass and in stiffness.
+(modal truncation augmentation: Dickens, Nakagawa & Wittbrodt 1997, Computers & Structures 62): stresses converge as
+fast as displacements. They are orthogonal to the modes in mass and in stiffness.
 """
 
 from __future__ import annotations
