@@ -16,6 +16,7 @@ from flexmbd.files.result_table import ResultTable
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.force.states import States
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.energy import Energy
@@ -75,6 +76,9 @@ class Answers(Protocol):
     def reaction(self, connection: Connection) -> FloatArray:
         """(nt, 6) N, N m."""
 
+    def states(self, states: States, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, n) values of state equations."""
+
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
         """What a force element remembers, by name."""
 
@@ -119,7 +123,7 @@ FRAME_SERIES = {
 
 def table_columns(
     run: Answers,
-    things: Sequence[Connection | Frame | Body],
+    things: Sequence[Connection | Frame | Body | States],
     reactions: Sequence[Connection],
     *,
     energies: bool | None,
@@ -131,6 +135,7 @@ def table_columns(
     """
     bodies = tuple(run.bodies.values())
     index = run.scene.index
+    things_given = bool(things)
     if not things:
         things = tuple(joint for joint in index.joints if joint.joint.velocity_names)
         placed = [body for body in bodies if body in index.bodies]
@@ -144,6 +149,8 @@ def table_columns(
     for joint in reactions:
         refuse_other(joint, Connection, "reactions", wanted="joints, as connect() gives them")
     columns += [reaction_columns(joint) for joint in reactions]
+    if not things_given:
+        columns += [state_columns(states) for states in index.states if isinstance(states, States)]
     columns += [energy_columns()] if energies else []
     refuse_equal_names(columns)
     return tuple(columns)
@@ -162,7 +169,7 @@ def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> F
     return equal_times(float(ends[0]), float(ends[-1]), every)
 
 
-def columns_of(thing: Connection | Frame | Body, bodies: Collection[int]) -> Iterator[ResultColumns]:
+def columns_of(thing: Connection | Frame | Body | States, bodies: Collection[int]) -> Iterator[ResultColumns]:
     """All that a joint, a frame or one of a trajectory's bodies (by their ids) tells.
 
     Of a joint coordinates and rates; of a frame position, quaternion, velocity, angular velocity and acceleration; of
@@ -175,13 +182,23 @@ def columns_of(thing: Connection | Frame | Body, bodies: Collection[int]) -> Ite
         yield from joint_columns(thing)
     elif isinstance(thing, Frame):
         yield from (frame_columns(thing.label, thing, series) for series in FRAME_SERIES.values())
+    elif isinstance(thing, States):
+        yield state_columns(thing)
     elif id(thing) in bodies:
         own = Frame(thing, np.zeros(3), np.eye(3), None, thing.name)
         yield from (frame_columns(thing.name, own, series) for series in FRAME_SERIES.values())
         if isinstance(thing, FlexibleBody):
             yield modal_columns(thing)
     else:
-        raise SceneError(f"a table is of this machine's joints, frames and bodies of one frame, not of {thing!r}")
+        raise SceneError(
+            f"a table is of this machine's joints, frames, bodies of one frame and states, not of {thing!r}"
+        )
+
+
+def state_columns(states: States) -> ResultColumns:
+    """Values of state equations, each in its own unit, which only the user knows."""
+    units = tuple("own unit" for _ in states.state_names)
+    return ResultColumns(states.state_names, units, lambda run, t: run.states(states, t=t))
 
 
 def bodies_columns(scene: CompiledScene, bodies: Sequence[Body]) -> Iterator[ResultColumns]:

@@ -149,8 +149,9 @@ class EventSearch:
             if len(changes[k]) > 1 and not resolved[k] and k not in self._warned and self._team.is_root:
                 self._warned.add(k)
                 warn(
-                    f"the function of event {event.name!r} passes through zero at least {len(changes[k])} times in a step "
-                    f"of {end - begin:.3g} s at t = {begin:.6g} s; of passages so near to each other some may be missed. "
+                    f"the function of event {event.name!r} passes through zero at least {len(changes[k])} times in a "
+                    f"step of {end - begin:.3g} s at t = {begin:.6g} s; of passages so near to each other some may be "
+                    "missed. "
                     "Bound the steps (max_step=), or let a controller sample at exact instants (scene.add_controller)",
                     EventWarning,
                 )

@@ -102,6 +102,17 @@ def test_units_of_a_state_change_nothing(name):
     np.testing.assert_array_equal(runs[0].states(one[2]), unit * runs[1].states(other[2]))
 
 
+def test_states_stand_in_tables():
+    scene, slide, states = lagged()
+    run = scene.simulate(0.5)
+    table = run.table(slide, states, t=[0.1, 0.3])
+    np.testing.assert_array_equal(table.column("actuator.z[0]"), run.states(states, t=[0.1, 0.3])[:, 0])
+    assert "actuator.z[0]" in run.table().names
+    *_, foreign = lagged()
+    with pytest.raises(SceneError, match="states 'actuator' are not in this scene"):
+        run.table(foreign)
+
+
 def test_states_are_no_bodies():
     scene, slide, _ = lagged()
     run = scene.simulate(0.5)
