@@ -25,7 +25,7 @@ import reduction_case as case
 from benchmark import Report
 
 MINUTES = 12
-PEERS = ()
+PEERS: tuple[str, ...] = ()
 
 MODES = 14
 MARK = "large block: "
