@@ -2,14 +2,14 @@
 
 Stress is linear in the strain coordinates s of the record, sigma = sum_j S_j s_j. A measure f of it, the von Mises
 stress or a principal stress, is convex, and changes by no more than a norm |.| of a change of stress: the von Mises
-stress of the difference, or its Frobenius norm (Weyl). With e the departure of s from the straight line between the instants a and b,
-f is between them at most
+stress of the difference, or its Frobenius norm (Weyl). With e the departure of s from the straight line between the
+instants a and b, f is between them at most
 
     max(f(a), f(b)) + sum_j |S_j| max |e_j|,
 
 which closes in with the square of b - a. Stretches of time whose bound lies below what was found already are left
-alone, the others are halved, for the nodes in question alone: branch and bound, the highest bound first. The coordinates are
-turned to the principal directions of the motion, so that few of them are large.
+alone, the others are halved, for the nodes in question alone: branch and bound, the highest bound first. The
+coordinates are turned to the principal directions of the motion, so that few of them are large.
 """
 
 from __future__ import annotations
