@@ -272,3 +272,16 @@ def test_a_machine_with_signals_leaves_in_no_fmu(tmp_path):
     scene, *_ = cart()
     with pytest.raises(ExportError, match=r"signals that they set \(push\)"):
         fm.export.fmu_machine(scene, tmp_path / "cart.fmu", h=1e-3)
+
+
+def test_a_reaction_at_a_sample_is_to_what_was_held_before_it():
+    scene, slide, push = cart()
+    across = fm.Signal("across", 7.0)
+    scene.add_force(fm.force.FrameForce(slide.child, (0.0, across, 0.0)))
+    law = scene.add_controller(lambda t, y: [10.0 * t, 1.0 + t], period=0.1, inputs=[push, across])
+    run = scene.simulate(0.45, rtol=1e-4)
+    samples, held = run.sampled(law), -run.reaction(slide)[:, 1]
+    before = np.concatenate([[7.0], samples.inputs[:, 1]])[np.searchsorted(samples.t, run.t, side="left")]
+    np.testing.assert_allclose(held, before, rtol=1e-12)
+    np.testing.assert_array_equal(samples.held([0.0, 0.05, 0.1])[:, 1], [1.0, 1.0, 1.1])
+    assert -run.at(0.2501).reaction(slide)[1] == pytest.approx(1.2, rel=1e-12)
