@@ -25,8 +25,8 @@ from flexmbd.meshes.dimension import (
     require_degree,
     require_positive,
 )
-from flexmbd.meshes.trial_read import Kind, try_to_read
 from flexmbd.meshes.step_faces import StepFace, SurfacePoint, point_text, read_faces, volume
+from flexmbd.meshes.trial_read import Kind, try_to_read
 
 # A bracket of our own: a foot with two bolt bores and a lug with a pin bore (data/README.md).
 BRACKET = Path(__file__).parent / "data" / "bracket.step"

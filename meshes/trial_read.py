@@ -100,5 +100,6 @@ def try_to_read(path: Path, kind: Kind) -> None:
         raise MeshError(f"{path}: gmsh cannot read it: {told[-1] if told else 'it says nothing'}")
     how = f"by signal {-done.returncode}" if done.returncode < 0 else "early"
     raise MeshError(
-        f"{path}: damaged: gmsh ended {how} as it read it, within {seconds} s and {memory / 2**30:.1f} GiB; export it again from the program it is from"
+        f"{path}: damaged: gmsh ended {how} as it read it, within {seconds} s and {memory / 2**30:.1f} GiB; "
+        "export it again from the program that made it"
     )

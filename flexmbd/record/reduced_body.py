@@ -172,7 +172,7 @@ class ReducedBody(PicturedRecord):
         if not np.isfinite(scaled).all():
             yield "gram holds numbers beyond all bounds"
         elif (least := float(np.linalg.eigvalsh(scaled)[0])) < -_ROUND_OFF:
-            yield f"the mass matrix is indefinite: of some motions the kinetic energy is below zero, {least:.1e} in its scale"
+            yield f"the mass matrix is indefinite, {least:.1e} in its scale: some motions have negative kinetic energy"
 
     @property
     def n_modes(self) -> int:
