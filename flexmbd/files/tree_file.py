@@ -129,7 +129,7 @@ def tree_of(path: Path, image: bytes, *, kind: FileKind) -> Tree:
         raise RecordError(f"{path} does not hold what a {kind.format} should: {error}") from error
 
 
-def tree_image(tree: Mapping[str, Any], *, kind: FileKind) -> memoryview:
+def tree_image(tree: Mapping[str, Any], *, kind: FileKind) -> bytes:
     """The bytes of a file that holds a tree.
 
     Raises:
@@ -144,9 +144,11 @@ def tree_image(tree: Mapping[str, Any], *, kind: FileKind) -> memoryview:
         file.attrs["format"] = kind.format
         file.attrs["version"] = kind.version
         _write_group(file, tree, where="")
-    image = buffer.getbuffer()
-    image[:HEAD] = _head(kind, size=len(image) - HEAD, digest=hashlib.sha256(image[HEAD:]).hexdigest())
-    return image
+    with buffer.getbuffer() as image, image[HEAD:] as body:
+        head = _head(kind, size=len(body), digest=hashlib.sha256(body).hexdigest())
+    buffer.seek(0)
+    buffer.write(head)
+    return buffer.getvalue()
 
 
 def seal(file: int, kind: FileKind) -> None:

@@ -130,8 +130,8 @@ def read_log(path: Path, *, kind: FileKind) -> Iterator[tuple[Tree, int]]:
         raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-def _write(file: int, image: memoryview) -> None:
-    left = image
+def _write(file: int, image: bytes) -> None:
+    left = memoryview(image)
     while left:  # a disk that is nearly full takes a part
         left = left[os.write(file, left) :]
 

@@ -31,7 +31,7 @@ _LONGEST_WORDS = 300
 LARGEST = 2**31
 
 
-def replace_file(path: Path, *parts: bytes | memoryview) -> None:
+def replace_file(path: Path, *parts: bytes) -> None:
     """Put the parts into a new file and rename it to `path`.
 
     Raises:

@@ -13,7 +13,6 @@ from exported_bodies import small_body
 from flexmbd.ensemble.results_file import new_file
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.record_arrays import npz, read_npz
-from flexmbd.files import whole_file
 from flexmbd.files.array_file import read_arrays, write_arrays
 from flexmbd.files.whole_file import write_file
 
@@ -73,7 +72,7 @@ def test_a_disk_that_is_read_only_or_full(tmp_path, monkeypatch):
     path = tmp_path / "kept.npz"
     write_arrays(path, {"version": 1})
     before = path.read_bytes()
-    monkeypatch.setattr(whole_file.os, "open", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(RecordError, match=r"cannot be written to .*: Read-only file system; what was there is"):
         write_arrays(path, {"version": 1})
     with pytest.raises(ExportError, match="Read-only file system; nothing was changed there"):
