@@ -123,8 +123,7 @@ def drawn_scene(
     Raises:
         PictureError: a bad choice.
     """
-    if not (is_number(amplification) and amplification >= 0.0):
-        raise PictureError(f"the amplification must not be negative, got {amplification!r}")
+    refuse_bad_look(amplification=amplification)
     refuse_unknown(looks or {}, recordings)
     bones = skeleton(motion, times)
     colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
@@ -185,6 +184,19 @@ def _fixed(motion: RecordedMotion, count: int) -> tuple[RigidPart, ...]:
         RigidPart(ground.name, piece.colour or GROUND, piece.points, piece.triangles, pose)
         for piece in ground.shape.pieces()
     )
+
+
+def refuse_bad_look(*, amplification: float = 1.0, size: tuple[int, int] = (2, 2)) -> None:
+    """Refuse a negative amplification, and sizes that are not two positive even numbers (films need them even).
+
+    Raises:
+        PictureError: on each rank that calls.
+    """
+    if not (is_number(amplification) and amplification >= 0.0):
+        raise PictureError(f"the amplification must not be negative, got {amplification!r:.100}")
+    whole = isinstance(size, Sequence) and len(size) == 2 and all(isinstance(n, int) for n in size)
+    if not whole or not all(n > 0 and n % 2 == 0 for n in size):
+        raise PictureError(f"the size must be two positive even numbers of pixels, got {size!r:.100}")
 
 
 def checked_view(view: ArrayLike | None) -> FloatArray | None:

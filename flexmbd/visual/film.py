@@ -12,7 +12,7 @@ from flexmbd.errors import PictureError
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene
+from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
@@ -83,6 +83,8 @@ def animate(
     target = checked_path(path, SUFFIXES)
     times, slowness = _times(trajectory, between, slow_motion, fps)
     require("pyvista")
+    refuse_bad_look(amplification=amplification, size=size)
+    eye = checked_view(view)
     if not (models or trajectory.team.is_root):
         return target
     scene = drawn_scene(
@@ -95,7 +97,6 @@ def animate(
         looks=looks,
         frames=frames,
     )
-    eye = checked_view(view)
     if trajectory.team.is_root:
         write_film(scene, target, fps=fps, size=size, view=eye, progress=progress)
     return target

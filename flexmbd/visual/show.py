@@ -17,7 +17,7 @@ from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene
+from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
@@ -77,6 +77,7 @@ def show(
     times = _times(motion, t, still=target is not None)
     if models and len(times) > 1:
         raise PictureError("a window coloured by stress shows one instant: give t, or film it by animate(models=...)")
+    refuse_bad_look(amplification=amplification, size=size)
     eye = checked_view(view)
     if not (models or motion.team.is_root):
         return target

@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import PictureError
-from flexmbd.given import is_number
 from flexmbd.record.stress_field import StressField
 from flexmbd.visual.destination import checked_path
-from flexmbd.visual.drawn_scene import DrawnScene, portrait
+from flexmbd.visual.drawn_scene import DrawnScene, portrait, refuse_bad_look
 from flexmbd.visual.library import require
 from flexmbd.visual.scales import readable
 from flexmbd.visual.show import write_picture
@@ -62,8 +60,7 @@ def stress_scene(field: StressField, *, amplification: float = 1.0, title: str =
     Raises:
         PictureError: a negative amplification.
     """
-    if not (is_number(amplification) and amplification >= 0.0):
-        raise PictureError(f"the amplification must not be negative, got {amplification!r}")
+    refuse_bad_look(amplification=amplification)
     scale, unit = readable(field.max, "Pa")
     words = [title] if title else []
     words.append(f"largest von Mises stress in a cell {field.max / scale:.3g} {unit}")

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import PictureError
 from flexmbd.visual.camera import Camera
-from flexmbd.visual.drawn_scene import BARE, DrawnScene
+from flexmbd.visual.drawn_scene import BARE, DrawnScene, refuse_bad_look
 from flexmbd.visual.legend import add_legend
 from flexmbd.visual.library import load
 from flexmbd.visual.part import Part
@@ -45,8 +44,7 @@ class SceneView:
         Raises:
             PictureError: the size is not two positive even numbers (films need them even); or there is no pyvista.
         """
-        if len(size) != 2 or not all(isinstance(n, int) and n > 0 and n % 2 == 0 for n in size):
-            raise PictureError(f"the size must be two positive even numbers of pixels, got {size!r}")
+        refuse_bad_look(size=size)
         self.scene = scene
         names = scene.legend if len(scene.legend) > 1 else {}
         panel = bool(names or scene.quantities)
