@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_other
+from flexmbd.given import numbers, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
@@ -52,6 +52,7 @@ class MachineAssembly:
 
     def __post_init__(self) -> None:
         self._weight()
+        refuse_other(self.team, Team, "team", wanted="as flexmbd.continuum.MpiTeam(comm)")
         self.ground = Ground()
         self._bodies: list[Body] = []
         self._continua: list[ContinuumBody] = []
@@ -85,7 +86,8 @@ class MachineAssembly:
         bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
         wanted = "a RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody or ExactBeam"
         refuse_other(body, bodies, "a body", wanted=wanted)
-        chosen = name or body.name or f"body {len(self._bodies) + 1}"
+        chosen = (body.name or f"body {len(self._bodies) + 1}") if name is None else name
+        refuse_no_name(chosen, "a body's name")
         if body in self._members:
             raise SceneError(f"body {body.name!r} is already in this scene")
         if chosen in self._body_names and self._body_names[chosen].name == chosen:
@@ -141,7 +143,8 @@ class MachineAssembly:
             refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame()")
             self._refuse_foreign(frame)
         kind = type(joint).__name__.lower()
-        chosen = name or f"{kind} {parent.body.name}-{child.body.name}"
+        chosen = f"{kind} {parent.body.name}-{child.body.name}" if name is None else name
+        refuse_no_name(chosen, "a joint's name")
         if parent.body is child.body:
             raise SceneError(
                 f"joint {chosen!r} connects body {parent.body.name!r} to itself; a joint needs "
@@ -279,11 +282,23 @@ class MachineAssembly:
             self._refuse_foreign(frame)
         force.check()
 
+    def _refuse_renamed(self) -> None:
+        """Raise SceneError where names that were set later are no texts, or not a body's or joint's own."""
+        for what, all_of in (("body", [self.ground, *self._bodies]), ("joint", self._connections)):
+            names: set[str] = set()
+            for one in all_of:
+                refuse_no_name(one.name, f"a {what}'s name")
+                if one.name in names:
+                    raise SceneError(f"two {what} names are {one.name!r} since one was changed; give each its own")
+                names.add(one.name)
+
     def _refuse_foreign_joint(self, connection: Connection) -> None:
+        refuse_other(connection, Connection, "what a force acts on", wanted="a joint, as scene.connect(...) gives it")
         if connection not in self._members:
             raise SceneError(f"joint {connection.name!r} is not in this scene")
 
     def _refuse_foreign(self, frame: Frame) -> None:
+        refuse_other(frame, Frame, "what a force acts on", wanted="a frame, as body.frame()")
         if frame.body not in self._members:
             raise SceneError(
                 f"frame {frame.label} is on a body that is not in this scene; add the body first"

@@ -84,6 +84,7 @@ class System(MachineAssembly):
         self, more: Sequence[Force], *, without: Sequence[Force] = (), varied: Sequence[object] = ()
     ) -> CompiledScene:
         """As ``compile``, with ``more`` forces and without others; other values are to be given to ``varied``."""
+        self._refuse_renamed()
         own = [force for force in self._forces if not any(force is one for one in without)]
         wanted = {id(c) for force in (*own, *more) for c in force.connections}
         wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}

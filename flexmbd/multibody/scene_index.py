@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
@@ -133,6 +134,7 @@ class SceneIndex:
 
     def frame_now(self, frame: Frame) -> Frame:
         """As ``now`` of a frame: of another record's interface where its body has another record."""
+        refuse_other(frame, Frame, "what is asked for", wanted="a frame, as body.frame()")
         body = self.substitutes.get(frame.body)
         if isinstance(body, FlexibleBody) and frame.interface is not None:
             return body.frame(frame.interface)
@@ -144,6 +146,7 @@ class SceneIndex:
         Raises:
             SceneError: the body is not in the scene.
         """
+        refuse_other(frame, Frame, "what is asked for", wanted="a frame, as body.frame()")
         row = self.bodies.get(frame.body)
         if row is None:
             raise SceneError(f"frame {frame.label} belongs to no body of this scene")
@@ -166,6 +169,7 @@ class SceneIndex:
         """
         slots = self.joints.get(connection)
         if slots is None:
+            refuse_other(connection, Connection, "what is asked for", wanted="a joint, as scene.connect(...) gives it")
             raise SceneError(
                 f"joint {connection.name!r} has no joint coordinate here: it closes a loop, or belongs to another "
                 "scene; ask for its frames' positions"
@@ -180,6 +184,7 @@ class SceneIndex:
         """
         slots = self.modes.get(body)
         if slots is None:
+            refuse_other(body, Body, "what is asked for", wanted="a body of the scene")
             raise SceneError(f"body {body.name!r} has no modal coordinates here: it is rigid, or of another scene")
         return slots
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 
 
+@runtime_checkable
 class Team(Protocol):
     """The interface of the processes that run one machine; numpy only.
 

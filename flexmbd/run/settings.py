@@ -24,6 +24,7 @@ from flexmbd.run.limits import Limits
 from flexmbd.run.recording import Recording
 
 _OF_ROOT = ("checkpoint_file", "progress", "stream")
+_MOST_SAVES = 1e6  # files written one after the other
 _LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
@@ -177,6 +178,11 @@ class Saves:
 
     def times(self, begun: float, t_start: float, t_end: float) -> list[float]:
         """When to save: the same instants (s) in a simulation and its restarts."""
+        if (t_end - begun) / self.every > _MOST_SAVES:
+            raise SceneError(
+                f"checkpoint_every = {self.every:g} s would write {(t_end - begun) / self.every:.3g} files from "
+                f"{begun:g} to {t_end:g} s; {_MOST_SAVES:.0e} are the most: give a longer time"
+            )
         count = int((t_end - begun) / self.every)
         return [t for k in range(1, count + 1) if t_start < (t := begun + k * self.every) < t_end]
 

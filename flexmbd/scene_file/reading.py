@@ -33,6 +33,7 @@ FRAME_SERIES = ("positions", "velocities", "accelerations", "rotations", "angula
 _FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
 # Of a table.
 _MOST_ROWS = 1e7
+_MOST_STEPS = 10_000_000  # each leaves a row in memory
 _FILMS = (".mp4", ".gif")
 
 
@@ -140,15 +141,22 @@ def _coordinates(section: TomlSection, key: str) -> tuple[float, ...] | None:
 
 
 def _run(section: TomlSection) -> RunEntry:
-    section.allow(("t_end", "rtol", "h", "integrator"))
+    section.allow(("t_end", "rtol", "h", "integrator", "max_step", "max_steps", "max_seconds"))
     integrator = section.text("integrator") if section.has("integrator") else None
     if integrator is not None and integrator not in INTEGRATORS:
         section.fail("integrator", f"{integrator!r} is not known; {nearest(integrator, INTEGRATORS)}")
+    t_end, h = section.number("t_end"), section.number("h") if section.has("h") else None
+    max_steps = section.whole("max_steps") if section.has("max_steps") else _MOST_STEPS
+    if h is not None and h > 0.0 and t_end / h > max_steps:
+        section.fail("h", f"would take {t_end / h:.3g} steps; max_steps = {max_steps} are the most")
     return RunEntry(
-        section.number("t_end"),
+        t_end,
         section.number("rtol") if section.has("rtol") else 1e-6,
-        section.number("h") if section.has("h") else None,
+        h,
         integrator,
+        section.number("max_step") if section.has("max_step") else None,
+        max_steps,
+        section.number("max_seconds") if section.has("max_seconds") else None,
     )
 
 

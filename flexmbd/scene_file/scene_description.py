@@ -193,12 +193,18 @@ class Element:
 
 @dataclass(frozen=True)
 class RunEntry:
-    """The simulation: s; without h by rtol; without an integrator the scene's own choice."""
+    """The simulation: s; without h by rtol; without an integrator the scene's own choice.
+
+    It is broken off after ``max_steps``, or ``max_seconds`` of the wall's clock where these are given.
+    """
 
     t_end: float
     rtol: float
     h: float | None
     integrator: str | None
+    max_step: float | None
+    max_steps: int
+    max_seconds: float | None
 
 
 @dataclass(frozen=True)

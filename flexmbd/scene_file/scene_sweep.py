@@ -214,6 +214,9 @@ def simulated(built: Built, scene: SceneFile, *, progress: bool = False) -> Any:
         integrator=integrator_of(scene),
         events=built.events,
         progress=progress,
+        max_step=settings.max_step,
+        max_steps=settings.max_steps,
+        max_seconds=settings.max_seconds,
     )
 
 

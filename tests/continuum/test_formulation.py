@@ -46,7 +46,7 @@ def faults(load_text, *changes):
     with pytest.raises(FormulationError) as caught:
         load_text(text)
     lines = str(caught.value).split("\n  - ")
-    assert f"({len(lines) - 1} violations)" in lines[0]
+    assert f"({len(lines) - 1} violation{'s' if len(lines) > 2 else ''})" in lines[0]
     return lines[1:]
 
 

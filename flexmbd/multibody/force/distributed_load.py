@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
@@ -29,6 +30,11 @@ class DistributedLoad(OffJoints):
     body: FlexibleBody
     name: str
     factor: TimeFunction = 1.0
+
+    def __post_init__(self) -> None:
+        """Raise SceneError for what has no record, or a load's name that is no text."""
+        refuse_other(self.body, FlexibleBody, "what a DistributedLoad acts on", wanted="a FlexibleBody")
+        refuse_no_name(self.name, "the name of a load")
 
     @property
     def frames(self) -> tuple[Frame, ...]:

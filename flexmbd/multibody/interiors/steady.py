@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_truth, numbers
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Interior
 
 FloatArray = NDArray[np.float64]
@@ -48,6 +49,13 @@ class InteriorModes:
 
     count: int = 20
     below_hz: float = np.inf
+
+    def __post_init__(self) -> None:
+        """Raise SceneError unless count is a whole number from 0, and below_hz a positive frequency."""
+        if is_truth(self.count) or not isinstance(self.count, int | np.integer) or self.count < 0:
+            raise SceneError(f"InteriorModes: count must be a whole number, 0 or more, got {self.count!r:.100}")
+        if not (numbers(self.below_hz).shape == () and numbers(self.below_hz) > 0.0):
+            raise SceneError(f"InteriorModes: below_hz must be a frequency above 0 Hz, got {self.below_hz!r:.100}")
 
 
 @runtime_checkable

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.protocol import Joint, step_turn
@@ -34,6 +35,7 @@ def reactions(
     Raises:
         SceneError: the joint is not of this scene, or a user's function of force failed, which is asked anew.
     """
+    refuse_other(connection, Connection, "what is asked for", wanted="a joint, as scene.connect(...) gives it")
     out: FloatArray = np.zeros((len(t), 6))
     scene.forget_failure()
     series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)
