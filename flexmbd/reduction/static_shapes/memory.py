@@ -10,8 +10,8 @@ from petsc4py import PETSc
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.files.memory import available_memory
 
-# Part of the memory that is left which a reduction may take; its own estimates are right within a third.
-_SHARE = 0.8
+# Part of the memory that is left which a reduction may take; MUMPS keeps to what it is given.
+_SHARE = 0.9
 # Bytes of a number, and of an entry of a sparse matrix with its column.
 _NUMBER, _ENTRY = 8, 12
 # Vectors of the eigensolver: so many for each mode, and at its beginning.
