@@ -1,13 +1,11 @@
 """Pictures of benchmarks: one style a code, legends clear of the curves; by matplotlib's own extents."""
 
+import importlib
 import itertools
-import sys
-from pathlib import Path
 
+import benchmark_command  # noqa: F401  (whence the modules of benchmarks are found)
 import numpy as np
 import pytest
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture
@@ -15,12 +13,11 @@ def drawn(monkeypatch, tmp_path):
     """Draws by a module's function and gives the figure as it was written."""
     from matplotlib import pyplot as plt
 
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
     figures = []
     monkeypatch.setattr(plt, "close", figures.append)
 
     def draw(module, *what):
-        function = __import__(module).draw
+        function = importlib.import_module(module).draw
         function(*what, tmp_path / "a.png")
         (figure,) = figures
         figure.canvas.draw()
@@ -29,8 +26,6 @@ def drawn(monkeypatch, tmp_path):
     yield draw
     monkeypatch.undo()
     plt.close("all")
-    for name in ("work_precision_picture", "reduction_picture", "picture_legend"):
-        sys.modules.pop(name, None)
 
 
 def legends_of(figure):
