@@ -62,7 +62,8 @@ PAGES = {
     "errors": (
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
-        "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError EventWarning ModesWarning "
+        "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError EventWarning "
+        "ModesWarning "
         "StartWarning TableWarning",
         "",
     ),

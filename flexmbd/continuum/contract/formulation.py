@@ -224,7 +224,8 @@ def set_symbols(twin: Any, parameters: Any) -> None:
 
 def _listed(name: str, faults: Sequence[str]) -> str:
     lines = "".join(f"\n  - {fault}" for fault in faults)
-    return f"{name} breaks the contract of a form file ({len(faults)} violation{"s" if len(faults) > 1 else ""}):{lines}"
+    count = f"{len(faults)} violation{'s' if len(faults) > 1 else ''}"
+    return f"{name} breaks the contract of a form file ({count}):{lines}"
 
 
 def _refuse_imports(origin: str | Path | None, *, name: str) -> None:
