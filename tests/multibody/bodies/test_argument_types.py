@@ -92,7 +92,7 @@ WRONG = {
     "density": (lambda _: fm.Solid.box((1, 1, 1), density="steel"), "density must be positive"),
     "sides": (lambda _: fm.Solid.box("abc", density=1.0), "sides of a box must be three positive numbers"),
     "damping": (lambda _: solid(damping="none"), "damping must not be negative, got none"),
-    "body": (lambda p: p[0].add(5), "a body must be a RigidBody, .* or ContinuumBody, got 5"),
+    "body": (lambda p: p[0].add(5), "a body must be a RigidBody, .* or ExactBeam, got 5"),
     "body's class": (lambda p: p[0].add(fm.RigidBody), "got the class RigidBody itself; call it"),
     "joint's class": (
         lambda p: p[0].connect(fm.joint.Fixed, p[0].ground.frame(), p[1].frame()),
