@@ -19,11 +19,12 @@ from flexmbd.coupling import Coupling
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import BlockMethod, KrylovSchur, Solver, SpectrumSlicing, Truncation, craig_bampton
-from flexmbd.reduction.modes import fixed_modes
+from flexmbd.reduction.modes import fixed_modes, sturm
 from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch
 from flexmbd.reduction.modes.signs import asymmetric_fields
 from flexmbd.reduction.modes.sturm import count_below
 from flexmbd.reduction.modes.truncation import MOST
+from flexmbd.reduction.static_shapes.interior_stiffness import HeldFactor
 from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
@@ -99,6 +100,24 @@ def test_a_frequency_above_all_that_a_part_has():
     assert int(body.provenance["fixed-interface modes"]) == dofs - 12
     with pytest.raises(ReductionError, match=f"the interior has {dofs - 12} dofs"):
         craig_bampton(model, modes=dofs, frame="x_min")
+
+
+@pytest.mark.parametrize("solver", [Solver.DIRECT, Solver.COMPRESSED])
+def test_counts_in_the_place_of_the_factor(monkeypatch, solver):
+    """Where two factors do not fit in memory the first is given up, and made again where it is needed."""
+    model = cube("x_min")
+    limits, released = iter([10**6, None]), []
+    monkeypatch.setattr(sturm, "memory_limit", lambda comm: next(limits))
+    original = HeldFactor.release
+    monkeypatch.setattr(HeldFactor, "release", lambda self: (released.append(self), original(self)))
+    with body_statics(model, frame="x_min", solver=solver) as statics:
+        loads = np.ones((int(statics.mask.sum()), 1), order="F")
+        before = statics.solve(loads)
+        shift = float(np.sqrt(exact_eigenvalues("x_min")[3] * exact_eigenvalues("x_min")[4]))
+        # a factor of so few dofs takes more than one MB
+        assert count_below(statics, shift) == 4
+        assert len(released) == 1
+        assert statics.solve(loads) == pytest.approx(before, rel=1e-12)
 
 
 def test_modes_below_a_frequency_that_do_not_fit_in_memory(monkeypatch):
