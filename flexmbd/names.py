@@ -120,7 +120,7 @@ from flexmbd.run.recording import BodyRecording as BodyRecording
 from flexmbd.run.recording import Recording as Recording
 from flexmbd.run.recording import load_recording as load_recording
 from flexmbd.run.result_file import Runnable as Runnable
-from flexmbd.run.sampling import Samples as Samples
+from flexmbd.run.sampling import ControllerSamples as ControllerSamples
 from flexmbd.run.settings import RunSettings as RunSettings
 from flexmbd.run.stats import Stats as Stats
 from flexmbd.run.stopped import SimulationError as SimulationError

@@ -22,7 +22,7 @@ PAGES = {
     "running": (
         "Simulations and results",
         "Trajectory ResultTable Momentum Energy Stats Departure RunSettings Event Moment Direction Occurrence "
-        "Samples Checkpoint Recording BodyRecording load_recording SimulationError SimulationInterrupted",
+        "ControllerSamples Checkpoint Recording BodyRecording load_recording SimulationError SimulationInterrupted",
         "ensemble",
     ),
     "integrators": (

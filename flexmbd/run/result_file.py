@@ -47,7 +47,7 @@ from flexmbd.run.result_trees import (
     stats_of,
     stats_tree,
 )
-from flexmbd.run.sampling import Samples
+from flexmbd.run.sampling import ControllerSamples
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
@@ -84,7 +84,7 @@ class SavedRun:
     departures: tuple[Departure, ...]
     kept_rows: tuple[int, ...] | None
     recordings: tuple[BodyRecording, ...]
-    samples: tuple[Samples, ...]
+    samples: tuple[ControllerSamples, ...]
 
 
 def save_run(path: Path, saved: SavedRun, series: ResultTable, *, scene: CompiledScene, team: Team) -> None:

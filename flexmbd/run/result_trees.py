@@ -16,7 +16,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.departure import Departure
 from flexmbd.run.event import Event, Moment, Occurrence
 from flexmbd.run.recording import BodyRecording
-from flexmbd.run.sampling import Samples
+from flexmbd.run.sampling import ControllerSamples
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
@@ -93,17 +93,17 @@ def departures_of(tree: Tree) -> tuple[Departure, ...]:
     return tuple(Departure(*parts) for parts in zip(tree["row"].tolist(), tree["v"], tree["a"], strict=True))
 
 
-def samples_tree(samples: Samples) -> Tree:
+def samples_tree(samples: ControllerSamples) -> Tree:
     """What a controller did, as a file has it."""
     numbers = {name: getattr(samples, name) for name in _SAMPLES}
     rows = [(k, row) for k, rows in enumerate(samples.rows) for row in rows]
     return {"name": samples.name, **numbers, "rows": np.array(rows, dtype=np.int64).reshape(-1, 2)}
 
 
-def samples_of(tree: Tree) -> Samples:
+def samples_of(tree: Tree) -> ControllerSamples:
     """What `samples_tree` was made of."""
     rows = tuple(tuple(tree["rows"][tree["rows"][:, 0] == k, 1].tolist()) for k in range(len(tree["before"])))
-    return Samples(tree["name"], **{name: tree[name] for name in _SAMPLES}, rows=rows)
+    return ControllerSamples(tree["name"], **{name: tree[name] for name in _SAMPLES}, rows=rows)
 
 
 def interiors_tree(rows: tuple[InteriorRecord, ...]) -> Tree:

@@ -31,7 +31,7 @@ from flexmbd.run.result_trees import (
     stats_tree,
 )
 from flexmbd.run.row_store import RowArrays
-from flexmbd.run.sampling import Samples
+from flexmbd.run.sampling import ControllerSamples
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.stats import Stats, spent
 from flexmbd.run.stepping import Integration
@@ -112,7 +112,7 @@ class RunStream:
         events: Sequence[Occurrence],
         departures: Sequence[Departure],
         interiors: Sequence[InteriorRecord],
-        samples: Sequence[Samples],
+        samples: Sequence[ControllerSamples],
         stats: Stats,
         *,
         lasting: bool,

@@ -25,13 +25,13 @@ from flexmbd.run.controller import Controller, Measurement
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Arrays of `Samples` with a row for each.
+# Arrays of `ControllerSamples` with a row for each.
 _BY_SAMPLE = ("t", "measurements", "inputs", "states")
 _SAME = 32.0  # units of round-off: instants that differ by no more are one
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class ControllerSamples:
     """What a controller did.
 
     Attributes:
@@ -57,13 +57,13 @@ class Samples:
         values = np.vstack([self.before, self.inputs])
         return values[np.searchsorted(self.t, np.asarray(t, dtype=np.float64), side="right")]
 
-    def since(self, t: float) -> Samples:
+    def since(self, t: float) -> ControllerSamples:
         """The samples from a time (s) on."""
         k = int(np.searchsorted(self.t, t))
         rest = {name: getattr(self, name)[k:] for name in _BY_SAMPLE}
         return replace(self, before=self.inputs[k - 1] if k else self.before, **rest)
 
-    def followed_by(self, other: Samples, *, since: float) -> Samples:
+    def followed_by(self, other: ControllerSamples, *, since: float) -> ControllerSamples:
         """These before a time (s), and then those of another."""
         k = int(np.searchsorted(self.t, since))
         kept = replace(self, **{name: getattr(self, name)[:k] for name in _BY_SAMPLE})
@@ -252,7 +252,7 @@ class Sampling:
         self.restore(replace(memory, taken=(0,) * len(self._log)), scene)
         self._before = self._values.copy()
 
-    def samples(self, *, since: float = -np.inf) -> tuple[Samples, ...]:
+    def samples(self, *, since: float = -np.inf) -> tuple[ControllerSamples, ...]:
         """What each controller did in this run, or from a time (s) on."""
         found = []
         for k, one in enumerate(self.controllers):
@@ -268,7 +268,7 @@ class Sampling:
             )
             before = self._log[k][begin - 1].inputs if begin else self._before[inputs].copy()
             rows = tuple(self._rows[inputs])
-            found.append(Samples(one.name, t, measured, given, states, before, rows))
+            found.append(ControllerSamples(one.name, t, measured, given, states, before, rows))
         return tuple(found)
 
 
@@ -299,7 +299,7 @@ def with_own_signals(start: Start) -> Start:
     return replace(start, scene=scene, unreduced=unreduced)
 
 
-def with_samples(scene: CompiledScene, samples: Sequence[Samples]) -> CompiledScene:
+def with_samples(scene: CompiledScene, samples: Sequence[ControllerSamples]) -> CompiledScene:
     """The scene with the inputs that were held, as steps just after each sample."""
     steps = {}
     for one in samples:

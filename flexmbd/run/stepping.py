@@ -33,7 +33,7 @@ from flexmbd.run.controller import Controller
 from flexmbd.run.departure import Departure
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
-from flexmbd.run.sampling import NO_SAMPLING, Samples, Sampling, SamplingMemory, with_own_signals
+from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, SamplingMemory, with_own_signals
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -327,7 +327,7 @@ class Integration:
             self._choose_rows()
         return self.stored.series()
 
-    def samples(self, *, since: float = -np.inf) -> tuple[Samples, ...]:
+    def samples(self, *, since: float = -np.inf) -> tuple[ControllerSamples, ...]:
         """What controllers did, or from a time (s) on."""
         return () if self._sampling is None else self._sampling.samples(since=since)
 

@@ -43,7 +43,7 @@ from flexmbd.run.result_trees import (
     stats_of,
 )
 from flexmbd.run.row_store import RowArrays, RowStore, is_affordable
-from flexmbd.run.sampling import Samples
+from flexmbd.run.sampling import ControllerSamples
 from flexmbd.run.stats import NOTHING_SPENT
 
 STREAM = FileKind("flexmbd run", 1, "simulate(..., stream=)")
@@ -61,7 +61,7 @@ def load_stream(path: Path, scene: CompiledScene) -> SavedRun:
     events: list[Occurrence] = []
     departures: list[Departure] = []
     interiors: list[InteriorRecord] = []
-    samples: list[Samples] = []
+    samples: list[ControllerSamples] = []
     stats = NOTHING_SPENT
     try:
         for tree, _ in read_log(path, kind=STREAM):

@@ -33,7 +33,7 @@ from flexmbd.run.departure import Departure
 from flexmbd.run.force_series import ForceSeries
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
-from flexmbd.run.sampling import Samples, with_samples
+from flexmbd.run.sampling import ControllerSamples, with_samples
 from flexmbd.run.stats import Stats
 from flexmbd.run.stream_file import STREAM, load_stream
 
@@ -87,7 +87,7 @@ class Trajectory(ForceSeries):
     departures: tuple[Departure, ...] = ()
     kept_rows: tuple[int, ...] | None = None
     recordings: tuple[BodyRecording, ...] = ()
-    samples: tuple[Samples, ...] = ()
+    samples: tuple[ControllerSamples, ...] = ()
 
     def __repr__(self) -> str:
         """What ran, how long and in how many steps; arrays are asked for by name."""
@@ -118,7 +118,7 @@ class Trajectory(ForceSeries):
         x, v, a = (part[0] for part in self.motion(t))
         return Instant(self.scene, float(t), x, v, a, self._multipliers(float(t), x, v, a))
 
-    def sampled(self, controller: Controller) -> Samples:
+    def sampled(self, controller: Controller) -> ControllerSamples:
         """What a controller measured and gave, at its samples.
 
         Raises:

@@ -131,7 +131,7 @@ class ElementTable(Protocol):
     ) -> None:
         """Add a link for each state, and the row of their equations.
 
-        ``quantities``: of each number that they follow its kind (``kernels.elements.states``), its place and the
+        ``quantities``: of each number that they follow its kind (``kernels.elements.state_rates``), its place and the
         velocity that goes with it; ``whole``: whether the equations take x and v of the machine in their place.
         """
 

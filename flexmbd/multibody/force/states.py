@@ -20,7 +20,7 @@ from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table
 from flexmbd.multibody.functions.time_function import Sine, checked
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.elements.states import OF_POSITION, OF_TIME, OF_VELOCITY
+from flexmbd.multibody.kernels.elements.state_rates import OF_POSITION, OF_TIME, OF_VELOCITY
 from flexmbd.multibody.motion.instant import Instant, measure
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.quantity import Acceleration, Output, Position, Velocity

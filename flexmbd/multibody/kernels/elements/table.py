@@ -35,7 +35,7 @@ from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOP
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
-from flexmbd.multibody.kernels.elements.states import STATES
+from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.stop import STOP
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
