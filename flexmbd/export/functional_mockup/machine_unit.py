@@ -74,7 +74,7 @@ def fmu_machine(
             does not fit; names that FMI does not carry; no gcc; the destination cannot be written.
         SceneError, AssemblyError: as `System.start`.
     """
-    version = version_of(fmi, binary=True)
+    version = version_of(fmi)
     integrator = integrator or ExplicitRungeKutta()
     if not isinstance(integrator, Method):
         raise ExportError(f"machines leave with ExplicitRungeKutta or GeneralizedAlpha, not with {integrator!r}")

@@ -111,8 +111,8 @@ def check_names(names: Iterable[str], *, kind: str) -> None:
         seen.add(name)
 
 
-def model_description(unit: Description, fmi: Fmi) -> bytes:
-    """The file modelDescription.xml of a version.
+def model_description(unit: Description, fmi: Fmi, *, sources: Sequence[str] = ()) -> bytes:
+    """The file modelDescription.xml of a version; FMI 2 lists the C files there, which FMI 3 has a file of its own for.
 
     Raises:
         ExportError: a name that FMI does not carry, or one that occurs twice.
@@ -128,6 +128,10 @@ def model_description(unit: Description, fmi: Fmi) -> bytes:
     kind.set(serialise, "true")
     if fmi is Fmi.V3 and unit.inner_step is not None:
         kind.set("fixedInternalStepSize", repr(float(unit.inner_step)))
+    if fmi is Fmi.V2 and sources:
+        listed = SubElement(kind, "SourceFiles")
+        for name in sources:
+            SubElement(listed, "File", name=name)
     definitions = SubElement(root, "UnitDefinitions")
     used = {"s", *(one.unit for one in unit.variables)}
     for name in (name for name in UNITS if name in used):

@@ -61,7 +61,7 @@ def fmu(
         path: destination; the file name's stem is the model's name.
         fmi: version of the interface, 2 or 3.
         step: communication step that is proposed to importers (s); any other is as exact.
-        binary: compile with gcc for this machine; else the sources alone, of FMI 3.
+        binary: compile with gcc for this machine; else the sources alone.
         lossy: as of all formats.
 
     Returns:
@@ -72,7 +72,7 @@ def fmu(
             destination cannot be written.
     """
     check_body(body)
-    version = version_of(fmi, binary=binary)
+    version = version_of(fmi)
     if not (np.isfinite(step) and step > 0.0):
         raise ExportError(f"step is {step} s; an importer is proposed a positive finite step")
     if body.frame is None or body.n_modes == 0:
@@ -98,16 +98,14 @@ def fmu(
     return lost
 
 
-def version_of(fmi: Fmi | int, *, binary: bool) -> Fmi:
+def version_of(fmi: Fmi | int) -> Fmi:
     """The version asked for.
 
     Raises:
-        ExportError: it is not written, or not without a binary.
+        ExportError: it is not written.
     """
     if fmi not in tuple(Fmi):
         raise ExportError(f"fmi is {fmi!r}; versions 2 and 3 of the interface are written")
-    if fmi == Fmi.V2 and not binary:
-        raise ExportError("a unit of sources alone, binary=False, is one of FMI 3")
     return Fmi(fmi)
 
 
@@ -119,11 +117,12 @@ def token_of(version: Fmi, data: str, variables: tuple[Variable, ...]) -> str:
 
 def unit_members(unit: Description, version: Fmi, files: dict[str, bytes], library: bytes | None) -> dict[str, bytes]:
     """The archive's members by name."""
-    members = {"modelDescription.xml": model_description(unit, version)}
+    sources = sorted(name for name in files if name.endswith(".c"))
+    members = {"modelDescription.xml": model_description(unit, version, sources=sources)}
     if library is not None:
         members[f"{binary_folder(version)}/{unit.identifier}.so"] = library
     if version is Fmi.V3 and files:
-        members["sources/buildDescription.xml"] = build_description(unit.identifier, files)
+        members["sources/buildDescription.xml"] = build_description(unit.identifier, sources)
     return members | {f"sources/{name}": files[name] for name in sorted(files)}
 
 

@@ -44,7 +44,7 @@ def binary_folder(fmi: Fmi) -> str:
     if platform.system() != "Linux" or (fmi is Fmi.V2 and machine != "x86_64"):
         raise ExportError(
             f"a binary of FMI {fmi.value} is compiled on Linux{' x86_64' if fmi is Fmi.V2 else ''} alone, this is "
-            f"{platform.system()} {machine}; write a unit of FMI 3 with binary=False and compile it where it shall run"
+            f"{platform.system()} {machine}; write the sources alone, binary=False, and compile them there"
         )
     return "binaries/linux64" if fmi is Fmi.V2 else f"binaries/{machine}-linux"
 
@@ -76,12 +76,12 @@ def compile_library(files: Mapping[str, bytes], *, link: Sequence[str] = ()) -> 
         return (Path(folder) / "library.so").read_bytes()
 
 
-def build_description(identifier: str, files: Mapping[str, bytes]) -> bytes:
-    """The file sources/buildDescription.xml of FMI 3."""
+def build_description(identifier: str, sources: Sequence[str]) -> bytes:
+    """The file sources/buildDescription.xml of FMI 3, with the names of the C files."""
     root = Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     group = SubElement(configuration, "SourceFileSet", language="C99")
-    for name in sorted(name for name in files if name.endswith(".c")):
+    for name in sources:
         SubElement(group, "SourceFile", name=name)
     SubElement(configuration, "Library", name="m", external="true", description="C's mathematical functions")
     ET.indent(root)
