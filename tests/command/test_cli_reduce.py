@@ -228,7 +228,7 @@ GOOD = {
         ({"-o": ["."]}, "it is not a regular file"),
         ({"mesh": ["nowhere.msh"]}, "nowhere.msh: cannot be opened"),
         ({"mesh": ["beam.h5"]}, "beam.h5 is the file to read"),
-        ({"mesh": ["beam.h5"], "-o": ["other.h5"]}, "not a flexmbd mesh, but an HDF5 file"),
+        ({"mesh": ["beam.h5"], "-o": ["other.h5"]}, "beam.h5 is not a flexmbd mesh; pass a file"),
         ({"--tag": ["start=1"]}, "--tag is for STEP files"),
         ({"--size": ["0.1"]}, "--size is for STEP files"),
     ],
