@@ -26,6 +26,9 @@ SUFFIXES = (".csv", ".npz")
 # Of names in a file from anywhere.
 _LONGEST = 1000
 
+# What is printed of a table: columns, and rows from its top and its end.
+_COLUMNS, _TOP, _END = 8, 7, 3
+
 
 @dataclass(frozen=True, eq=False)
 class ResultTable:
@@ -42,9 +45,25 @@ class ResultTable:
     values: FloatArray
 
     def __repr__(self) -> str:
-        """How many rows and columns; the numbers are asked for by name."""
-        first = ", ".join(self.names[:6]) + (", ..." if len(self.names) > 6 else "")
-        return f"<ResultTable of {len(self.values)} rows, {len(self.names)} columns: {first}>"
+        """How many rows and columns, and the first names."""
+        size = f"{len(self.values)} rows, {len(self.names)} columns"
+        return f"<ResultTable of {size}: {_list_of(self.names)}>"
+
+    def __str__(self) -> str:
+        """Its first and last rows under names and units; of many columns the first few."""
+        rows = len(self.values)
+        shown = range(rows) if rows <= _TOP + _END else [*range(_TOP), *range(rows - _END, rows)]
+        columns = []
+        for k in range(min(len(self.names), _COLUMNS)):
+            words = [self.names[k], f"[{self.units[k]}]", *(f"{self.values[row, k]:.6g}" for row in shown)]
+            width = max(map(len, words))
+            columns.append([word.rjust(width) for word in words])
+        lines = ["  ".join(line) for line in zip(*columns, strict=True)]
+        if len(shown) < rows:
+            lines.insert(2 + _TOP, f"... {rows - len(shown)} more rows ...")
+        if len(self.names) > _COLUMNS:
+            lines.append(f"and {len(self.names) - _COLUMNS} more columns: {_list_of(self.names[_COLUMNS:])}")
+        return "\n".join(lines)
 
     def save(self, path: str | Path) -> Path:
         """As ``write_table``. Not collective: under MPI, call it on one rank.
@@ -86,6 +105,11 @@ class ResultTable:
         if name not in self.names:
             raise ExportError(f"there is no column {name!r}, but {', '.join(self.names)}")
         return self.values[:, self.names.index(name)]
+
+
+def _list_of(names: Sequence[str]) -> str:
+    """The first names."""
+    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
 
 def _path(given: str | Path) -> Path:

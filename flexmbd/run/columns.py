@@ -15,6 +15,7 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.joint.connection import Connection
@@ -25,6 +26,7 @@ from flexmbd.rotation import to_quaternion
 FloatArray = NDArray[np.float64]
 
 _XYZ = ("x", "y", "z")
+_RESULTANTS = ("ft", "fy", "fz", "mt", "my", "mz")  # of a section: along and about its tangent, y and z
 _ENERGIES = ("kinetic", "elastic", "gravitational", "spring", "total")
 
 
@@ -76,6 +78,9 @@ class Answers(Protocol):
     def reaction(self, connection: Connection) -> FloatArray:
         """(nt, 6) N, N m."""
 
+    def resultants(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, elements, 6) N, N m."""
+
     def states(self, states: States, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, n) values of state equations."""
 
@@ -123,7 +128,7 @@ FRAME_SERIES = {
 
 def table_columns(
     run: Answers,
-    things: Sequence[Connection | Frame | Body | States],
+    things: Sequence[Connection | Frame | Body | ExactBeam | States],
     reactions: Sequence[Connection],
     *,
     energies: bool | None,
@@ -143,7 +148,12 @@ def table_columns(
     else:
         placed = []
     known = {id(body) for body in bodies}
-    columns = [column for thing in things for column in columns_of(thing, known)]
+    columns: list[ResultColumns] = []
+    for thing in things:
+        if isinstance(thing, ExactBeam):
+            columns += beam_columns(run.scene, thing)
+        else:
+            columns += columns_of(thing, known)
     if placed:
         columns = _apart(columns, [*bodies_columns(run.scene, placed)])
     for joint in reactions:
@@ -191,7 +201,7 @@ def columns_of(thing: Connection | Frame | Body | States, bodies: Collection[int
             yield modal_columns(thing)
     else:
         raise SceneError(
-            f"a table is of this machine's joints, frames, bodies of one frame and states, not of {thing!r}"
+            f"a table is of this machine's joints, frames, bodies of one frame, beams and states, not of {thing!r}"
         )
 
 
@@ -216,6 +226,21 @@ def bodies_columns(scene: CompiledScene, bodies: Sequence[Body]) -> Iterator[Res
     names = tuple(f"{body.name}.{ending}" for body in bodies for ending in endings)
     yield ResultColumns(names, tuple(units * len(bodies)), values)
     yield from (modal_columns(body) for body in bodies if isinstance(body, FlexibleBody))
+
+
+def beam_columns(scene: CompiledScene, beam: ExactBeam) -> Iterator[ResultColumns]:
+    """The motion of a beam's sections, and of each element, "name.element 1", what ``Trajectory.resultants`` gives.
+
+    Raises:
+        SceneError: the beam is of another scene.
+    """
+    if beam.parts[0] not in scene.index.bodies:
+        raise SceneError(f"beam {beam.name!r} is not in this trajectory's scene")
+    yield from bodies_columns(scene, beam.parts)
+    count = len(beam.elements)
+    endings = [f"element {k + 1}.{ending}" for k in range(count) for ending in _RESULTANTS]
+    units = (["N"] * 3 + ["N m"] * 3) * count
+    yield _named(beam.name, endings, units, lambda run, t: run.resultants(beam, t=t))
 
 
 def _apart(joints: Sequence[ResultColumns], bodies: Sequence[ResultColumns]) -> list[ResultColumns]:

@@ -16,6 +16,7 @@ from flexmbd.files.tree_file import is_kind
 from flexmbd.given import is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
@@ -159,7 +160,7 @@ class Trajectory(ForceSeries):
 
     def table(
         self,
-        *things: Connection | Frame | Body | States,
+        *things: Connection | Frame | Body | ExactBeam | States,
         reactions: Sequence[Connection] = (),
         energies: bool | None = None,
         t: ArrayLike | None = None,
@@ -169,8 +170,9 @@ class Trajectory(ForceSeries):
 
         Args:
             things: joints (coordinates, rates), frames (position, quaternion scalar first, velocity, angular velocity,
-                acceleration), bodies (their frames; modal coordinates of flexible ones) and states (in their own
-                units).  Without any: all joints that have coordinates, all bodies and all states.
+                acceleration), bodies (their frames; modal coordinates of flexible ones), exact beams (all sections as
+                bodies; of each element the ``resultants``, along and about the section's tangent t, y and z) and states
+                (in their own units).  Without any: all joints that have coordinates, all bodies and all states.
             reactions: joints whose reactions are told, at the ends of steps alone.
             energies: whether the energies are told; by default where no things are named.
             t: (k,) s, when; by default at the ends of steps.

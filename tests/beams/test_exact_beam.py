@@ -168,6 +168,24 @@ def test_resultants_are_those_of_equilibrium():
     assert found[:, 4] == pytest.approx(-3.0 * (1 - middle), rel=1e-3)
 
 
+def test_a_table_tells_of_all_sections_and_elements():
+    """At rest under a weight at the tip: the shear force is the weight, the moment grows towards the clamp."""
+    scene, beam = cantilever(STEEL, 3)
+    scene.add_force(fm.force.FrameForce(beam.frame("tip"), (0.0, 0.0, 3.0)))
+    run = scene.simulate(1e-6, about=scene.equilibrium())
+    table = run.table(beam)
+    moments = [table.column(f"beam.element {k}.my")[0] for k in (1, 2, 3)]
+    assert moments == pytest.approx([-2.5, -1.5, -0.5], rel=1e-3)
+    assert table.column("beam.element 2.fz")[0] == pytest.approx(3.0, rel=1e-5)
+    assert dict(zip(table.names, table.units, strict=True))["beam.element 2.my"] == "N m"
+    np.testing.assert_array_equal(table.column("beam.tip.z"), run.position(beam.frame("tip"))[:, 2])
+    at = run.table(beam, t=np.array([0.0, 5e-7]))
+    np.testing.assert_array_equal(at.column("beam.element 3.fz"), run.resultants(beam, t=at.column("t"))[:, 2, 2])
+    _, other = cantilever(STEEL, 3)
+    with pytest.raises(SceneError, match="not in this trajectory"):
+        run.table(other)
+
+
 def test_a_line_load_bends_as_a_parabola():
     """Its sections carry Gregory's weights of it; the deflection is q L^4 / 8 E I and shear's."""
     section = UNSHEARED

@@ -196,6 +196,31 @@ def test_explain_names_what_goes_where():
     assert tree.compile().scene.plan.modal.size == 1  # nothing modal but the terminator
 
 
+def test_explain_of_a_large_machine_counts_what_is_alike():
+    """Thirty links and a slide at their end; of twenty bodies each is told."""
+
+    def chain(links: int) -> list[str]:
+        scene = fm.System()
+        last = scene.ground.frame()
+        for k in range(1, links + 1):
+            link = scene.add(fm.RigidBody(mass=1.0, inertia=(0.1, 0.1, 0.1)), name=f"link {k}")
+            hinge = scene.connect(fm.joint.Revolute(axis="y"), last, link.frame(), name=f"hinge {k}")
+            scene.add_force(fm.force.JointSpring(hinge, stiffness=float(k)))
+            last = link.frame((1.0, 0.0, 0.0))
+        slide = scene.add(fm.RigidBody(mass=1.0, inertia=(0.1, 0.1, 0.1)), name="slide")
+        scene.connect(fm.joint.Prismatic(axis="x"), last, slide.frame(), name="rail")
+        return scene.explain().splitlines()
+
+    lines = chain(30)
+    assert "  30 x hinge 1 ... hinge 30: Revolute -> link 1 ... link 30 (rigid), joint coordinates" in lines
+    assert "  rail: Prismatic -> slide (rigid), joint coordinates" in lines
+    assert "30 x JointSpring on joint 'hinge 1' ... JointSpring on joint 'hinge 30'" in lines
+    assert len(lines) < 12
+    few = chain(19)
+    assert "  hinge 7: Revolute -> link 7 (rigid), joint coordinates" in few
+    assert "JointSpring on joint 'hinge 7'" in few
+
+
 def test_configuration_interpolates_between_steps():
     scene, _, hinge = pendulum()
     run = scene.simulate(1.0, rtol=1e-7, integrator=fm.GeneralizedAlpha())

@@ -161,6 +161,22 @@ def test_the_table_has_names_units_and_what_the_trajectory_tells(ran, tmp_path):
     assert len(repr(table)) < 300
 
 
+def test_a_printed_table_shows_rows_under_names_and_units():
+    values = np.column_stack([np.arange(12.0), np.linspace(-1.0, 1e6, 12)])
+    lines = str(ResultTable(("t", "drive.angle"), ("s", "rad"), values)).splitlines()
+    assert lines[0].split() == ["t", "drive.angle"]
+    assert lines[1].split() == ["[s]", "[rad]"]
+    assert lines[2].split() == ["0", "-1"]
+    assert lines[9] == "... 2 more rows ..."
+    assert [line.split()[0] for line in lines[10:]] == ["9", "10", "11"]
+    assert len({len(line) for line in lines if "more" not in line}) == 1
+    whole = str(ResultTable(("t",), ("s",), values[:10, :1]))
+    assert [float(line) for line in whole.splitlines()[2:]] == list(range(10))
+    names = ("t", *(f"q{k}" for k in range(1, 20)))
+    many = str(ResultTable(names, ("1",) * 20, np.zeros((1, 20))))
+    assert many.splitlines()[-1] == "and 12 more columns: q8, q9, q10, q11, q12, q13, ..."
+
+
 def test_all_bodies_in_one_pass_are_told_as_one_by_one(ran):
     run, _ = ran
     for t in (None, np.linspace(0.0, 0.05, 7)):

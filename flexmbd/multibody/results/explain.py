@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from flexmbd.multibody.bodies.body import Body
@@ -31,7 +35,24 @@ _UNNEEDED_RIGID = {
     kinds.PLANAR_ROTATION: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
 }
 _UNNEEDED_FLEXIBLE = {kinds.NONROTATING: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
+_YIELDS = "yields to a penalty, no multipliers"
 _SHOWN = 4
+_LISTED = 20  # lines of a list that are told one by one
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A line of the text, of which many that say the same are told as one.
+
+    Attributes:
+        says: with {} for each name.
+        names: what the line is of.
+        kind: lines of different kinds do not say the same.
+    """
+
+    says: str
+    names: tuple[str, ...]
+    kind: str = ""
 
 
 def explain(start: Start) -> str:
@@ -48,24 +69,7 @@ def explain(start: Start) -> str:
         f"({len(plan.free) - states} free, "
         f"{len(plan.driven)} prescribed){equations}, {_counted(len(plan.rows), 'multiplier')}"
     ]
-    lines.append("tree:")
-    parts = [part for one in _with_history(start) for part in one.parts]
-    for branch in scene.topology.branches:
-        body = branch.outer.body
-        kind = _kind(body)
-        if branch.connection is None and body in parts:
-            lines.append(f"  {body.name} ({kind}): 6 coordinates of its own, starts where its body has it")
-            continue
-        if branch.connection is None:
-            lines.append(
-                f"  {body.name} ({kind}): flies with 6 coordinates, for no joint that goes by "
-                "coordinates reaches it at a frame that is rigid in it"
-            )
-            continue
-        joint = type(branch.connection.joint).__name__
-        how = "prescribed" if branch.connection.motion is not None else "joint coordinates"
-        back = ", run from child to parent" if branch.reversed else ""
-        lines.append(f"  {branch.connection.name}: {joint} -> {body.name} ({kind}), {how}{back}")
+    lines.extend(["tree:", *_told(_branches(start))])
     lines.extend(_histories(start))
     lines.extend(_closures(start))
     lines.extend(_inputs(start))
@@ -73,10 +77,56 @@ def explain(start: Start) -> str:
     lines.extend(_skipped(start))
     if start.moved:
         lines.append("the start was made consistent:")
-        lines.extend(f"  {name}: {old:.6g} -> {new:.6g}" for name, old, new in start.moved)
+        lines.extend(f"  {name}: {old:.6g} -> {new:.6g}" for name, old, new in start.moved[:_LISTED])
+        if len(start.moved) > _LISTED:
+            lines.append(f"  and {len(start.moved) - _LISTED} more: stats.start_moved of a run has them all")
     if start.strain.warning is not None:
         lines.append(start.strain.warning)
     return "\n".join(lines)
+
+
+def _branches(start: Start) -> list[_Line]:
+    """A line a body of the tree: what carries it."""
+    lines = []
+    parts = [part for one in _with_history(start) for part in one.parts]
+    for branch in start.scene.topology.branches:
+        body = branch.outer.body
+        kind = _kind(body)
+        if branch.connection is None and body in parts:
+            says = f"  {{}} ({kind}): 6 coordinates of its own, starts where its body has it"
+            lines.append(_Line(says, (body.name,)))
+            continue
+        if branch.connection is None:
+            says = (
+                f"  {{}} ({kind}): flies with 6 coordinates, for no joint that goes by "
+                "coordinates reaches it at a frame that is rigid in it"
+            )
+            lines.append(_Line(says, (body.name,)))
+            continue
+        joint = type(branch.connection.joint).__name__
+        how = "prescribed" if branch.connection.motion is not None else "joint coordinates"
+        back = ", run from child to parent" if branch.reversed else ""
+        says = f"  {{}}: {joint} -> {{}} ({kind}), {how}{back}"
+        lines.append(_Line(says, (branch.connection.name, body.name)))
+    return lines
+
+
+def _told(lines: Sequence[_Line]) -> list[str]:
+    """The lines as text; where there are many, those that say the same as one, with their number, first and last."""
+    if len(lines) <= _LISTED:
+        return [line.says.format(*line.names) for line in lines]
+    alike: dict[tuple[str, str], list[_Line]] = {}
+    for line in lines:
+        alike.setdefault((line.says, line.kind), []).append(line)
+    text = []
+    for (says, _), group in alike.items():
+        if len(group) == 1:
+            text.append(says.format(*group[0].names))
+            continue
+        ends = zip(group[0].names, group[-1].names, strict=True)
+        indent = says[: len(says) - len(says.lstrip())]
+        text.append(f"{indent}{len(group)} x " + says.lstrip().format(*(f"{a} ... {b}" for a, b in ends)))
+    return text
 
 
 def _kind(body: Body) -> str:
@@ -134,23 +184,26 @@ def _remainders(start: Start, body: ContinuumBody) -> list[str]:
 def _closures(start: Start) -> list[str]:
     scene = start.scene
     penalised = [c for c in scene.topology.closures if isinstance(c.enforce, Penalty)]
-    yielding = [f"  {c.name}: {type(c.joint).__name__}, yields to a penalty, no multipliers" for c in penalised]
+    yielding = _told([_Line(f"  {{}}: {type(c.joint).__name__}, {_YIELDS}", (c.name,)) for c in penalised])
     if not len(start.unreduced.plan.rows):
         return ["loops: none, so no multipliers and no drift", *yielding]
     lines = ["loops, closed by multipliers:"]
     lines.extend(yielding)
     held = [c for c in scene.topology.closures if c not in penalised]
+    kept, wholly = (Counter(map(id, owners)) for owners in (scene.row_owners, start.unreduced.row_owners))
+    closing = []
     for owner in dict.fromkeys((*held, *start.unreduced.row_owners)):
-        count = sum(other is owner for other in scene.row_owners)
-        whole = sum(other is owner for other in start.unreduced.row_owners)
+        count, whole = kept[id(owner)], wholly[id(owner)]
         kind, why = type(owner).__name__, ""
         if isinstance(owner, Connection):
             kind = type(owner.joint).__name__
             if not owner.may_be_coordinates:
                 why = ", by constraints as asked" if owner.joint.steps else ", constraints alone"
-        lines.append(f"  {owner.name}: {kind}, {count} of {whole} rows{why}")
+        closing.append(_Line(f"  {{}}: {kind}, {count} of {whole} rows{why}", (owner.name,)))
+    lines.extend(_told(closing))
     if scene.redundant:
-        lines.append("  redundant, left out: " + "; ".join(scene.redundant))
+        left_out, more = scene.redundant[:_LISTED], len(scene.redundant) - _LISTED
+        lines.append("  redundant, left out: " + "; ".join(left_out) + (f"; and {more} more" if more > 0 else ""))
     rolling = int(np.sum(~constraint_rows(scene.plan).holds_position))
     if rolling:
         lines.append(f"  {rolling} of the rows hold velocities alone (nonholonomic)")
@@ -159,24 +212,23 @@ def _closures(start: Start) -> list[str]:
 
 def _inputs(start: Start) -> list[str]:
     scene = start.scene
-    return [
-        f"{name}: {row.text}, {_KINDS[row.kind]}"
-        for name, row in zip(scene.time_names, scene.time_rows, strict=True)
-    ]
+    rows = zip(scene.time_names, scene.time_rows, strict=True)
+    texts = [(name, row.text.replace("{", "{{").replace("}", "}}"), _KINDS[row.kind]) for name, row in rows]
+    return _told([_Line(f"{{}}: {text}, {how}", (name,)) for name, text, how in texts])
 
 
 def _elements(start: Start) -> list[str]:
     """One line a force element; of those that call a user's function, at what cost."""
     scene = start.scene
-    lines: dict[str, None] = {}
+    lines: dict[_Line, None] = {}
     elements = force_elements(scene.plan)
     for number, behaviour, address in zip(elements.number, elements.behaviour, elements.address, strict=True):
         name, cost = scene.element_names[number], ""
         if behaviour.calls_user:
             python = address in scene.callbacks.addresses
             cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
-        lines[name + cost] = None
-    return list(lines)
+        lines[_Line("{}" + cost, (name,), behaviour.name)] = None
+    return _told(list(lines))
 
 
 def _skipped(start: Start) -> list[str]:
