@@ -27,9 +27,9 @@ CAPABILITIES = Capabilities()
 OURS = "** flexmbd"
 #: What the nodes that carry the mass are called, with their numbers from 1 on.
 POINT = "point-"
+# Entries of M_qq - 1 that are the round-off of a reduction.
+_UNIT = 1e-9
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_.+-]{0,79}")
-# Reduced masses relative to the largest one: less is round-off.
-_NOISE = 1e-13
 
 
 def mbdyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
@@ -104,7 +104,7 @@ def _lines(body: ReducedBody) -> Iterator[str]:
         yield f"** NORMAL MODE SHAPE # {mode + 1}"
         yield from (_row(node) for node in shapes[:, :, mode])
     yield "** RECORD GROUP 9, MODAL MASS MATRIX"
-    yield from _square(_without_noise(body.modal_mass()))
+    yield from _square(_modal_mass(body))
     yield "** RECORD GROUP 10, MODAL STIFFNESS MATRIX"
     yield from _square(np.diag(body.stiffness))
     yield "** RECORD GROUP 11, DIAGONAL OF LUMPED MASS MATRIX"
@@ -123,9 +123,10 @@ def _our_lines(body: ReducedBody) -> Iterator[str]:
         yield f"{OURS} axes {frame.name} {_row(frame.R_BI.ravel())}"
 
 
-def _without_noise(mass: FloatArray) -> FloatArray:
-    kept = np.where(np.abs(mass) < _NOISE * np.abs(mass).max(), 0.0, mass)
-    return 0.5 * (kept + kept.T)
+def _modal_mass(body: ReducedBody) -> FloatArray:
+    """The unit matrix, as of every record up to round-off: MBDyn warns of whatever is beside the diagonal."""
+    mass, unit = body.modal_mass(), np.eye(body.n_modes)
+    return unit if np.abs(mass - unit).max() <= _UNIT else 0.5 * (mass + mass.T)
 
 
 def _square(matrix: FloatArray) -> Iterator[str]:
