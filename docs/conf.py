@@ -11,7 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
-import gallery  # noqa: E402  (of tools, as the next)
+import error_page  # noqa: E402  (of tools, as the next two)
+import gallery  # noqa: E402
 import reference  # noqa: E402
 
 import flexmbd  # noqa: E402
@@ -71,11 +72,12 @@ def plain(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    """Write the pages of gallery and reference before the sources are read; at the end lay films beside them."""
+    """Write the pages of gallery, reference and errors before the sources are read; at the end copy the films."""
 
     def write_pages(app):
         gallery.write_pages(Path(app.srcdir) / "gallery", outputs=Path(app.config.gallery_outputs))
         reference.write_pages(Path(app.srcdir) / "reference")
+        error_page.write_page(Path(app.srcdir) / "errors.md")
 
     def copy_films(app, failure):
         if failure is None:

@@ -15,79 +15,136 @@ _PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
 
 class FlexmbdError(Exception):
-    """Base class of all errors raised on purpose by flexmbd."""
+    """Base class of all errors raised on purpose by flexmbd.
+
+    Catch it to catch them all; the message of each names the thing at fault and the remedy.
+    """
 
 
 class VersionError(FlexmbdError, ImportError):
-    """DOLFINx is older or newer than flexmbd knows."""
+    """DOLFINx is older or newer than flexmbd knows.
+
+    Remedy: run in the environment that ``./run`` makes, or install a version that the message names.
+    """
 
 
 class MissingLibraryError(FlexmbdError, ImportError):
-    """A library is not installed that this part of flexmbd needs, as DOLFINx for all that has a mesh."""
+    """A library is not installed that this part of flexmbd needs, as DOLFINx for all that has a mesh.
+
+    Remedy: install it as the message says; machines of rigid bodies and of saved records need none.
+    """
 
 
 class FormulationError(FlexmbdError):
-    """A form file breaks the contract; the message lists every violation."""
+    """A form file breaks the contract; the message lists every violation.
+
+    Remedy: mend what is listed; ``flexmbd check my_form.py`` tries the form on small problems.
+    """
 
 
 class MeshError(FlexmbdError):
-    """A mesh cannot be built, read, or lacks a named group."""
+    """A mesh cannot be built, read, or lacks a named group.
+
+    Remedy: look at the mesh: the names of its groups, its unit of length, the size and shape of its cells.
+    """
 
 
 class InterfaceError(FlexmbdError):
-    """An interface cannot carry a six-dof frame, or no interface has that name."""
+    """An interface cannot carry a six-dof frame, or no interface has that name.
+
+    Remedy: give it facets or points that are not all in one line, or one of the names in the message.
+    """
 
 
 class ReductionError(FlexmbdError):
-    """A reduction was asked for something impossible, or failed its own accuracy check."""
+    """A reduction was asked for something impossible, or failed its own accuracy check.
+
+    Remedy: look for a part that is connected to nothing and for cells without volume, or ask for other modes.
+    """
 
 
 class ConvergenceError(FlexmbdError):
-    """An iterative solver (eigenvalues, Newton) stopped before its tolerance was met."""
+    """An iterative solver (eigenvalues, Newton) stopped before its tolerance was met.
+
+    Remedy: shorter steps of the load or of time, another start, or a wider tolerance.
+    """
 
 
 class RecordError(FlexmbdError):
-    """A reduced-body file is truncated, foreign, of another version, or lacks an optional group."""
+    """A reduced-body file is truncated, foreign, of another version, or lacks an optional group.
+
+    So of files of trajectories and checkpoints.  Remedy: write it again, with the group that the message names.
+    """
 
 
 class ExportError(FlexmbdError):
-    """A body cannot be carried by another program's file, or such a file cannot be written or read."""
+    """A body cannot be carried by another program's file, or such a file cannot be written or read.
+
+    Remedy: the message says what the format cannot carry; reduce the body otherwise, or take another format.
+    """
 
 
 class SceneError(FlexmbdError):
-    """A scene is not well formed: a body, frame, joint or force does not fit."""
+    """A scene is not well formed: a body, frame, joint or force does not fit.
+
+    So is an argument with a wrong value.  Remedy: the message names the thing and what is wanted in its place.
+    """
 
 
 class EnsembleError(FlexmbdError):
-    """An ensemble was broken off, for a worker of its executor died."""
+    """An ensemble was broken off, for a worker of its executor died.
+
+    Remedy: fewer workers at once, if memory ran out; the message says why it died, where that is known.
+    """
 
 
 class AssemblyError(FlexmbdError):
-    """The mechanism cannot be assembled: constraints contradict each other or the start."""
+    """The mechanism cannot be assembled: constraints contradict each other or the start.
+
+    Remedy: place bodies nearer to where the loops close, or leave out the joint or motion of the message.
+    """
 
 
 class PictureError(FlexmbdError):
-    """A picture or film was asked for something impossible, or cannot be written."""
+    """A picture or film was asked for something impossible, or cannot be written.
+
+    Remedy: another path or suffix, or the library that the message names.
+    """
 
 
 class StartWarning(UserWarning):
-    """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies."""
+    """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies.
+
+    Remedy: place the bodies so that the loops close, or mend the lengths of parts that do not meet.
+    """
 
 
 class TableWarning(UserWarning):
-    """A table's cubics leave the range of its points by more than that range, as beside a jump."""
+    """A table's cubics leave the range of its points by more than that range, as beside a jump.
+
+    Remedy: more points beside the jump, or a table of straight lines.
+    """
 
 
 class EventWarning(UserWarning):
-    """An event's function passes through zero several times in a step, so that passages may be missed."""
+    """An event's function passes through zero several times in a step, so that passages may be missed.
+
+    Remedy: a smaller ``max_step``.
+    """
 
 
 class ExplicitRunError(FlexmbdError):
-    """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long."""
+    """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long.
+
+    Remedy: a shorter step, or less load at once.
+    """
 
 
 class ModesWarning(UserWarning):
-    """A reduction kept more modes than asked for, since some have equal frequencies."""
+    """A reduction kept more modes than asked for, since some have equal frequencies.
+
+    Nothing is wrong: a part of such modes would depend on the directions of the axes.
+    """
 
 
 def warn(text: str, category: type[Warning]) -> None:

@@ -156,7 +156,7 @@ def _refuse_damaged(snapshot: Snapshot, start: Start) -> None:
             (counts < 0).any()
             or counts[st.WORST] >= max(scene.nv, 1)
             or (counts[[st.FIXED_STEP, st.AT_BREAK, st.WATCH_ROWS]] > 1).any()
-            or counts[st.RESELECT_ROWS] > st.INACCURATE
+            or counts[st.RESELECT_ROWS] > st.NOT_ENFORCED
             or np.isnan(numbers).any()
             or not np.isfinite(numbers[[st.TIME, st.STEP, st.TOLERANCE]]).all()
         )

@@ -15,6 +15,7 @@ from flexmbd.errors import FlexmbdError, RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.joint.enforcement import AugmentedLagrangian
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
@@ -364,6 +365,8 @@ def _refuse_torn_loops(start: Start, trajectory: Trajectory) -> None:
     raise SimulationError(f"{why}; what was computed before is in the error's trajectory", _until(trajectory, k))
 
 
+_NAMED = 4  # joints that a message names
+
 #: Causes of a step's failure, and the remedies.
 _CAUSES = {
     st.NOT_CONVERGED: (
@@ -393,6 +396,8 @@ _CAUSES = {
 def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
     """Where, when and on what a simulation stopped."""
     t, h = state.numbers[st.TIME], state.numbers[st.STEP]
+    if code == st.NOT_ENFORCED:
+        return _left_open(scene, t)
     worst = scene.velocity_names[int(state.counts[st.WORST])] if scene.nv else "nothing"
     why, remedy = _CAUSES[code]
     if state.counts[st.FIXED_STEP] == 1:
@@ -403,6 +408,20 @@ def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
     return (
         f"the simulation stopped at t = {t:.6g} s: {why}; the worst coordinate was {worst!r}; "
         f"{remedy}; what was computed up to then is in the error's trajectory"
+    )
+
+
+def _left_open(scene: CompiledScene, t: float) -> str:
+    """That repeated solutions did not close the joints that augmented Lagrangians hold, the softest first."""
+    held = [(c.enforce, c.name) for c in scene.topology.closures if isinstance(c.enforce, AugmentedLagrangian)]
+    held.sort(key=lambda one: one[0].stiffness)
+    named = ", ".join(f"{name!r} (stiffness {enforce.stiffness:.4g} N/m)" for enforce, name in held[:_NAMED])
+    more = f" and {len(held) - _NAMED} more" if len(held) > _NAMED else ""
+    return (
+        f"the simulation stopped at t = {t:.6g} s: repeated solutions do not close what augmented Lagrangians hold, "
+        f"{named}{more}; they converge where the stiffness is above about mass / step^2: give a larger one, or take "
+        "enforce=fm.Multipliers() or integrator=fm.RadauIIA(), which need none; what was computed up to then is in the "
+        "error's trajectory"
     )
 
 

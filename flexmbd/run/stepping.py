@@ -41,7 +41,9 @@ IntArray = NDArray[np.int64]
 # How much more firmly others must hold to be kept instead of rows that still do, and after a step that failed.
 _WORTH, _WORTH_AFTER_FAILURE = 4.0, 1.5
 # Failures of a step that may come of kept rows losing their rank.
-_POSSIBLY_DEPENDENT_ROWS = (st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE)
+_POSSIBLY_DEPENDENT_ROWS = (
+    st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE, st.NOT_ENFORCED,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

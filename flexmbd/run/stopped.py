@@ -26,7 +26,10 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class SimulationError(FlexmbdError):
-    """A simulation stopped early; ``trajectory`` holds what was computed up to then."""
+    """A simulation stopped early; ``trajectory`` holds what was computed up to then.
+
+    Remedy: the message says when and where it stopped and what to look for; plot the last rows of the trajectory.
+    """
 
     def __init__(self, message: str, trajectory: Trajectory) -> None:
         super().__init__(message)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flexmbd as fm
 from flexmbd.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -94,6 +95,26 @@ def test_study(tmp_path, monkeypatch):
     stiff = np.corrcoef(found["samples"]["k"], found["lowest"])[0, 1]
     assert heavy > 0.4
     assert stiff < -0.4
+
+
+def test_the_page_of_errors_tells_what_each_means_and_who_raises_it(monkeypatch):
+    """Docstrings that name an error which there is not are refused."""
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import error_page
+
+    text = error_page.page()
+    told = dict(re.findall(r"^## (\w+)\n\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE))
+    public = {name for name in dir(fm) if isinstance(getattr(fm, name), type) and name.endswith(("Error", "Warning"))}
+    assert public < set(told)
+    for name in public - {"FlexmbdError", "ModesWarning"}:
+        assert "Remedy: " in told[name], name
+    assert re.search(r"- `fm.System.simulate`: \w+", told["SimulationError"])
+    assert "- `fm.reduction.craig_bampton`: the eigensolver" in told["ConvergenceError"]
+    docstring = "Does.\n\nRaises:\n    AError, BError: a\n        b: c.\n    CError: d.\n\nMore."
+    assert list(error_page.raised(docstring)) == [
+        (["AError", "BError"], "a b: c."),
+        (["CError"], "d."),
+    ]
 
 
 class Links(HTMLParser):

@@ -8,6 +8,7 @@ Integrators that know of no passes solve for the reaction itself, which leaves p
 
 from __future__ import annotations
 
+from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.step import solve_step
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, NUMBER, deferred_kernel
@@ -85,4 +86,5 @@ def solve_passes(plan, work, state, scratch, h, tolerance):
         if not augmented or not _is_open(plan, work, scratch):
             return True
         factor = _next_pass(plan, scratch, factor, k == 0)
+    state.counts[st.OUTCOME] = st.NOT_ENFORCED
     return False

@@ -169,3 +169,19 @@ def test_augmented_lagrangian_closes_what_it_enforces(name, choice):
     np.testing.assert_allclose(run.position(bodies[2].frame())[-1], place, atol=2e-6)
     np.testing.assert_allclose(run.reaction(joints[1])[-1], reaction, atol=2e-2 * np.abs(reaction).max())
     assert run.stats.iterations > 1.5 * exact.stats.iterations or choice[0] == 1e8  # passes were made
+
+
+@pytest.mark.parametrize("settings", [{}, {"h": 1e-3}])
+def test_an_augmented_lagrangian_too_soft_for_the_step_names_its_joint(settings):
+    """A pendulum of 1 kg: at steps of 1 ms mass / step^2 is 1e6 N/m, and steps that are made shorter need more."""
+
+    def swing(enforce):
+        scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        bob = scene.add(fm.RigidBody(mass=1.0, inertia=(0.01, 0.01, 0.01), com=(0.5, 0.0, 0.0)), name="bob")
+        scene.connect(fm.joint.Revolute(axis="y"), scene.ground.frame(), bob.frame(), name="hinge", enforce=enforce)
+        return scene.simulate(0.05, integrator=fm.GeneralizedAlpha(), **settings)
+
+    with pytest.raises(fm.SimulationError, match=r"'hinge' \(stiffness 100 N/m\).*larger.*Multipliers"):
+        swing(fm.AugmentedLagrangian(100.0))
+    for remedy in (fm.AugmentedLagrangian(1e7), fm.Multipliers()):
+        assert swing(remedy).t[-1] == 0.05
