@@ -17,9 +17,9 @@ from flexmbd.run.stopped import SimulationInterrupted
 
 _BEGIN = """# Errors and warnings
 
-What flexmbd raises on purpose is an `fm.FlexmbdError`, so that one `except` catches all; each message names the thing at
-fault and the remedy. Under several processes a collective call raises the same error on every rank. This page is made from
-the docstrings: what an error means, what helps, and which public calls raise it, for what.
+What flexmbd raises on purpose is an `fm.FlexmbdError`, so that one `except` catches all; each message names the
+thing at fault and the remedy. Under several processes a collective call raises the same error on every rank. This
+page is made from the docstrings: what an error means, what helps, and which public calls raise it, for what.
 """
 
 
