@@ -33,6 +33,7 @@ from flexmbd.export.superelements.superelement_frames import (
     comment,
     commented_interfaces,
 )
+from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
 from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -47,7 +48,13 @@ _ABAQUS = {"K": "STIFFNESS", "M": "MASS", "D": "VISCOUSDAMPING"}
 
 
 def calculix(
-    body: ReducedBody, path: str | Path, *, name: str = "BODY", first: int = 1, lossy: bool = False
+    body: ReducedBody,
+    path: str | Path,
+    *,
+    name: str = "BODY",
+    first: int = 1,
+    units: str = SI,
+    lossy: bool = False,
 ) -> tuple[str, ...]:
     """Write a fragment of a deck, to be included, and beside it the matrices as .sti and .mas. Not collective.
 
@@ -62,6 +69,7 @@ def calculix(
         path: the fragment, by habit .inp.
         name: of the matrix in CalculiX, one to four letters or digits.
         first: number of the first node.
+        units: of the file's numbers, as length-mass-time, "mm-t-s".
         lossy: as of all formats.
 
     Returns:
@@ -72,7 +80,7 @@ def calculix(
             be written.
     """
     left = check_losses(body, CAPABILITIES, kind="CalculiX", lossy=lossy)
-    element = superelement(body)
+    element = from_si(superelement(body), unit_system(units))
     b, m = len(element.names), element.n_modes
     nodes = b + -(-m // 6)
     if not (name.isascii() and name.isalnum() and len(name) <= 4):
@@ -93,8 +101,8 @@ def calculix(
             for i in range(j, len(dofs))  # zeros too: CalculiX wants all that is in the mass in the stiffness
         ]
         write_file(Path(path).with_name(stem + _PARTS[part]), "\n".join(lines) + "\n")
-    deck = ["** reduced body, SI units; Abaqus reads the same files by *MATRIX INPUT, and takes these nodes"]
-    deck += ["** " + comment(element, i, node=first + i) for i in range(b)]
+    deck = [f"** reduced body, units {units}; Abaqus reads the same files by *MATRIX INPUT, and takes these nodes"]
+    deck += ["** " + comment(element, i, node=first + i, units=units) for i in range(b)]
     deck += [f"*NODE, NSET=N{name}"]
     deck += [f"{first + i}, {x:.12E}, {y:.12E}, {z:.12E}" for i, (x, y, z) in enumerate(element.p)]
     deck += [f"{first + i}, 0., 0., 0." for i in range(b, nodes)]
@@ -116,6 +124,7 @@ def read_calculix(
     mass: str | Path | None = None,
     interfaces: Mapping[str, InterfaceNode] | None = None,
     frame: str | None = None,
+    units: str | None = None,
 ) -> ReducedBody:
     """Read a body from matrices of CalculiX or Abaqus. Not collective.
 
@@ -127,13 +136,15 @@ def read_calculix(
             modes; default: as a deck of ours says.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
             the first.
+        units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: as a file of ours
+            says, else "m-kg-s".
 
     Raises:
-        ExportError: a file is damaged, or holds something else.
+        ExportError: a file is damaged, or holds something else; its units are others.
     """
     text = read_text(path)
     found = list(blocks(text))
-    ours, at, floating = commented_interfaces(text.splitlines())
+    ours = commented_interfaces(text.splitlines())
     try:
         positions = dict(_positions(found))
         parts = _parts(found, Path(path), mass)
@@ -143,12 +154,13 @@ def read_calculix(
         raise ExportError(f"{path} holds no {'mass' if 'K' in parts else 'stiffness'} matrix; give mass=, of triplets")
     named = {
         name: one if one.position is not None else InterfaceNode(positions.get(one.node or 0), one.node, one.axes)
-        for name, one in dict(interfaces or ours).items()
+        for name, one in dict(interfaces or ours.interfaces).items()
     }
     order = _order(parts, named, path)
     K, M = dense(parts["K"], order), dense(parts["M"], order)
     D = dense(parts["D"], order) if "D" in parts else None
-    return body_of(ReadMatrices(named, K, M, D, frame=at, floating=floating), path, interfaces=None, frame=frame)
+    read = ReadMatrices(named, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
+    return body_of(read, path, interfaces=None, frame=frame, units=units)
 
 
 def _positions(found: list[Block]) -> list[tuple[int, FloatArray]]:

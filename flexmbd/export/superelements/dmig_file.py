@@ -26,6 +26,7 @@ from flexmbd.export.superelements.superelement_frames import (
     commented_interfaces,
     position,
 )
+from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
 from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -38,7 +39,9 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[edED]?([+-]?\d+))?")
 _LARGEST_ID = 99_999_999
 
 
-def dmig(body: ReducedBody, path: str | Path, *, first: int = 1, lossy: bool = False) -> tuple[str, ...]:
+def dmig(
+    body: ReducedBody, path: str | Path, *, first: int = 1, units: str = SI, lossy: bool = False
+) -> tuple[str, ...]:
     """Write K, M and D of a body as DMIG KAAX, MAAX and BAAX, with GRIDs and SPOINTs. Not collective.
 
     GRIDs `first` and on are the interfaces in the record's order, with B's axes; the numbers after them are SPOINTs.
@@ -48,6 +51,7 @@ def dmig(body: ReducedBody, path: str | Path, *, first: int = 1, lossy: bool = F
         body: with an interface.
         path: destination, by habit .pch.
         first: number of the first GRID, for decks whose low numbers are taken.
+        units: of the file's numbers, as length-mass-time, "mm-t-s".
         lossy: as of all formats.
 
     Returns:
@@ -58,14 +62,14 @@ def dmig(body: ReducedBody, path: str | Path, *, first: int = 1, lossy: bool = F
             cannot be written.
     """
     left = check_losses(body, CAPABILITIES, kind="DMIG", lossy=lossy)
-    element = superelement(body)
+    element = from_si(superelement(body), unit_system(units))
     b, m = len(element.names), element.n_modes
     if first < 1 or first + b + m - 1 > _LARGEST_ID:
         raise ExportError(f"DMIG: numbers from {first} on do not fit; choose first=1 to {_LARGEST_ID - b - m + 1}")
     dofs = [(first + i, c + 1) for i in range(b) for c in range(6)] + [(first + b + i, 0) for i in range(m)]
-    lines = ["$ reduced body, SI units; matrices by K2GG=KAAX, M2GG=MAAX, B2GG=BAAX"]
+    lines = [f"$ reduced body, units {units}; matrices by K2GG=KAAX, M2GG=MAAX, B2GG=BAAX"]
     for i, p in enumerate(element.p):
-        lines.append("$ " + comment(element, i, node=first + i))
+        lines.append("$ " + comment(element, i, node=first + i, units=units))
         x, y, z = map(wide, p.tolist())
         lines += [f"GRID*   {first + i:<16d}{'0':<16s}{x:<16s}{y:<16s}*", f"*       {z:<16s}{'0':<16s}"]
     lines += [f"SPOINT  {number:<8d}" for number, component in dofs if component == 0]
@@ -110,7 +114,11 @@ def wide(value: float) -> str:
 
 
 def read_dmig(
-    path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None = None, frame: str | None = None
+    path: str | Path,
+    *,
+    interfaces: Mapping[str, InterfaceNode] | None = None,
+    frame: str | None = None,
+    units: str | None = None,
 ) -> ReducedBody:
     """Read a body from DMIG matrices whose names begin with K, M and, where it is damped, B. Not collective.
 
@@ -120,17 +128,19 @@ def read_dmig(
             ours says, else all GRIDs of the file, called "grid 7" and so on.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
             the first.
+        units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: as a file of ours
+            says, else "m-kg-s".
 
     Raises:
-        ExportError: the file is damaged, or holds something else.
+        ExportError: the file is damaged, or holds something else; its units are others.
     """
     text = read_text(path)
     try:
         deck = _parsed(text)
     except (ValueError, IndexError, OverflowError) as error:
         raise ExportError(f"{path}: {error}") from error
-    ours, at, floating = commented_interfaces(text.splitlines())
-    named = dict(interfaces or ours)
+    ours = commented_interfaces(text.splitlines())
+    named = dict(interfaces or ours.interfaces)
     if not named:
         named = {f"grid {node}": InterfaceNode(p, node) for node, p in deck.grids.items() if node in deck.nodes}
     order = _order(deck, named, path)
@@ -141,8 +151,8 @@ def read_dmig(
         name: one if one.position is not None else InterfaceNode(deck.grids.get(one.node or 0), one.node, one.axes)
         for name, one in named.items()
     }
-    read = ReadMatrices(placed, K, M, D, frame=at, floating=floating)
-    return body_of(read, path, interfaces=None, frame=frame)
+    read = ReadMatrices(placed, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
+    return body_of(read, path, interfaces=None, frame=frame, units=units)
 
 
 @dataclass(eq=False)

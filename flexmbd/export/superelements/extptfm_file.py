@@ -127,13 +127,13 @@ def read_openfast(
         found = {name: _matrix(lines, keyword, size) for keyword, name in _MATRICES.items()}
     except ValueError as error:
         raise ExportError(f"{path}: {error}") from error
-    ours, at, floating = commented_interfaces(lines)
-    named = dict(interfaces or ours or {"platform": InterfaceNode(np.zeros(3))})
+    ours = commented_interfaces(lines)
+    named = dict(interfaces or ours.interfaces or {"platform": InterfaceNode(np.zeros(3))})
     placed = {
         name: InterfaceNode(np.zeros(3) if one.position is None else one.position, axes=one.axes)
         for name, one in named.items()
     }
-    read = ReadMatrices(placed, found["K"], found["M"], found["D"], frame=at, floating=floating)
+    read = ReadMatrices(placed, found["K"], found["M"], found["D"], frame=ours.frame, floating=ours.floating)
     return body_of(read, path, interfaces=None, frame=frame)
 
 

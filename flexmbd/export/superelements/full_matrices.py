@@ -18,6 +18,7 @@ from flexmbd.errors import ExportError
 from flexmbd.export.superelements.matrix_text import blocks, triplets
 from flexmbd.export.superelements.superelement import Superelement, rigid_motion
 from flexmbd.export.superelements.superelement_body import reduced_body, resistance
+from flexmbd.export.superelements.unit_system import SI, unit_system
 from flexmbd.files.whole_file import read_text
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.groups import FloatArray, NodalModes
@@ -42,7 +43,7 @@ class NodeSet:
 
     Attributes:
         nodes: their numbers in the node table; three or more, not in one line.
-        origin: (3,) m, the frame's origin in the table's axes; the nodes' mean by default.
+        origin: (3,) m or the units of the table, the frame's origin in the table's axes; the nodes' mean by default.
         axes: (3, 3) rotation from the frame's axes to the table's.
     """
 
@@ -61,6 +62,7 @@ def reduce_matrices(
     frame: str | None,
     D: Sparse | None = None,
     keep_modes: bool = False,
+    units: str = SI,
 ) -> ReducedBody:
     """Reduce a free body given by matrices over its nodes' displacements. Not collective.
 
@@ -75,20 +77,26 @@ def reduce_matrices(
         frame: the interface that carries the body frame; None: it floats on the mean axis.
         D: (3 k, 3 k) sparse, N s/m.
         keep_modes: whether the record holds the modes at the nodes.
+        units: of the matrices, of the node table and of the frames' origins, as length-mass-time, "mm-t-s".
 
     Raises:
-        ExportError: sizes that do not fit, unknown or shared nodes, a supported or singular stiffness.
+        ExportError: no such units; sizes that do not fit, unknown or shared nodes, a supported or singular stiffness.
     """
+    system = unit_system(units)
     numbers, x = _table(nodes)
+    x = system.length * x
     refuse_no_truth(ExportError, keep_modes=keep_modes)
     K, M = (_symmetric(matrix, name, 3 * len(x)) for matrix, name in ((K, "K"), (M, "M")))
-    frames = _frames(interfaces, numbers, x)
+    K, M = system.mass / system.time**2 * K, system.mass * M
+    frames = _frames(interfaces, numbers, x, length=system.length)
     if frame is not None and frame not in frames:
         raise ExportError(f"there is no interface {frame!r} for the body frame; there are {', '.join(frames)}")
     _check_free(K, x)
     basis = _basis(K, M, x, frames, modes)
     stiffness, mass = (basis.T @ (matrix @ basis) for matrix in (K, M))
-    damping = np.zeros_like(mass) if D is None else basis.T @ (_symmetric(D, "D", 3 * len(x)) @ basis)
+    damping = np.zeros_like(mass)
+    if D is not None:
+        damping = system.mass / system.time * (basis.T @ (_symmetric(D, "D", 3 * len(x)) @ basis))
     element = Superelement(
         names=tuple(frames),
         p=np.array([one.p for one in frames.values()]),
@@ -252,7 +260,7 @@ def _check_free(K: Sparse, x: FloatArray) -> None:
 
 
 def _frames(
-    interfaces: Mapping[str, NodeSet], numbers: NDArray[np.int64], x: FloatArray
+    interfaces: Mapping[str, NodeSet], numbers: NDArray[np.int64], x: FloatArray, *, length: float
 ) -> dict[str, _Frame]:
     if not interfaces:
         raise ExportError("no interfaces are named; one at least is needed")
@@ -274,7 +282,7 @@ def _frames(
         if spread[1] <= _LINE * spread[0]:
             raise ExportError(f"interface {name!r}: its nodes lie in one line, so nothing turns about that")
         R = np.asarray(one.axes, dtype=np.float64)
-        p = x[rows].mean(axis=0) if one.origin is None else np.asarray(one.origin, dtype=np.float64)
+        p = x[rows].mean(axis=0) if one.origin is None else length * np.asarray(one.origin, dtype=np.float64)
         if p.shape != (3,) or R.shape != (3, 3) or not abs(R.T @ R - np.eye(3)).max() < 1e-6 or np.linalg.det(R) < 0.0:
             raise ExportError(f"interface {name!r}: its origin is not a point (3,), or its axes are no rotation (3, 3)")
         frames[name] = _Frame(p, R, rows)

@@ -23,6 +23,7 @@ from flexmbd.export.superelements.superelement_frames import (
     position,
     unit_quaternion,
 )
+from flexmbd.export.superelements.unit_system import SI
 from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -86,7 +87,11 @@ def _matrix_lines(name: str, matrix: FloatArray) -> Iterator[str]:
 
 
 def read_op4(
-    path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None = None, frame: str | None = None
+    path: str | Path,
+    *,
+    interfaces: Mapping[str, InterfaceNode] | None = None,
+    frame: str | None = None,
+    units: str | None = None,
 ) -> ReducedBody:
     """Read a body from dense real matrices in text form, names beginning with K, M and B. Not collective.
 
@@ -96,9 +101,11 @@ def read_op4(
             ours says.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
             the first.
+        units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: "m-kg-s", as files of
+            ours are.
 
     Raises:
-        ExportError: the file is damaged, or holds something else.
+        ExportError: the file is damaged, or holds something else; its units are others.
     """
     text = read_text(path)
     try:
@@ -114,8 +121,9 @@ def read_op4(
             raise ExportError(f"{path} should hold one matrix whose name begins with {letter}; it holds {there}")
         if names:
             found[letter] = matrices[names[0]]
-    read = ReadMatrices(ours, found["K"], found["M"], found.get("B"), frame=at, floating=floating)
-    return body_of(read, path, interfaces=interfaces, frame=frame)
+    K, M, D, said = found["K"], found["M"], found.get("B"), SI if ours else None
+    read = ReadMatrices(ours, K, M, D, frame=at, floating=floating, units=said)
+    return body_of(read, path, interfaces=interfaces, frame=frame, units=units)
 
 
 def _parsed(text: str) -> dict[str, FloatArray]:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from flexmbd.errors import ExportError
 from flexmbd.export.superelements.superelement import Superelement
 from flexmbd.export.superelements.superelement_body import reduced_body
+from flexmbd.export.superelements.unit_system import SI, to_si, unit_system
 from flexmbd.files.whole_file import LARGEST
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -33,7 +34,7 @@ class InterfaceNode:
     """An interface of a file that another program wrote.
 
     Attributes:
-        position: (3,) m, in the file's axes; None: as the file says.
+        position: (3,) in the file's axes and units, m as a rule; None: as the file says.
         node: its number in the file, where nodes have numbers there.
         axes: (3, 3) rotation from the interface's axes to the file's.
     """
@@ -45,7 +46,10 @@ class InterfaceNode:
 
 @dataclass(frozen=True, eq=False)
 class ReadMatrices:
-    """What a file holds of a superelement: its rows are those of `interfaces` in order, then the modes."""
+    """What a file holds of a superelement: its rows are those of `interfaces` in order, then the modes.
+
+    `units` is what the file itself says of them, None where it says nothing.
+    """
 
     interfaces: dict[str, InterfaceNode]
     K: FloatArray
@@ -53,9 +57,27 @@ class ReadMatrices:
     D: FloatArray | None = None
     frame: str | None = None
     floating: bool = False
+    units: str | None = None
 
 
-def comment(element: Superelement, number: int, *, node: int) -> str:
+@dataclass(frozen=True, eq=False)
+class FileComments:
+    """What comments of ours say; of other files: nothing.
+
+    Attributes:
+        interfaces: by name, in the file's units.
+        frame: the interface that carries the body frame.
+        floating: whether the body frame is on none.
+        units: length-mass-time.
+    """
+
+    interfaces: dict[str, InterfaceNode]
+    frame: str | None
+    floating: bool
+    units: str | None
+
+
+def comment(element: Superelement, number: int, *, node: int, units: str = SI) -> str:
     """One line, ASCII whatever the name, that says what the file's numbers do not."""
     name = element.names[number]
     content = {
@@ -64,18 +86,19 @@ def comment(element: Superelement, number: int, *, node: int) -> str:
         "position": element.p[number].tolist(),
         "quaternion": to_quaternion(element.R[number]).tolist(),
         "frame": "floating" if element.frame is None else element.frame == name,
+        "units": units,
     }
     return _MARK + json.dumps(content)
 
 
-def commented_interfaces(lines: Iterable[str]) -> tuple[dict[str, InterfaceNode], str | None, bool]:
-    """Interfaces, body frame's interface, and whether it floats, of a file of ours; nothing of other files.
+def commented_interfaces(lines: Iterable[str]) -> FileComments:
+    """The comments about interfaces of a file of ours; older ones do not name their units, which are SI.
 
     Raises:
         ExportError: a comment of ours is damaged.
     """
     interfaces: dict[str, InterfaceNode] = {}
-    frame, floating = None, False
+    frame, floating, units = None, False, None
     for line in lines:
         before, mark, content = line.partition(_MARK)
         if not mark or before.strip(" !$*%"):
@@ -89,9 +112,11 @@ def commented_interfaces(lines: Iterable[str]) -> tuple[dict[str, InterfaceNode]
             interfaces[name] = InterfaceNode(position(item["position"]), node, axes)
             floating = floating or item["frame"] == "floating"
             frame = name if item["frame"] is True else frame
-        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            units = str(item.get("units", SI))
+            unit_system(units)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError, ExportError) as error:
             raise ExportError(f"the comment about an interface is damaged: {line.strip()[:80]!r} ({error})") from error
-    return interfaces, frame, floating
+    return FileComments(interfaces, frame, floating, units)
 
 
 def position(value: Any) -> FloatArray:
@@ -112,7 +137,12 @@ def unit_quaternion(value: Any) -> FloatArray:
 
 
 def body_of(
-    read: ReadMatrices, path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None, frame: str | None
+    read: ReadMatrices,
+    path: str | Path,
+    *,
+    interfaces: Mapping[str, InterfaceNode] | None,
+    frame: str | None,
+    units: str | None = None,
 ) -> ReducedBody:
     """The body of a file's matrices.
 
@@ -122,10 +152,17 @@ def body_of(
         interfaces: as the caller named them, in the order of the rows; None: as the file says.
         frame: the interface that shall carry the body frame, "" for the floating one; None: as the file says, or the
             first.
+        units: of the file's numbers, as "mm-t-s"; None: as the file says, or SI.
 
     Raises:
-        ExportError: positions are missing, the sizes do not fit, or the matrices are those of no free body.
+        ExportError: there are no such units, or the file says others; positions are missing, the sizes do not fit, or
+            the matrices are those of no free body.
     """
+    system = unit_system((read.units or SI) if units is None else units)
+    if read.units is not None and system != unit_system(read.units):
+        raise ExportError(
+            f"{path} says that its units are {read.units}, and is read with units={units!r}: leave that argument out"
+        )
     named = dict(read.interfaces if interfaces is None else interfaces)
     if not named:
         raise ExportError(
@@ -158,7 +195,7 @@ def body_of(
     if chosen is not None and chosen not in named:
         raise ExportError(f"{path} has no interface {chosen!r} for the body frame; it has {', '.join(named)}")
     element = Superelement(tuple(named), np.array(places), np.array(axes), read.K, read.M, D, chosen)
-    return reduced_body(element, source=str(path))
+    return reduced_body(to_si(element, system), source=str(path))
 
 
 def checked_size(rows: int, path: str | Path) -> int:
