@@ -23,6 +23,9 @@ _ROOT = 0
 # How a rank waits: it looks whether the others have come, and sleeps this share of the time that it has waited so far,
 # this long (s) at most.
 _SHARE, _NAP = 0.02, 0.02
+# Messages of rank 0's `MpiTeam.tell`: their tag, and those that may be on their way.
+_TOLD = 32_119
+_UNREAD: list[MPI.Request] = []
 # Bytes in one message; MPI counts them in 32 bits.
 _MESSAGE = 1 << 30
 
@@ -198,6 +201,25 @@ class MpiTeam:
         """What `function` gives on rank 0, on every rank; the others sleep meanwhile (`on_root`). Collective."""
         return on_root(self.comm, function)
 
+    def tell(self, what: str, error: Exception | None) -> None:
+        """Raise on every rank that calls, for the same text, the error that rank 0 has, if any. Not collective.
+
+        Rank 0 does not wait; a rank that never calls leaves a message of some hundred bytes unread.
+        """
+        if self.is_root:
+            failure = _portable(error)
+            _UNREAD[:] = [message for message in _UNREAD if not message.Test()]
+            _UNREAD.extend(self.comm.isend((what, failure), dest=rank, tag=_TOLD) for rank in range(1, self.size))
+            if error is not None:
+                raise error
+            return
+        told, failure = self.comm.recv(source=_ROOT, tag=_TOLD)
+        while told != what:  # of what this rank did not ask about
+            told, failure = self.comm.recv(source=_ROOT, tag=_TOLD)
+        if failure is not None:
+            kind, text = pickle.loads(failure)  # noqa: S301  (from our own ranks)
+            raise kind(f"{text} (on rank {_ROOT} of {self.size})")
+
 
 def _team_of_one() -> MpiTeam:
     return MpiTeam(MPI.COMM_SELF)
@@ -207,7 +229,7 @@ def _portable(error: Exception | None) -> bytes | None:
     """Type and text of an error as bytes that can be rebuilt on another rank."""
     if error is None:
         return None
-    text = str(error)
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     try:
         type(error)(text)
         return pickle.dumps((type(error), text))

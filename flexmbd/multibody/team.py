@@ -45,6 +45,12 @@ class Team(Protocol):
         The others leave their processors to others meanwhile.
         """
 
+    def tell(self, what: str, error: Exception | None) -> None:
+        """Raise on every process that asks about ``what`` the error that rank 0 has of it, if any.
+
+        Rank 0 tells and goes on; another one that calls waits until it has told, of the same thing.
+        """
+
 
 class Alone:
     """The team of a single process."""
@@ -65,6 +71,10 @@ class Alone:
     def on_root(self, function: Callable[[], T]) -> T:
         """Return what ``function`` gives."""
         return function()
+
+    def tell(self, what: str, error: Exception | None) -> None:
+        """Raise ``error`` if there is one."""
+        self.fail(error)
 
 
 def on_every_rank(team: Team, function: Callable[[], T]) -> T:

@@ -12,7 +12,8 @@ series     the table of all joints, bodies and energies: names, units, values (n
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -20,7 +21,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import FlexmbdError, RecordError
+from flexmbd.errors import RecordError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.files.tree_file import FileKind, Tree, read_tree, write_tree
 from flexmbd.multibody.bodies.body import Body
@@ -87,32 +88,47 @@ class SavedRun:
     samples: tuple[ControllerSamples, ...]
 
 
-def save_run(path: Path, saved: SavedRun, series: ResultTable, *, scene: CompiledScene, team: Team) -> None:
-    """Write a trajectory's file, on rank 0.  Collective over the team.
+def save_run(
+    path: Path, saved: SavedRun, series: Callable[[], ResultTable], *, scene: CompiledScene, team: Team
+) -> None:
+    """Write a trajectory's file, on rank 0, which does not wait for the others; one that calls waits for the file.
 
     Raises:
         RecordError: it cannot be written.
     """
-    error: FlexmbdError | None = None
+    error: Exception | None = None
     if team.is_root:
-        tree: Tree = {
-            "about": about_tree(scene),
-            **{name: getattr(saved, name) for name in ROWS},
-            "stats": stats_tree(saved.stats),
-            "events": events_tree(saved.events),
-            "departures": departures_tree(saved.departures, scene.nv),
-            "interiors": interiors_tree(saved.interior_rows),
-            "recordings": recordings_tree(saved.recordings),
-            "samples": {str(k): samples_tree(one) for k, one in enumerate(saved.samples)},
-            "series": {"names": series.names, "units": series.units, "values": series.values},
-        }
-        if saved.kept_rows is not None:
-            tree["kept_rows"] = np.array(saved.kept_rows, dtype=np.int64)
         try:
-            write_tree(path, tree, kind=TRAJECTORY)
-        except FlexmbdError as reason:
+            with scene.callbacks.alone():
+                _write(path, saved, series(), scene)
+        except Exception as reason:  # noqa: BLE001  (whatever it is, ranks that wait must hear of it)
             error = reason
-    team.fail(error)
+    team.tell(f"{TRAJECTORY.format} {_digest(saved)}", error)
+
+
+def _digest(saved: SavedRun) -> str:
+    """Of the times and the last row, which are the same to the bit on all ranks."""
+    rows = hashlib.sha256()
+    for part in (saved.t, saved.x[-1], saved.v[-1]):
+        rows.update(np.ascontiguousarray(part))
+    return rows.hexdigest()
+
+
+def _write(path: Path, saved: SavedRun, series: ResultTable, scene: CompiledScene) -> None:
+    tree: Tree = {
+        "about": about_tree(scene),
+        **{name: getattr(saved, name) for name in ROWS},
+        "stats": stats_tree(saved.stats),
+        "events": events_tree(saved.events),
+        "departures": departures_tree(saved.departures, scene.nv),
+        "interiors": interiors_tree(saved.interior_rows),
+        "recordings": recordings_tree(saved.recordings),
+        "samples": {str(k): samples_tree(one) for k, one in enumerate(saved.samples)},
+        "series": {"names": series.names, "units": series.units, "values": series.values},
+    }
+    if saved.kept_rows is not None:
+        tree["kept_rows"] = np.array(saved.kept_rows, dtype=np.int64)
+    write_tree(path, tree, kind=TRAJECTORY)
 
 
 def load_run(path: Path, scene: CompiledScene) -> SavedRun:

@@ -186,18 +186,21 @@ class Trajectory(ForceSeries):
         return tabulate(self, columns, t=table_times(self.t, t, every))
 
     def save(self, path: str | Path) -> Path:
-        """Write what ran to an HDF5 file, whole or not at all, on rank 0.  Collective over the team.
+        """Write what ran to an HDF5 file, whole or not at all, by rank 0.
+
+        Called on rank 0 alone, or on all ranks: each of these then returns once the file is written.  Where one run is
+        saved first in the one way and then in the other, the other ranks do not wait for the second file.
 
         It is read back by ``Trajectory.load``, and by any HDF5 library: t, x, v, a, the names of the coordinates, and
         under "series" the table of all joints, bodies and energies.  Checkpoints are files of their own.
 
         Raises:
-            RecordError: it cannot be written.
+            RecordError: it cannot be written; on each rank that calls.
             SceneError: the path is none.
         """
         refuse_other(path, (str, Path), "path", wanted='a file, "run.h5"')
         saved = SavedRun(**{one.name: getattr(self, one.name) for one in fields(SavedRun)})
-        save_run(Path(path), saved, self.table(), scene=self.scene, team=self.team)
+        save_run(Path(path), saved, self.table, scene=self.scene, team=self.team)
         return Path(path)
 
     @staticmethod

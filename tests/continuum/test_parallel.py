@@ -110,3 +110,11 @@ def test_team_fails_together():
     team.fail(None)
     with pytest.raises(ValueError, match="the step went wrong"):
         team.fail(ValueError("the step went wrong") if COMM.rank == LAST else None)
+
+
+def test_a_key_error_keeps_its_words():
+    """``str`` of one has quotation marks around its text."""
+    with pytest.raises(KeyError) as caught:
+        raise_collectively(COMM, KeyError("boom") if COMM.rank == 0 else None)
+    expected = "boom" if COMM.size == 1 else f"boom (on rank 0 of {COMM.size})"
+    assert caught.value.args == (expected,)

@@ -287,3 +287,25 @@ def test_two_ranks_write_one_file_and_both_read_it(tmp_path_factory):
     with h5py.File(path) as file:
         assert file.attrs["format"] == "flexmbd trajectory"
     comm.barrier()
+
+
+@pytest.mark.mpi
+def test_rank_0_saves_alone_and_waits_for_nobody(tmp_path_factory):
+    """Also where writing fails; a later run is then saved by all, of which each finds the file."""
+    from mpi4py import MPI
+
+    from flexmbd.continuum import MpiTeam
+
+    comm = MPI.COMM_WORLD
+    folder = Path(comm.bcast(str(tmp_path_factory.mktemp("alone")) if comm.rank == 0 else None))
+    scene, *_ = machine()
+    scene.team = MpiTeam(comm)
+    run = scene.simulate(0.01, h=1e-3, integrator=fm.GeneralizedAlpha())
+    if comm.rank == 0:
+        first = run.save(folder / "first.h5")
+        np.testing.assert_array_equal(fm.Trajectory.load(first, scene).x, run.x)
+        with pytest.raises(RecordError, match="cannot write"):
+            run.save(folder / "nowhere" / "run.h5")
+    later = scene.simulate(0.02, h=1e-3, integrator=fm.GeneralizedAlpha())
+    np.testing.assert_array_equal(fm.Trajectory.load(later.save(folder / "later.h5"), scene).x, later.x)
+    comm.barrier()
