@@ -149,6 +149,30 @@ def test_user_elements(tmp_path, style):
     np.testing.assert_allclose(body.frequencies(["a"]), soft_bar().frequencies(["x_min"]), rtol=1e-9)
 
 
+@pytest.mark.parametrize("damage", [None, "short", "unlike"])
+def test_an_unsymmetric_user_element(tmp_path, damage):
+    """Whole matrices, row by row: what is symmetric is read, and what is not is no elastic body."""
+    element = fm.export.superelement(soft_bar())
+    K = element.K.copy()
+    K[12, 13] += 0.1 * K[12, 12] if damage == "unlike" else 0.0
+    n = len(K)
+    text = f"*USER ELEMENT,NODES={n},LINEAR,UNSYMM\n** " + ",".join(str(1 + i // 6) for i in range(n)) + "\n1\n"
+    text += "".join(f"{i + 1},{1 + i % 6}\n" for i in range(1, n))
+    for kind, matrix in (("STIFFNESS", K), ("MASS", element.M)):
+        rows = matrix[:-1] if damage == "short" else matrix
+        lines = "\n".join(",".join(f"{value:.16E}" for value in row) for row in rows)
+        text += f"*MATRIX,TYPE={kind}\n{lines}\n"
+    (tmp_path / "x.mtx").write_text(text)
+    ends = {"a": InterfaceNode((0, 0, 0), 1), "b": InterfaceNode((1, 0, 0), 2)}
+    if damage is not None:
+        says = {"short": "which is not a square of", "unlike": "matrix K is not symmetric"}[damage]
+        with pytest.raises(ExportError, match=says):
+            fm.export.read_calculix(tmp_path / "x.mtx", interfaces=ends)
+        return
+    body = fm.export.read_calculix(tmp_path / "x.mtx", interfaces=ends)
+    np.testing.assert_allclose(body.frequencies(["a"]), soft_bar().frequencies(["x_min"]), rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
@@ -174,7 +198,7 @@ def test_nodes_of_three_components_are_no_interfaces(tmp_path):
     lines = [f"1,{i},1,{i},1.0" for i in (1, 2, 3)]
     (tmp_path / "k.mtx").write_text("\n".join(lines))
     solid = {"a": InterfaceNode((0, 0, 0), 1)}
-    with pytest.raises(ExportError, match="node 1 has no component 4"):
+    with pytest.raises(ExportError, match=r"node 1 has no component 4.* by reduce_matrices"):
         fm.export.read_calculix(tmp_path / "k.mtx", mass=tmp_path / "k.mtx", interfaces=solid)
 
 

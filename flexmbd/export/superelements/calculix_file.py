@@ -233,8 +233,8 @@ def _order(parts: Mapping[str, Entries], named: Mapping[str, InterfaceNode], pat
     if not set(order) <= dofs:
         node, component = sorted(set(order) - dofs)[0]
         raise ExportError(
-            f"{path}: node {node} has no component {component}, and an interface has six: bind it to a frame before "
-            "the reduction, or reduce the full matrices here (flexmbd.reduction.matrix_model)"
+            f"{path}: node {node} has no component {component}, and an interface has six. Bind the nodes to a frame "
+            "before the reduction; or read nodes of three components by read_triplets and bind them by reduce_matrices"
         )
     order |= {dof: len(order) + i for i, dof in enumerate(rest)}
     checked_size(len(order), path)

@@ -87,14 +87,16 @@ def user_element(found: list[Block]) -> tuple[list[Dof], dict[str, FloatArray]]:
     """Rows and matrices by type of the one *USER ELEMENT of a file.
 
     Its first data line has the components at the first node, later ones ``position, components``: those from there on.
+    Matrices are lower triangles, or with UNSYMM whole; whether a whole one is symmetric is not judged here.
 
     Raises:
         ValueError: it is damaged, or there are several.
     """
     heads = [block for block in found if block.keyword == "USERELEMENT"]
-    if len(heads) != 1 or "UNSYMM" in heads[0].parameters:
-        raise ValueError(f"it holds {len(heads)} user elements; one symmetric one is read")
+    if len(heads) != 1:
+        raise ValueError(f"it holds {len(heads)} user elements; one is read")
     head = heads[0]
+    entries = _all if "UNSYMM" in head.parameters else _lower
     listing = " ".join(line.lstrip("* ") for line in head.comments if re.fullmatch(r"\**[\s\d,]+", line, re.ASCII))
     nodes = [whole(word) for word in re.split(r"[\s,]+", listing) if word]
     if not nodes or not head.lines or len(nodes) != whole(head.parameters.get("NODES", "")):
@@ -114,7 +116,7 @@ def user_element(found: list[Block]) -> tuple[list[Dof], dict[str, FloatArray]]:
     for block in found:
         if block.keyword == "MATRIX":
             words = [word for line in block.lines for word in line.split(",") if word.strip()]
-            matrices[block.parameters.get("TYPE", "").upper()] = _lower(words, len(dofs))
+            matrices[block.parameters.get("TYPE", "").upper()] = entries(words, len(dofs))
     return dofs, matrices
 
 
@@ -129,6 +131,12 @@ def _lower(words: list[str], size: int) -> FloatArray:
     matrix[np.tril_indices(size)] = [number(word) for word in words]
     whole_matrix: FloatArray = np.tril(matrix) + np.tril(matrix, -1).T
     return whole_matrix
+
+
+def _all(words: list[str], size: int) -> FloatArray:
+    if len(words) != size**2:
+        raise ValueError(f"a matrix has {len(words)} entries, which is not a square of {size} rows, as UNSYMM asks for")
+    return np.array([number(word) for word in words], dtype=np.float64).reshape(size, size)
 
 
 def dense(entries: Mapping[tuple[Dof, Dof], float], order: Mapping[Dof, int]) -> FloatArray:
