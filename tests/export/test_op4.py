@@ -82,3 +82,81 @@ def test_damaged_files(tmp_path):
     data = (tmp_path / "part.op4").read_bytes()
     bodies = survive(fm.export.read_op4, tmp_path / "x.op4", data, count=2000)
     assert bodies < 1000
+
+
+def binary(tmp_path, *, order="<", kind="f8", changes=()):
+    """A file of binary records, written from the layout: length, content, length."""
+    element = fm.export.superelement(small_body())
+
+    def record(*parts):
+        content = b"".join(parts)
+        length = np.array(len(content), f"{order}i4").tobytes()
+        return length + content + length
+
+    def whole(*numbers):
+        return np.array(numbers, f"{order}i4").tobytes()
+
+    data = b""
+    for name, matrix in (("KAAX", element.K), ("MAAX", element.M), ("BAAX", element.D)):
+        n = len(matrix)
+        data += record(whole(n, n, 6, 1 if kind == "f4" else 2), name.ljust(8).encode())
+        for column in range(n):
+            words = matrix[:, column].astype(order + kind).tobytes()
+            data += record(whole(column + 1, 1, len(words) // 4), words)
+        data += record(whole(n + 1, 1, 1), np.ones(1, order + kind).tobytes())
+    for old, new in changes:
+        assert old in data
+        data = data.replace(old, new, 1)
+    (tmp_path / "x.op4").write_bytes(data)
+    return tmp_path / "x.op4"
+
+
+NODE = {"a": InterfaceNode((0.0, 0.0, 0.0))}
+
+
+@pytest.mark.parametrize(("order", "kind", "rtol"), [("<", "f8", 1e-12), (">", "f8", 1e-12), ("<", "f4", 1e-4)])
+def test_binary_files(tmp_path, order, kind, rtol):
+    """Little and big ends, double and single precision, damping included."""
+    found, wanted = fm.export.read_op4(binary(tmp_path, order=order, kind=kind), interfaces=NODE), small_body()
+    np.testing.assert_allclose(found.stiffness, wanted.stiffness, rtol=max(rtol, 1e-9))
+    np.testing.assert_allclose(np.diag(found.damping), np.diag(wanted.damping), rtol=max(rtol, 1e-6))
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_pynastran_reads_these_binary_files(tmp_path, order):
+    """So the layout from which the file was written is Nastran's."""
+    op4 = pytest.importorskip("pyNastran.op4.op4", reason=WHY)
+    matrices = op4.OP4(debug=False).read_op4(str(binary(tmp_path, order=order)))
+    element = fm.export.superelement(small_body())
+    for name, matrix in (("KAAX", element.K), ("MAAX", element.M), ("BAAX", element.D)):
+        np.testing.assert_array_equal(matrices[name].data, matrix)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        (b"KAAX", b"XAAX", "begins with K; it holds XAAX"),
+        (b"MAAX", b"KAAX", "KAAX is there twice"),
+        (np.array([1, 1, 16], "<i4").tobytes(), np.array([1, 0, 16], "<i4").tobytes(), "written as a sparse one"),
+        (np.array([1, 1, 16], "<i4").tobytes(), np.array([9, 1, 16], "<i4").tobytes(), "KAAX is cut|header should be"),
+        (np.array([1, 1, 16], "<i4").tobytes(), np.array([1, 2, 16], "<i4").tobytes(), "column 1 has rows 2 to 9"),
+        (np.array([8, 8, 6, 2], "<i4").tobytes(), np.array([8, -8, 6, 2], "<i4").tobytes(), "-8 rows"),
+        (np.array([8, 8, 6, 2], "<i4").tobytes(), np.array([8, 8, 6, 4], "<i4").tobytes(), "type 4"),
+    ],
+)
+def test_binary_files_that_do_not_fit(tmp_path, old, new, match):
+    with pytest.raises(ExportError, match=match):
+        fm.export.read_op4(binary(tmp_path, changes=[(old, new)]), interfaces=NODE)
+
+
+def test_damaged_binary_files(tmp_path):
+    data = binary(tmp_path).read_bytes()
+    for cut in (5, 30, len(data) // 2, len(data) - 3):
+        (tmp_path / "cut.op4").write_bytes(data[:cut])
+        with pytest.raises(ExportError, match=r"cut\.op4"):
+            fm.export.read_op4(tmp_path / "cut.op4", interfaces=NODE)
+
+    def read(path):
+        return fm.export.read_op4(path, interfaces=NODE)
+
+    assert survive(read, tmp_path / "y.op4", data, count=1000) < 900

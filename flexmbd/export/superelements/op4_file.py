@@ -14,6 +14,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.superelements.op4_binary import binary_matrices, is_binary
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
     MOST_ROWS,
@@ -24,7 +25,7 @@ from flexmbd.export.superelements.superelement_frames import (
     unit_quaternion,
 )
 from flexmbd.export.superelements.unit_system import SI
-from flexmbd.files.whole_file import read_text, write_file
+from flexmbd.files.whole_file import read_file, read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
@@ -93,10 +94,10 @@ def read_op4(
     frame: str | None = None,
     units: str | None = None,
 ) -> ReducedBody:
-    """Read a body from dense real matrices in text form, names beginning with K, M and B. Not collective.
+    """Read a body from dense real matrices, in text or binary form, names beginning with K, M and B. Not collective.
 
     Args:
-        path: what OUTPUT4 wrote with the option that makes text, not sparse.
+        path: what OUTPUT4 wrote, not sparse.
         interfaces: names and positions, in the order of the rows, six each; the rest are modes; default: as a file of
             ours says.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
@@ -107,9 +108,10 @@ def read_op4(
     Raises:
         ExportError: the file is damaged, or holds something else; its units are others.
     """
-    text = read_text(path)
+    data = read_file(path)
+    text = "" if is_binary(data) else read_text(path)
     try:
-        matrices = _parsed(text)
+        matrices = _parsed(text) if text else binary_matrices(data)
         ours, at, floating = _interfaces(matrices)
     except (ValueError, IndexError, OverflowError) as error:
         raise ExportError(f"{path}: {error}") from error
