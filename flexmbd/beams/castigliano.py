@@ -74,17 +74,19 @@ def check_section(section: Section, group: str) -> None:
     Raises:
         SceneError: names the group and the value.
     """
+    names = "E", "rho", "A", "Iy", "Iz", "J", "ky", "kz"
     try:
-        values = {name: float(getattr(section, name)) for name in ("E", "rho", "A", "Iy", "Iz", "J", "ky", "kz")}
+        values = {name: float(getattr(section, name)) for name in names}
+        nu, mixed = float(section.nu), float(section.Iyz)
     except (AttributeError, TypeError, ValueError) as error:
         raise SceneError(f"section of {group!r}: {error}; give forms.beam_timoshenko.Parameters or its like") from error
     for name, value in values.items():
         # written so that NaN fails; without shear its factors are infinite
         if not (0.0 < value and (math.isfinite(value) or name in ("ky", "kz"))):
             raise SceneError(f"section of {group!r}: {name} must be positive and finite, got {value}")
-    if not -1.0 < section.nu < 0.5:
+    if not -1.0 < nu < 0.5:
         raise SceneError(f"section of {group!r}: nu must lie between -1 and 0.5, got {section.nu}")
-    if not section.Iyz**2 < section.Iy * section.Iz:
+    if not mixed**2 < section.Iy * section.Iz:
         raise SceneError(
             f"section of {group!r}: Iyz^2 must be less than Iy Iz, or bending has no positive energy; got Iyz = "
             f"{section.Iyz}, Iy = {section.Iy}, Iz = {section.Iz} m^4"

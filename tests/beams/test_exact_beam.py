@@ -381,6 +381,9 @@ def test_what_no_beam_has_is_refused():
         fm.ExactBeam(points, beams, {"bar": STEEL}, 2)
     with pytest.raises(SceneError, match="section of 'rod': 'int' object has no attribute 'E'; give forms"):
         fm.ExactBeam(points, beams, {"rod": 3}, 2)
+    half = SimpleNamespace(**{name: value for name, value in dataclasses.asdict(STEEL).items() if name != "nu"})
+    with pytest.raises(SceneError, match=r"section of 'rod': .* no attribute 'nu'"):
+        fm.ExactBeam(points, beams, {"rod": half}, 2)
     with pytest.raises(SceneError, match="viscosity of 'bar': the groups are 'rod'"):
         fm.ExactBeam(points, beams, {"rod": STEEL}, 2, viscosity={"bar": 1.0})
     with pytest.raises(SceneError, match="viscosity of 'rod' must be a number of seconds, not negative, got -1"):
