@@ -308,6 +308,21 @@ def test_every_integrator_moves_it_alike(integrator, rtol, most):
     assert np.abs(found - reference).max() < most * LENGTH
 
 
+def test_a_tight_tolerance_gets_past_a_bend_of_the_load_by_energy_momentum():
+    """What Newton's iteration leaves grows against the tolerance of ever shorter steps, and is no error of theirs."""
+    section = Parameters.rectangle(1e5, 0.3, 0.02, width=12**0.5, height=12**0.5, orientation=(0.0, 1.0, 0.0))
+    scene, beam = cantilever(section, 8, length=60.0)
+    cube = scene.add(fm.RigidBody(64.0, 64.0 * 16 / 6 * np.ones(3)), name="cube")
+    scene.connect(fm.joint.Fixed(), beam.frame("tip"), cube.frame(p=(-2.0, 0.0, 0.0)))
+    bend = fm.compiled(lambda t: 1500.0 * max(0.0, 1.0 - abs(t - 1.0)), breaks=(1.0, 2.0))
+    scene.add_force(fm.force.FrameForce(cube.frame(), (0.0, bend, 0.0)))
+    found = [scene.simulate(1.2, rtol=1e-6, integrator=one).position(cube.frame())[-1] for one in METHODS]
+    assert found[0] == pytest.approx(found[1], abs=1e-5 * 60.0)
+
+
+METHODS = fm.EnergyMomentum(), fm.RadauIIA()
+
+
 def test_energy_and_momenta_of_free_flight_are_kept():
     """A curved beam that tumbles and wobbles, for five hundred steps of the energy-momentum method."""
     scene = fm.System()
