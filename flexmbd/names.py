@@ -103,6 +103,7 @@ from flexmbd.record.groups import Gyroscopic as Gyroscopic
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalModes as NodalModes
+from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.reduced_body import ReducedBody as ReducedBody

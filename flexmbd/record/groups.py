@@ -136,6 +136,33 @@ class ModalStretch:
 
 
 @dataclass(frozen=True, eq=False)
+class NonlinearStiffness:
+    """Optional group ``nonlinear/``: the strain energy of large displacements, a polynomial of degree four.
+
+    With it in the place of `GeometricStiffness` and `ModalStretch` the strain energy (J) is
+
+        q^T K q / 2 + sum_{i >= j >= k} c_ijk q_i q_j q_k + sum_{i >= j >= k >= l} d_ijkl q_i q_j q_k q_l,
+
+    and the displacement stays linear in q. The faces of the interfaces turn by finite angles: a point X of a face, from
+    the interface's origin, is displaced by d + A X, all in B's axes. Rows 0-2 of ``InterfaceFrame.modes`` times q are d,
+    rows 3-5 times q the axial vector of the skew part of A, and S, its symmetric part, is here. The frame's rotation is
+    the one in the polar decomposition I + A = R U.
+
+    Attributes:
+        cubic: (n (n + 1) (n + 2) / 6,) c_ijk, J per unit modal coordinates; i outermost, then j <= i, then k <= j.
+        quartic: (n (n + 1) (n + 2) (n + 3) / 24,) d_ijkl, likewise, l <= k innermost.
+        face_strain: (b, 6, n) S of each interface per unit modal coordinate, components xx yy zz yz xz xy of the tensor.
+        energy: (1,) J, the largest strain energy of the states at which the body was compared with its full model; in a
+            state of more energy nothing is known of its error.
+    """
+
+    cubic: FloatArray
+    quartic: FloatArray
+    face_strain: FloatArray
+    energy: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Gyroscopic:
     """Optional group ``gyroscopic/``: kinetic energy linear in the rates, as of rotors that spin inside the body.
 
@@ -195,6 +222,7 @@ RecordGroup = (
     | Surface
     | GeometricStiffness
     | ModalStretch
+    | NonlinearStiffness
     | Gyroscopic
     | DistributedLoads
     | StressModes
@@ -207,6 +235,7 @@ GROUPS: dict[str, type[RecordGroup]] = {
     "surface": Surface,
     "geometric": GeometricStiffness,
     "stretch": ModalStretch,
+    "nonlinear": NonlinearStiffness,
     "gyroscopic": Gyroscopic,
     "loads": DistributedLoads,
     "stress": StressModes,
@@ -276,6 +305,10 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
         case ModalStretch():
             s = len(group.strain)
             return {"strain": (s, n), "P": (s, n, n)}
+        case NonlinearStiffness():
+            cubic = n * (n + 1) * (n + 2) // 6
+            strain = (len(group.face_strain), 6, n)
+            return {"cubic": (cubic,), "quartic": (cubic * (n + 3) // 4,), "face_strain": strain, "energy": (1,)}
         case Gyroscopic():
             return {"momentum": (3,), "slope": (3, n), "G": (n, n)}
         case DistributedLoads():

@@ -32,6 +32,7 @@ from flexmbd.record.groups import Gyroscopic as Gyroscopic
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalModes as NodalModes
+from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.pictured import PicturedRecord
@@ -69,6 +70,7 @@ class ReducedBody(PicturedRecord):
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
         stretch: optional membrane strains, by which its modes' rotations stretch the body.
+        nonlinear: optional strain energy of large displacements, in the place of `geometric` and `stretch`.
         gyroscopic: optional forces of rotors inside the body, which take no power.
         loads: optional distributed loads.
         stress: optional stress modes.
@@ -89,6 +91,7 @@ class ReducedBody(PicturedRecord):
     surface: Surface | None = None
     geometric: GeometricStiffness | None = None
     stretch: ModalStretch | None = None
+    nonlinear: NonlinearStiffness | None = None
     gyroscopic: Gyroscopic | None = None
     loads: DistributedLoads | None = None
     stress: StressModes | None = None
@@ -159,6 +162,17 @@ class ReducedBody(PicturedRecord):
             group = getattr(self, attribute)
             if group is not None:
                 yield from group_faults(group, n=n)
+        if self.nonlinear is not None:
+            yield from self._nonlinear_faults(self.nonlinear)
+
+    def _nonlinear_faults(self, nonlinear: NonlinearStiffness) -> Iterable[str]:
+        twice = [name for name in ("geometric", "stretch") if getattr(self, name) is not None]
+        if twice:
+            yield f"it has {' and '.join(twice)} beside nonlinear, which holds that stiffness already"
+        if len(nonlinear.face_strain) != len(self.interfaces):
+            yield f"nonlinear has {len(nonlinear.face_strain)} faces for {len(self.interfaces)} interfaces"
+        if nonlinear.energy.size == 1 and not nonlinear.energy[0] >= 0.0:
+            yield f"nonlinear has an energy of {nonlinear.energy[0]} J"
 
     def _mass_faults(self) -> Iterable[str]:
         """What makes the Gram matrix no mass integrals of a body: kinetic energies below zero."""
@@ -318,7 +332,7 @@ class ReducedBody(PicturedRecord):
             digest.update(frame.name.encode())
             for array in (frame.p_BI_B, frame.R_BI, frame.modes):
                 digest.update(array.tobytes())
-        for group in (self.geometric, self.stretch, self.gyroscopic, self.loads):
+        for group in (self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads):
             if group is not None:
                 for item in fields(group):
                     value = getattr(group, item.name)

@@ -46,6 +46,7 @@ _PURPOSE = {
     "surface": "pictures and films without the mesh",
     "geometric": "stiffening and softening by motion and load, in other programs",
     "stretch": "the same in a machine here; without it a spinning slender body is too soft",
+    "nonlinear": "the strain energy of large displacements",
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
     "stress": "stress at the nodes without the model",

@@ -19,6 +19,7 @@ from flexmbd.record.reduced_body import (
     InterfaceFrame,
     ModalStretch,
     NodalModes,
+    NonlinearStiffness,
     ReducedBody,
     StressModes,
     Surface,
@@ -27,12 +28,12 @@ from flexmbd.record.reduced_body import (
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
-SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17}
+SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "p3": 35, "p4": 70}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
 def full_record():
-    """A record with every group, whose numbers use all their bits."""
+    """A record with every group but `nonlinear`, whose numbers use all their bits."""
     rng = np.random.default_rng(7)
     n, k, s, v, t, g = (SIZE[size] for size in "nksvtg")
     fields = rng.normal(size=(40, 4 + 3 * n))
@@ -65,6 +66,13 @@ def full_record():
     )
 
 
+def nonlinear_record():
+    """One with `nonlinear` in the place of what it replaces."""
+    rng = np.random.default_rng(8)
+    group = NonlinearStiffness(rng.normal(size=35), rng.normal(size=70), rng.normal(size=(2, 6, 5)), np.array([0.7]))
+    return dataclasses.replace(full_record(), geometric=None, stretch=None, nonlinear=group)
+
+
 GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress")
 
 
@@ -86,7 +94,14 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("absent", [(), *((name,) for name in GROUPS), GROUPS])
 def test_all_groups_come_back_bit_for_bit(tmp_path, absent):
-    body = dataclasses.replace(full_record(), **dict.fromkeys(absent))
+    come_back(tmp_path, dataclasses.replace(full_record(), **dict.fromkeys(absent)))
+
+
+def test_a_nonlinear_record_comes_back_bit_for_bit(tmp_path):
+    come_back(tmp_path, nonlinear_record())
+
+
+def come_back(tmp_path, body):
     body.save(tmp_path / "a.h5")
     loaded = ReducedBody.load(tmp_path / "a.h5")
     assert_same(body, loaded)
@@ -106,15 +121,16 @@ def documented():
 
 
 def test_the_page_lists_every_dataset_with_its_type_and_shape(tmp_path):
-    full_record().save(tmp_path / "a.h5")
     there = {}
-    with h5py.File(tmp_path / "a.h5") as file:
-        assert dict(file.attrs) == {"format": RECORD.format, "version": RECORD.version}
-        file.visititems(
-            lambda name, item: (
-                there.update({name: (item.dtype.str, item.shape)}) if isinstance(item, h5py.Dataset) else None
+    for record in (full_record(), nonlinear_record()):
+        record.save(tmp_path / "a.h5")
+        with h5py.File(tmp_path / "a.h5") as file:
+            assert dict(file.attrs) == {"format": RECORD.format, "version": RECORD.version}
+            file.visititems(
+                lambda name, item: (
+                    there.update({name: (item.dtype.str, item.shape)}) if isinstance(item, h5py.Dataset) else None
+                )
             )
-        )
     for key in ("form", "ganz oben"):
         assert there.pop(f"provenance/{key}") == ("|O", ())
     there["provenance/*"] = ("|O", ())
@@ -152,6 +168,28 @@ def test_a_group_with_a_further_array_is_refused(tmp_path):
 ])  # fmt: skip
 def test_the_fingerprint_sees_all_of_the_mechanics(change):
     assert dataclasses.replace(full_record(), **change).fingerprint() != full_record().fingerprint()
+
+
+def test_the_fingerprint_sees_nonlinear_stiffness():
+    record = nonlinear_record()
+    for item in dataclasses.fields(NonlinearStiffness):
+        other = dataclasses.replace(record.nonlinear, **{item.name: 2.0 * getattr(record.nonlinear, item.name)})
+        assert dataclasses.replace(record, nonlinear=other).fingerprint() != record.fingerprint()
+
+
+def test_nonlinear_stiffness_stands_alone_and_fits():
+    record = nonlinear_record()
+    with pytest.raises(RecordError, match="it has geometric and stretch beside nonlinear"):
+        dataclasses.replace(full_record(), nonlinear=record.nonlinear)
+    faults = {
+        "cubic": (np.zeros(34), r"cubic \(34,\), expected \(35,\)"),
+        "quartic": (np.zeros(35), r"quartic \(35,\), expected \(70,\)"),
+        "face_strain": (np.zeros((1, 6, 5)), "1 faces for 2 interfaces"),
+        "energy": (np.array([-1.0]), r"an energy of -1\.0 J"),
+    }
+    for name, (value, message) in faults.items():
+        with pytest.raises(RecordError, match=message):
+            dataclasses.replace(record, nonlinear=dataclasses.replace(record.nonlinear, **{name: value}))
 
 
 NAN = np.full((3, 3), np.nan)
