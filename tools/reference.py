@@ -48,7 +48,8 @@ PAGES = {
     "record": (
         "Reduced bodies",
         "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "
-        "ModalStretch NodalModes NonlinearStiffness StressModes StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
+        "ModalStretch NodalModes NonlinearStiffness StressModes "
+        "StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
         "hot_spots HotSpot StressMeasure "
         "yielding_slabs",
         "",

@@ -144,14 +144,14 @@ class NonlinearStiffness:
         q^T K q / 2 + sum_{i >= j >= k} c_ijk q_i q_j q_k + sum_{i >= j >= k >= l} d_ijkl q_i q_j q_k q_l,
 
     and the displacement stays linear in q. The faces of the interfaces turn by finite angles: a point X of a face, from
-    the interface's origin, is displaced by d + A X, all in B's axes. Rows 0-2 of ``InterfaceFrame.modes`` times q are d,
-    rows 3-5 times q the axial vector of the skew part of A, and S, its symmetric part, is here. The frame's rotation is
-    the one in the polar decomposition I + A = R U.
+    the interface's origin, is displaced by d + A X, all in B's axes. Rows 0-2 of ``InterfaceFrame.modes`` times q are
+    d, rows 3-5 times q the axial vector of the skew part of A, and S, its symmetric part, is here. The frame's rotation
+    is the one in the polar decomposition I + A = R U.
 
     Attributes:
         cubic: (n (n + 1) (n + 2) / 6,) c_ijk, J per unit modal coordinates; i outermost, then j <= i, then k <= j.
         quartic: (n (n + 1) (n + 2) (n + 3) / 24,) d_ijkl, likewise, l <= k innermost.
-        face_strain: (b, 6, n) S of each interface per unit modal coordinate, components xx yy zz yz xz xy of the tensor.
+        face_strain: (b, 6, n) S of each interface per unit modal coordinate, tensor components xx yy zz yz xz xy.
         energy: (1,) J, the largest strain energy of the states at which the body was compared with its full model; in a
             state of more energy nothing is known of its error.
     """

@@ -162,10 +162,12 @@ class ReducedBody(PicturedRecord):
             group = getattr(self, attribute)
             if group is not None:
                 yield from group_faults(group, n=n)
-        if self.nonlinear is not None:
-            yield from self._nonlinear_faults(self.nonlinear)
+        yield from self._nonlinear_faults()
 
-    def _nonlinear_faults(self, nonlinear: NonlinearStiffness) -> Iterable[str]:
+    def _nonlinear_faults(self) -> Iterable[str]:
+        nonlinear = self.nonlinear
+        if nonlinear is None:
+            return
         twice = [name for name in ("geometric", "stretch") if getattr(self, name) is not None]
         if twice:
             yield f"it has {' and '.join(twice)} beside nonlinear, which holds that stiffness already"
