@@ -102,6 +102,7 @@ from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import Gyroscopic as Gyroscopic
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
+from flexmbd.record.groups import NodalInterfaces as NodalInterfaces
 from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes

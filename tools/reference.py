@@ -48,7 +48,7 @@ PAGES = {
     "record": (
         "Reduced bodies",
         "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "
-        "ModalStretch NodalModes NonlinearStiffness StressModes "
+        "ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
         "StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
         "hot_spots HotSpot StressMeasure "
         "yielding_slabs",

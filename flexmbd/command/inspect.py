@@ -15,7 +15,7 @@ from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS
 from flexmbd.record.reduced_body import ReducedBody
 
-_GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "nonlinear", "loads", "stress")
+_GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "nonlinear", "loads", "stress")
 _EXAMPLES = """\
 examples:
   flexmbd inspect rod.h5

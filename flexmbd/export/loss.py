@@ -23,6 +23,7 @@ class Capabilities:
     Attributes:
         interfaces: the largest number of interface frames, None for any number.
         rotations: whether an interface frame's rotation is carried, not only its displacement.
+        nodal_interfaces: whether the nodes of nodal interfaces are carried as dofs of their own.
         damping: whether a damping matrix is carried.
         gyroscopic: whether the forces of rotors inside the body are carried.
         large_motion: whether the inertia of the moving body is carried: the integrals from which
@@ -35,6 +36,7 @@ class Capabilities:
 
     interfaces: int | None = None
     rotations: bool = True
+    nodal_interfaces: bool = False
     damping: bool = True
     gyroscopic: bool = False
     large_motion: bool = True
@@ -87,6 +89,8 @@ def _losses_of_the_body(body: ReducedBody, capabilities: Capabilities) -> list[s
         losses.append(f"interfaces: it takes {capabilities.interfaces}, the body has {len(body.interfaces)} ({names})")
     if not capabilities.rotations and any(np.any(frame.modes[3:]) for frame in body.interfaces):
         losses.append("the rotations of the interface frames")
+    if not capabilities.nodal_interfaces and body.nodal is not None:
+        losses.append(f"the nodal interfaces ({', '.join(body.nodal.names)})")
     if not capabilities.damping and np.any(body.damping):
         losses.append("the damping matrix")
     if not capabilities.gyroscopic and body.gyroscopic is not None:

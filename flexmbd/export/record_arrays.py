@@ -16,7 +16,7 @@ from flexmbd.files.archive import read_archive, write_archive
 from flexmbd.files.tree_file import Tree
 from flexmbd.record.reduced_body import ReducedBody
 
-CAPABILITIES = Capabilities(gyroscopic=True, stiffening=True, nodes=True, stress=True)
+CAPABILITIES = Capabilities(nodal_interfaces=True, gyroscopic=True, stiffening=True, nodes=True, stress=True)
 
 
 def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:

@@ -55,6 +55,29 @@ class NodalModes:
 
 
 @dataclass(frozen=True, eq=False)
+class NodalInterfaces:
+    """Optional group ``nodal/``: interfaces whose nodes keep their own displacements, for coupling with other meshes.
+
+    They carry no frame. The displacements of the nodes are independent of each other and of the interface frames: the
+    partition's coordinates ``weld.17.x`` are those of node 17 along B's axes; exports of superelements have them as
+    nodes of three components.
+
+    Attributes:
+        names: (b,) of the interfaces.
+        node: (k,) node numbers, as in `NodalModes`, ascending.
+        x: (k, 3) m, node positions in B.
+        interface: (k,) which of the names each node is of, from 0.
+        phi: (k, 3, n) displacement per unit modal coordinate, in B.
+    """
+
+    names: tuple[str, ...]
+    node: IntArray
+    x: FloatArray
+    interface: IntArray
+    phi: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class FurtherUnknowns:
     """Optional group ``unknowns/``: what the modes hold beside displacements, as rotations of sections or pressures.
 
@@ -218,6 +241,7 @@ class StressModes:
 
 RecordGroup = (
     NodalModes
+    | NodalInterfaces
     | FurtherUnknowns
     | Surface
     | GeometricStiffness
@@ -231,6 +255,7 @@ RecordGroup = (
 #: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
 GROUPS: dict[str, type[RecordGroup]] = {
     "modes": NodalModes,
+    "nodal": NodalInterfaces,
     "unknowns": FurtherUnknowns,
     "surface": Surface,
     "geometric": GeometricStiffness,
@@ -282,11 +307,13 @@ def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
         low, high = group.triangle.min(), group.triangle.max()
         if low < 0 or high >= len(group.x):
             yield f"{kind} has vertices {low} to {high} in its triangles, and {len(group.x)} vertices"
+    if isinstance(group, NodalInterfaces) and not np.isin(group.interface, np.arange(len(group.names))).all():
+        yield f"{kind} has nodes of interfaces {np.unique(group.interface)}, and {len(group.names)} names"
     if isinstance(group, Gyroscopic) and group.G.shape == (n, n) and not np.array_equal(group.G, -group.G.T):
         yield f"{kind} has a G that is not skew, whose forces would do work"
     for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
         if len(set(names)) != len(names):
-            yield f"{kind} names a load twice: {names}"
+            yield f"{kind} names {'an interface' if isinstance(group, NodalInterfaces) else 'a load'} twice: {names}"
 
 
 def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
@@ -295,6 +322,9 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
         case NodalModes():
             k = group.node.size
             return {"node": (k,), "x": (k, 3), "phi": (k, 3, n)}
+        case NodalInterfaces():
+            k = group.node.size
+            return {"node": (k,), "x": (k, 3), "interface": (k,), "phi": (k, 3, n)}
         case FurtherUnknowns():
             return {"dof": (group.dof.size,), "phi": (group.dof.size, n)}
         case Surface():

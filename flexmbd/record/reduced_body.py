@@ -31,6 +31,7 @@ from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import Gyroscopic as Gyroscopic
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
+from flexmbd.record.groups import NodalInterfaces as NodalInterfaces
 from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes
@@ -66,6 +67,7 @@ class ReducedBody(PicturedRecord):
         p_MB_M: (3,) m, origin of B in the mesh's axes, from the mesh's origin.
         R_MB: (3, 3) rotation from B's axes to the mesh's.
         modes: optional full nodal modes.
+        nodal: optional interfaces whose nodes keep their own displacements.
         unknowns: optional further unknowns of the modes, of forms that have such.
         surface: optional boundary triangles.
         geometric: optional geometric stiffness, load by load.
@@ -87,6 +89,7 @@ class ReducedBody(PicturedRecord):
     p_MB_M: FloatArray = field(default_factory=lambda: np.zeros(3))
     R_MB: FloatArray = field(default_factory=lambda: np.eye(3))
     modes: NodalModes | None = None
+    nodal: NodalInterfaces | None = None
     unknowns: FurtherUnknowns | None = None
     surface: Surface | None = None
     geometric: GeometricStiffness | None = None
@@ -220,6 +223,12 @@ class ReducedBody(PicturedRecord):
         for frame in self.interfaces:
             if frame.name == name:
                 return frame
+        if self.nodal is not None and name in self.nodal.names:
+            raise InterfaceError(
+                f"interface {name!r} is nodal: its nodes move by themselves and carry no frame for joints and forces; "
+                f"reduce the part with Interface({name!r}), or couple its nodes in a program of finite elements "
+                "(fm.export.dmig, fm.export.calculix)"
+            )
         known = ", ".join(repr(frame.name) for frame in self.interfaces) or "none"
         raise InterfaceError(f"the reduced body has no interface {name!r}; it has: {known}")
 
@@ -334,7 +343,7 @@ class ReducedBody(PicturedRecord):
             digest.update(frame.name.encode())
             for array in (frame.p_BI_B, frame.R_BI, frame.modes):
                 digest.update(array.tobytes())
-        for group in (self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads):
+        for group in (self.nodal, self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads):
             if group is not None:
                 for item in fields(group):
                     value = getattr(group, item.name)

@@ -22,6 +22,7 @@ from flexmbd.record.groups import (
     Gyroscopic,
     InterfaceFrame,
     ModalStretch,
+    NodalInterfaces,
     NodalModes,
     RecordGroup,
     StressModes,
@@ -37,11 +38,15 @@ _MARGIN = 16
 # as in "tip.rx", or "tip.rx from root" where the body frame floats
 _INTERFACE_DOF = re.compile(rf"(.+)\.(?:{'|'.join(FRAME_DOFS)})((?: from .+)?)")
 
+# as in "weld.17.x"
+_NODE_DOF = re.compile(r"(.+)\.\d+\.[xyz]()")
+
 # Where a record's provenance has the loads of the state that it is about.
 _PRESTRESS = "prestress"
 
 _PURPOSE = {
     "modes": "displacements at the mesh's nodes, stress pictures of a loaded record, nodal exports",
+    "nodal": "interfaces whose nodes move by themselves, coupled by programs of finite elements",
     "unknowns": "the same of forms with rotations or pressures",
     "surface": "pictures and films without the mesh",
     "geometric": "stiffening and softening by motion and load, in other programs",
@@ -233,7 +238,7 @@ def _partition(body: _Record) -> Iterable[str]:
 
 def _stem(name: str) -> str:
     """What the names of coordinates of one kind have in common, with a point in those of interfaces alone."""
-    interface = _INTERFACE_DOF.fullmatch(name)
+    interface = _INTERFACE_DOF.fullmatch(name) or _NODE_DOF.fullmatch(name)
     return "{}.{}".format(*interface.groups()) if interface else name.rstrip("0123456789").replace(".", "")
 
 
@@ -250,7 +255,7 @@ def _groups(body: _Record) -> Iterable[str]:
 
 def _group_text(group: RecordGroup) -> str:
     match group:
-        case NodalModes() | StressModes():
+        case NodalModes() | NodalInterfaces() | StressModes():
             return _count(len(group.node), "node")
         case FurtherUnknowns():
             return _count(len(group.dof), "dof")

@@ -152,6 +152,8 @@ def _check(
             f"the stiffness of {model.form_name} is not positive definite, as it has unknowns like pressures; take a "
             "formulation of displacements alone"
         )
+    if model.nodal:
+        raise ReductionError(f"buckling knows no nodal interfaces; leave {model.nodal[0].name!r} out of the model")
     if not held and not model.supports:
         raise ReductionError("nothing is clamped; name an interface and its components, as clamped=['foot']")
     for name, components in held.items():

@@ -61,8 +61,8 @@ def craig_bampton(
 
     The body frame sits on the interface `frame`, so that every mode vanishes there, in the mean where
     that is averaged; each other interface brings six static shapes (Craig & Bampton
-    1968, doi:10.2514/3.4741).  Or it floats: its origin is the centre of mass, its axes the
-    mesh's, and every mode fulfils the mean-axis conditions integral rho phi = 0 and integral rho x
+    1968, doi:10.2514/3.4741), and each node of a nodal interface three.  Or it floats: its origin is the centre of
+    mass, its axes the mesh's, and every mode fulfils the mean-axis conditions integral rho phi = 0 and integral rho x
     cross phi = 0; with the rigid motions the modes span the same fields.  The response to loads on the
     interfaces is exact in statics; frequencies converge from above.  Signs follow
     `flexmbd.reduction.modes.signs`.
@@ -132,6 +132,10 @@ def craig_bampton(
     )
     contents.check(model)
     if interface_modes is not None:
+        if model.nodal:
+            raise ReductionError(
+                f"interface_modes are for frames, and {model.nodal[0].name!r} is nodal; leave one of the two out"
+            )
         check_interface_modes(interface_modes, model.interfaces, frame=frame)
     with stages(model.comm, shown=progress) as stage:
         basis, count, notes = _basis(
@@ -177,6 +181,8 @@ def _provenance(
     if model.supports:
         texts = "; ".join(one.text for one in model.supports)
         provenance["supports"] = f"{texts}; mass and inertia are of the meshed part alone"
+    if model.nodal:
+        provenance["nodal interfaces"] = ", ".join(group.name for group in model.nodal)
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]
     if averaged:
         provenance["averaged interfaces"] = ", ".join(averaged)
@@ -184,7 +190,7 @@ def _provenance(
 
 
 def _name(model: LinearModel, modes: int) -> str:
-    if not model.interfaces:
+    if not (model.interfaces or model.nodal):
         return "free-free modes"
     return "Craig-Bampton" if modes > 0 else "Guyan"
 
@@ -261,6 +267,7 @@ def _basis(
         rows=kept.frame_rows(statics, n) - moved,
         names=(
             *kept.names,
+            *(() if statics.nodal is None else statics.nodal.names),
             *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free, more=wanted.split()[0]),
         ),
         shapes=shapes,
@@ -287,7 +294,7 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
 
 def _names(statics: Statics, modes: int, added: int, *, free: bool, more: str) -> tuple[str, ...]:
     """Names of the modes' coordinates."""
-    kind = ("free-interface" if free else "fixed-interface") if statics.interfaces else "free-free"
+    kind = ("free-interface" if free else "fixed-interface") if statics.interfaces or statics.nodal else "free-free"
     modal = [f"{kind} {i + 1}" for i in range(modes)]
     return (*modal, *(f"{more} {i + 1}" for i in range(added)))
 

@@ -23,6 +23,7 @@ from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.gram_matrix import check_inertia
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.nodal_interface import retained_nodes
 from flexmbd.continuum.finite_elements.nodes import (
     boundary_triangles,
     dof_numbers,
@@ -30,10 +31,10 @@ from flexmbd.continuum.finite_elements.nodes import (
     node_numbers,
     sorted_triangles,
 )
-from flexmbd.continuum.matrices.blocks import FloatArray
+from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
-from flexmbd.record.reduced_body import FurtherUnknowns, NodalModes, Surface
+from flexmbd.record.reduced_body import FurtherUnknowns, NodalInterfaces, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.loads import loads_group, missing_energy
@@ -198,6 +199,8 @@ def optional_parts(
         )
         for load, part in zip(contents.loads, missing, strict=True):
             provenance[f"load {load.name}"] = f"{load}; static energy missing {part:.1e}"
+    if model.nodal:
+        parts["nodal"] = nodal_interfaces_group(model, own, p=p, R=R)
     if contents.keep.modes:
         parts["modes"] = nodal_group(model, modes, p=p, R=R)
         parts["unknowns"] = further_unknowns(model, modes)
@@ -235,6 +238,16 @@ def nodal_group(
         )
 
     return parallel.on_root(model.comm, make)
+
+
+def nodal_interfaces_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> NodalInterfaces:
+    """The nodes of nodal interfaces with their modes; arguments as in `nodal_group`. Collective."""
+    nodes = retained_nodes(model)
+    here = np.flatnonzero(nodes.local >= 0)
+    phi = np.zeros((len(nodes.node), 3, modes.shape[1]))
+    phi[here] = np.einsum("ba,kbn->kan", R, modes[model.displacement_dofs[nodes.local[here]]])
+    names = tuple(group.name for group in model.nodal)
+    return NodalInterfaces(names, nodes.node, (nodes.x - p) @ R, nodes.interface, total(model.comm, phi))
 
 
 def further_unknowns(model: LinearModel, modes: FloatArray) -> FurtherUnknowns | None:

@@ -18,6 +18,7 @@ from flexmbd.record.reduced_body import (
     Gyroscopic,
     InterfaceFrame,
     ModalStretch,
+    NodalInterfaces,
     NodalModes,
     NonlinearStiffness,
     ReducedBody,
@@ -28,7 +29,8 @@ from flexmbd.record.reduced_body import (
 PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
-SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "p3": 35, "p4": 70}
+SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "c": 4, "w": 6}
+SIZE |= {"p3": 35, "p4": 70}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
@@ -55,6 +57,9 @@ def full_record():
         R_MB=rng.normal(size=(3, 3)),
         unknowns=FurtherUnknowns(np.arange(SIZE["u"]) ** 2, rng.normal(size=(SIZE["u"], n))),
         modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
+        nodal=NodalInterfaces(
+            tuple("abcd"), np.arange(6) ** 2, rng.normal(size=(6, 3)), np.arange(6) % 4, rng.normal(size=(6, 3, n))
+        ),
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
         geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
         stretch=ModalStretch(rng.normal(size=(3, n)), rng.normal(size=(3, n, n))),
@@ -73,7 +78,7 @@ def nonlinear_record():
     return dataclasses.replace(full_record(), geometric=None, stretch=None, nonlinear=group)
 
 
-GROUPS = ("modes", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress")
+GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress")
 
 
 def assert_same(one, other):

@@ -12,6 +12,7 @@ from flexmbd.record.reduced_body import (
     FurtherUnknowns,
     GeometricStiffness,
     InterfaceFrame,
+    NodalInterfaces,
     NodalModes,
     ReducedBody,
     StressModes,
@@ -195,6 +196,7 @@ def test_rigid_body():
 PHI = np.zeros((3, 3, 2))
 GROUPS = {
     "modes": (NodalModes(np.arange(3), np.zeros((3, 3)), PHI), "3 nodes; "),
+    "nodal": (NodalInterfaces(("weld",), np.arange(3), np.zeros((3, 3)), np.zeros(3), PHI), "3 nodes; "),
     "unknowns": (FurtherUnknowns(np.arange(4), np.zeros((4, PHI.shape[2]))), "4 dofs; "),
     "surface": (Surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), PHI), "1 triangle on 3 vertices; "),
     "geometric": (

@@ -19,6 +19,7 @@ from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.model_picture import PicturedModel
+from flexmbd.continuum.finite_elements.nodal_group import NodalGroup
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
 from flexmbd.errors import InterfaceError
@@ -67,6 +68,7 @@ class LinearModel(PicturedModel):
         M: consistent mass (kg, kg m, kg m^2), the same layout.
         state: the loaded static state, or None at rest.
         supports: facets that are held in the axes of the body frame.
+        nodal: groups whose nodes keep all their dofs in a reduction.
     """
 
     def __init__(
@@ -80,12 +82,13 @@ class LinearModel(PicturedModel):
         M: PETSc.Mat,
         state: StaticState | None,
         supports: tuple[HeldSurface, ...] = (),
+        nodal: tuple[NodalGroup, ...] = (),
     ) -> None:
         """Keep the parts; not collective."""
         super().__init__(forms, layout=layout, interfaces=interfaces)
         self.parameters = parameters
         self.K, self.M, self.state = K, M, state
-        self.supports = supports
+        self.supports, self.nodal = supports, nodal
 
     @property
     def n_owned_nodes(self) -> int:
@@ -126,6 +129,10 @@ class LinearModel(PicturedModel):
         for found in self.interfaces:
             if found.name == name:
                 return found
+        if any(group.name == name for group in self.nodal):
+            raise InterfaceError(
+                f"interface {name!r} is nodal and carries no frame; where one is needed take Interface({name!r})"
+            )
         known = ", ".join(repr(found.name) for found in self.interfaces) or "none"
         raise InterfaceError(f"the model has no interface {name!r}; it has: {known}")
 

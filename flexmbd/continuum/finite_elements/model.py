@@ -17,6 +17,7 @@ from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.nodal_interface import NodalInterface, find_nodal_groups
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
@@ -31,7 +32,7 @@ class ContinuumModel(LinearModel):
         parameters: Any = None,
         *,
         degree: int,
-        interfaces: Sequence[Interface] = (),
+        interfaces: Sequence[Interface | NodalInterface] = (),
         surfaces: Surfaces | None = None,
         supports: Sequence[SurfaceSupport] = (),
     ) -> None:
@@ -43,7 +44,7 @@ class ContinuumModel(LinearModel):
                 several as {cell group: (formulation, parameters)}, whose elements are the same.
             parameters: an instance of the formulation's `Parameters`, SI units; left out with several.
             degree: of the elements, at least that of the mesh's geometry.
-            interfaces: groups of the mesh that carry frames.
+            interfaces: groups of the mesh that carry frames; and such whose nodes keep their own dofs.
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken.
             supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.
@@ -52,13 +53,20 @@ class ContinuumModel(LinearModel):
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
                 entries that are not finite; terms on facets without `surfaces`.
-            InterfaceError: an interface cannot carry a frame (see `find_interfaces`), or the ranks were
-                given different ones.
+            InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
+                (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
                 facets that the surface has not; supports that are not well formed.
         """
-        forms = discretise(
-            mesh, formulation, parameters, degree=degree, interfaces=interfaces, surfaces=surfaces
+        framed = [one for one in interfaces if not isinstance(one, NodalInterface)]
+        forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=framed, surfaces=surfaces)
+        held = find_supports(supports, mesh=mesh, layout=forms.layout)
+        nodal = find_nodal_groups(
+            [one for one in interfaces if isinstance(one, NodalInterface)],
+            mesh=mesh,
+            layout=forms.layout,
+            frames=forms.interfaces,
+            supports=held,
         )
         if parameters is None:
             parameters = {group.name: group.parameters for group in forms.groups}
@@ -79,5 +87,6 @@ class ContinuumModel(LinearModel):
             K=stiffness,
             M=mass,
             state=None,
-            supports=find_supports(supports, mesh=mesh, layout=forms.layout),
+            supports=held,
+            nodal=nodal,
         )

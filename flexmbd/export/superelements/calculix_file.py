@@ -32,13 +32,14 @@ from flexmbd.export.superelements.superelement_frames import (
     checked_size,
     comment,
     commented_interfaces,
+    node_comment,
 )
 from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
 from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
-CAPABILITIES = Capabilities(large_motion=False)
+CAPABILITIES = Capabilities(nodal_interfaces=True, large_motion=False)
 
 #: Nodes that CalculiX takes in one matrix.
 _MOST_NODES = 255
@@ -60,8 +61,9 @@ def calculix(
 
     Blanks in the fragment's name become underscores in those of the matrices.
 
-    Nodes `first` and on are the interfaces in the record's order, components 1 to 6 along B's axes; each node after
-    them has six fixed-interface modes as components. Where the body is damped a .dam is written too, which Abaqus
+    Nodes `first` and on are the interfaces in the record's order, components 1 to 6 along B's axes, then the nodes of
+    nodal interfaces, components 1 to 3, the others held; each node after them has six fixed-interface modes as
+    components. Where the body is damped a .dam is written too, which Abaqus
     reads and CalculiX does not.
 
     Args:
@@ -80,17 +82,22 @@ def calculix(
             be written.
     """
     left = check_losses(body, CAPABILITIES, kind="CalculiX", lossy=lossy)
-    element = from_si(superelement(body), unit_system(units))
-    b, m = len(element.names), element.n_modes
-    nodes = b + -(-m // 6)
+    element = from_si(superelement(body, nodes=True), unit_system(units))
+    b, k, m = len(element.names), len(element.node), element.n_modes
+    nodes = b + k + -(-m // 6)
     if not (name.isascii() and name.isalnum() and len(name) <= 4):
         raise ExportError(f"CalculiX: the matrix cannot be called {name!r}; take one to four letters or digits")
     if nodes > _MOST_NODES or first < 1 or first + nodes > 10**9:
-        raise ExportError(f"CalculiX: {nodes} nodes from number {first} on do not fit; {_MOST_NODES} are the most")
+        with_nodal = f" with the {k} of nodal interfaces" if k else ""
+        raise ExportError(
+            f"CalculiX: {nodes} nodes{with_nodal} from number {first} on do not fit; {_MOST_NODES} are the most"
+        )
     stem = Path(path).stem.replace(" ", "_")  # CalculiX takes blanks out of file names
     if len(stem.encode()) > 60 or set(stem) & set('",='):
         raise ExportError(f"CalculiX: files cannot be called {stem!r}; take at most 60 letters, none of \" , =")
-    dofs = [(first + i // 6, 1 + i % 6) for i in range(6 * b + m)]
+    dofs = [(first + i // 6, 1 + i % 6) for i in range(6 * b)]
+    dofs += [(first + b + i // 3, 1 + i % 3) for i in range(3 * k)]
+    dofs += [(first + b + k + i // 6, 1 + i % 6) for i in range(m)]
     matrices = {"K": element.K, "M": element.M}
     if np.any(element.D):
         matrices["D"] = element.D
@@ -103,13 +110,18 @@ def calculix(
         write_file(Path(path).with_name(stem + _PARTS[part]), "\n".join(lines) + "\n")
     deck = [f"** reduced body, units {units}; Abaqus reads the same files by *MATRIX INPUT, and takes these nodes"]
     deck += ["** " + comment(element, i, node=first + i, units=units) for i in range(b)]
+    deck += ["** " + node_comment(element, i, node=first + b + i) for i in range(k)]
     deck += [f"*NODE, NSET=N{name}"]
-    deck += [f"{first + i}, {x:.12E}, {y:.12E}, {z:.12E}" for i, (x, y, z) in enumerate(element.p)]
-    deck += [f"{first + i}, 0., 0., 0." for i in range(b, nodes)]
+    places = np.vstack([element.p, element.x])
+    deck += [f"{first + i}, {x:.12E}, {y:.12E}, {z:.12E}" for i, (x, y, z) in enumerate(places)]
+    deck += [f"{first + i}, 0., 0., 0." for i in range(b + k, nodes)]
     # without quotes, which CalculiX does not take off
     files = f"STIFFNESS FILE={stem}.sti,MASS FILE={stem}.mas"
     deck += [f"*MATRIX ASSEMBLE,NAME={name},{files}"]
     deck += [f"*MATERIAL, NAME=M{name}", "*ELASTIC", "1., 0.3", "*DENSITY", "1."]
+    if k:
+        deck += ["** nodes of nodal interfaces do not turn", "*BOUNDARY"]
+        deck += [f"{first + b + i}, 4, 6" for i in range(k)]
     if m % 6:
         deck += ["** components without a mode", "*BOUNDARY", f"{first + nodes - 1}, {m % 6 + 1}, 6"]
     if "D" in matrices:

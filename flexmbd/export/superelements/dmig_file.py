@@ -1,7 +1,7 @@
 """Nastran punch files of reduced matrices (.pch): DMIG, with the GRIDs and SPOINTs that they name.
 
-Six components of a GRID are an interface frame, an SPOINT is a fixed-interface mode.  Numbers stand in fields of 16
-characters, which is 11 to 14 digits.
+Six components of a GRID are an interface frame, three are a node of a nodal interface, an SPOINT is a fixed-interface
+mode.  Numbers stand in fields of 16 characters, which is 11 to 14 digits.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from flexmbd.export.superelements.superelement_frames import (
     checked_size,
     comment,
     commented_interfaces,
+    node_comment,
     position,
 )
 from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
@@ -31,7 +32,7 @@ from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
-CAPABILITIES = Capabilities(large_motion=False)
+CAPABILITIES = Capabilities(nodal_interfaces=True, large_motion=False)
 
 # Node and component (0 for SPOINTs) of a row.
 _Dof = tuple[int, int]
@@ -44,7 +45,8 @@ def dmig(
 ) -> tuple[str, ...]:
     """Write K, M and D of a body as DMIG KAAX, MAAX and BAAX, with GRIDs and SPOINTs. Not collective.
 
-    GRIDs `first` and on are the interfaces in the record's order, with B's axes; the numbers after them are SPOINTs.
+    GRIDs `first` and on are the interfaces in the record's order, with B's axes, then the nodes of nodal interfaces,
+    components 1 to 3, the others held; the numbers after them are SPOINTs.
     BAAX is there where the body is damped. Names and axes of the interfaces stand in comments.
 
     Args:
@@ -62,16 +64,22 @@ def dmig(
             cannot be written.
     """
     left = check_losses(body, CAPABILITIES, kind="DMIG", lossy=lossy)
-    element = from_si(superelement(body), unit_system(units))
-    b, m = len(element.names), element.n_modes
-    if first < 1 or first + b + m - 1 > _LARGEST_ID:
-        raise ExportError(f"DMIG: numbers from {first} on do not fit; choose first=1 to {_LARGEST_ID - b - m + 1}")
-    dofs = [(first + i, c + 1) for i in range(b) for c in range(6)] + [(first + b + i, 0) for i in range(m)]
+    element = from_si(superelement(body, nodes=True), unit_system(units))
+    b, k, m = len(element.names), len(element.node), element.n_modes
+    if first < 1 or first + b + k + m - 1 > _LARGEST_ID:
+        raise ExportError(f"DMIG: numbers from {first} on do not fit; choose first=1 to {_LARGEST_ID - b - k - m + 1}")
+    dofs = [(first + i, c + 1) for i in range(b) for c in range(6)]
+    dofs += [(first + b + i, c + 1) for i in range(k) for c in range(3)] + [(first + b + k + i, 0) for i in range(m)]
     lines = [f"$ reduced body, units {units}; matrices by K2GG=KAAX, M2GG=MAAX, B2GG=BAAX"]
     for i, p in enumerate(element.p):
         lines.append("$ " + comment(element, i, node=first + i, units=units))
         x, y, z = map(wide, p.tolist())
         lines += [f"GRID*   {first + i:<16d}{'0':<16s}{x:<16s}{y:<16s}*", f"*       {z:<16s}{'0':<16s}"]
+    for i, place in enumerate(element.x):
+        node = first + b + i
+        x, y, z = map(wide, place.tolist())
+        lines.append("$ " + node_comment(element, i, node=node))
+        lines += [f"GRID*   {node:<16d}{'0':<16s}{x:<16s}{y:<16s}*", f"*       {z:<16s}{'0':<16s}{'456':<16s}"]
     lines += [f"SPOINT  {number:<8d}" for number, component in dofs if component == 0]
     matrices = {"KAAX": element.K, "MAAX": element.M}
     if np.any(element.D):

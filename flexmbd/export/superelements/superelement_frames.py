@@ -27,6 +27,7 @@ from flexmbd.rotation import from_quaternion, to_quaternion
 #: Rows of the matrices of a superelement that is read; 200 MB a matrix.
 MOST_ROWS = 5_000
 _MARK = "flexmbd interface "
+_NODE_MARK = "flexmbd nodal interface "
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +92,26 @@ def comment(element: Superelement, number: int, *, node: int, units: str = SI) -
     return _MARK + json.dumps(content)
 
 
+def node_comment(element: Superelement, number: int, *, node: int) -> str:
+    """One line that says which node of the mesh a node of the file is."""
+    content = {"interface": element.node_interface[number], "mesh node": int(element.node[number]), "node": node}
+    return _NODE_MARK + json.dumps(content)
+
+
 def commented_interfaces(lines: Iterable[str]) -> FileComments:
     """The comments about interfaces of a file of ours; older ones do not name their units, which are SI.
 
     Raises:
-        ExportError: a comment of ours is damaged.
+        ExportError: a comment of ours is damaged, or the file holds nodal interfaces.
     """
     interfaces: dict[str, InterfaceNode] = {}
     frame, floating, units = None, False, None
     for line in lines:
+        if _NODE_MARK in line:
+            raise ExportError(
+                "the file holds nodal interfaces, nodes of three components, which are not read back; keep the record "
+                "(body.save), or have frames (Interface) in the place of them"
+            )
         before, mark, content = line.partition(_MARK)
         if not mark or before.strip(" !$*%"):
             continue

@@ -66,13 +66,15 @@ def _changed(element: Superelement, unit: UnitSystem) -> Superelement:
 
     A coordinate x becomes s x; energies are quadratic in the coordinates or their rates.
     """
-    b = len(element.names)
+    b, n = len(element.names), element.n_boundary
     s = np.full(len(element.K), unit.length * np.sqrt(unit.mass))
+    s[:n] = unit.length
     s[: 6 * b] = np.tile(np.repeat([unit.length, 1.0], 3), b)
     inertia = unit.mass * unit.length**2 / np.outer(s, s)
     return replace(
         element,
         p=unit.length * element.p,
+        x=unit.length * element.x,
         K=inertia / unit.time**2 * element.K,
         M=inertia * element.M,
         D=inertia / unit.time * element.D,

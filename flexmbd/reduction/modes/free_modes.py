@@ -52,10 +52,10 @@ def free_interface_modes(
     model, static = statics.model, statics.static
     if not isinstance(eigensolver, BlockMethod):
         raise ReductionError("free modes are found by BlockMethod(); leave eigensolver out")
-    if model.state is not None or model.has_surface_energy or model.supports:
+    if model.state is not None or model.has_surface_energy or model.supports or model.nodal:
         raise ReductionError(
-            "a prestressed body, or one with supports or springs on facets, is held and has no free modes; leave "
-            "free=True out"
+            "a prestressed body, or one with supports, nodal interfaces or springs on facets, is held and has no free "
+            "modes; leave free=True out"
         )
     shapes, forces = statics.moving
     rigid = statics.rigid if statics.rigid is not None else rigid_modes(model)

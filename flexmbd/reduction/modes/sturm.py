@@ -66,7 +66,7 @@ def count_below(statics: Statics, eigenvalue: float) -> int:
             size = np.sqrt(abs(np.diag(small)))
             signs = np.linalg.eigvalsh(small / np.outer(size, size)) > 0.0
             return int(model.comm.bcast(count + int(signs.sum()) - len(small)))
-        return count - (0 if statics.interfaces else 6)
+        return count - (0 if statics.interfaces or statics.nodal else 6)
     finally:
         shifted.destroy()
         if factor is not None:

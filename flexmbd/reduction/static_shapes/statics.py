@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements.held_surface import held_dofs
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.nodal_interface import retained_dofs
 from flexmbd.continuum.finite_elements.prestressed import turning_forces
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import BlockOperator
@@ -39,6 +40,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import (
     factorised,
 )
 from flexmbd.reduction.static_shapes.memory import multigrid_memory, stored, workspace
+from flexmbd.reduction.static_shapes.nodal_shapes import NodalDofs, check_retained, nodal_dofs
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes, rigid_modes
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 from flexmbd.reduction.static_shapes.support import is_held, minimal_support
@@ -145,8 +147,8 @@ class Statics:
 
     @property
     def _supported(self) -> bool:
-        """Whether no interface is rigid and no support there, so that six dofs hold the body."""
-        return not (_rigid(self.interfaces) or self.model.supports)
+        """Whether no interface is rigid or nodal and no support there, so that six dofs hold the body."""
+        return not (_rigid(self.interfaces) or self.model.supports or self.model.nodal)
 
     @cached_property
     def frame_motions(self) -> FrameMotions:
@@ -155,12 +157,25 @@ class Statics:
 
     @cached_property
     def moving(self) -> tuple[FloatArray, FloatArray]:
-        """(owned dofs, m) static shapes of these motions, and K times them. Collective at the first call."""
+        """(owned dofs, m) static shapes of these motions, then of nodal interfaces, and K times them.
+
+        Collective at the first call.
+        """
         shapes, forces = self.static.shapes[:, 6:], self.static.forces[:, 6:]
-        if not self.model.supports:
+        if self.model.supports:
+            motions = self.frame_motions.motions
+            shapes, forces = np.asfortranarray(shapes @ motions), np.asfortranarray(forces @ motions)
+        if self.nodal is None:
             return shapes, forces
-        motions = self.frame_motions.motions
-        return np.asfortranarray(shapes @ motions), np.asfortranarray(forces @ motions)
+        more, their_forces = continued(self.model, self._interior, self.nodal.unit_motions)
+        return np.asfortranarray(np.hstack([shapes, more])), np.asfortranarray(np.hstack([forces, their_forces]))
+
+    @cached_property
+    def nodal(self) -> NodalDofs | None:
+        """The dofs that nodal interfaces keep, if there are some. Collective at the first call."""
+        if not self.model.nodal:
+            return None
+        return nodal_dofs(self.model, axes=self.R, framed=bool(self.interfaces))
 
     def solve(self, block: FloatArray) -> FloatArray:
         """Displacements under loads with all interfaces fixed, averaged ones in the mean. Collective.
@@ -263,13 +278,13 @@ class Statics:
         """
         if self._supported:
             return self._shapes_of_free_body()
-        if not self.interfaces:
+        if not self.interfaces and not self.model.nodal:
             none = np.zeros((self.model.n_owned, 0), order="F")
             return StaticShapes(none, none, 0.0)
         motions = _rigid_columns(self.model, self.interfaces, axes=self.R)
-        held = held_dofs(self.model.supports, layout=self.model.layout)
+        held = held_dofs(self.model.supports, layout=self.model.layout) | retained_dofs(self.model)
         motions[held] = 0.0
-        shapes, forces = continued(self.model, self._interior, motions)
+        shapes, forces = continued(self.model, self._interior, motions) if self.interfaces else (motions, motions)
         if self._constraint is not None:
             columns = _average_columns(self.model, self.interfaces, axes=self.R)
             lacks = self._unit_averages() - inner(self.model.comm, columns, shapes)
@@ -281,10 +296,10 @@ class Statics:
             # loads that stay with the body frame work on its rigid rotations
             turning = turning_forces(self.model, state, self.interfaces, axes=self.R)
             return StaticShapes(shapes, forces + turning, state.rigid_error)
-        origin = self.interfaces[0].p
+        origin = self.interfaces[0].p if self.interfaces else self.p
         found = shapes @ rigid_coordinates(self.interfaces, origin=origin, axes=self.R)
-        if self.model.supports:
-            # a rigid motion takes the supports along
+        if self.model.supports or self.model.nodal:
+            # a rigid motion takes the supports and retained nodes along
             along = np.where(held[:, None], self.model.rigid_motions(origin, self.R), 0.0)
             found = found + continued(self.model, self._interior, np.asfortranarray(along))[0]
         if self.model.has_surface_energy:
@@ -360,7 +375,8 @@ def body_statics(
     if frame is not None:
         carrier = model.interface(frame)
         interfaces = (carrier, *(other for other in model.interfaces if other is not carrier))
-    supported = not (_rigid(interfaces) or model.supports)
+    supported = not (_rigid(interfaces) or model.supports or model.nodal)
+    check_retained(model)
     if model.supports and not grounded and (frame is None or not isinstance(interfaces[0], RigidInterface)):
         raise ReductionError(
             f"{model.supports[0].text}: supports are at rest in the body frame, which must therefore be that of a "
@@ -390,7 +406,8 @@ def body_statics(
         boundary = _bound(model, interfaces)
     if not is_held(model, boundary):
         raise ReductionError(f"the stiffness of the interior has no inverse: {SINGULAR}")
-    beside = workspace(model, shapes=6 * len(interfaces) + _RESPONSES, modes=modes)
+    shapes = 6 * len(interfaces) + model.comm.allreduce(int(retained_dofs(model).sum())) + _RESPONSES
+    beside = workspace(model, shapes=shapes, modes=modes)
     with factorised(model, boundary, solver=solver, beside=beside) as interior:
         mask = np.ones_like(interior.mask) if supported else interior.mask
         constraint = None
@@ -454,8 +471,8 @@ def _flexibility(
 
 
 def _bound(model: LinearModel, interfaces: Sequence[FoundInterface]) -> NDArray[np.bool_]:
-    """(owned dofs,) whether a rigid interface binds a dof, or a support holds it."""
-    boundary = held_dofs(model.supports, layout=model.layout)
+    """(owned dofs,) whether a rigid interface binds a dof, a nodal one keeps it, or a support holds it."""
+    boundary = held_dofs(model.supports, layout=model.layout) | retained_dofs(model)
     for interface in _rigid(interfaces):
         boundary[interface.dofs[interface.dofs < model.n_owned]] = True
     return boundary

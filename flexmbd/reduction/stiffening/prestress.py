@@ -90,6 +90,11 @@ def prestressed(
             "springs on facets (surface_energy) are carried by bodies reduced about rest: a loaded state has no place "
             "for them; load the reduced body in the machine instead"
         )
+    if model.nodal:
+        raise ReductionError(
+            f"nodal interfaces, as {model.nodal[0].name!r}, are those of a part at rest: leave them out before "
+            "prestressed(...), or reduce the part at rest"
+        )
     spin = _numbers("angular_velocity", angular_velocity, 3)
     wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     sizes = _check(model, frame=frame, loads=loads, forces=wrenches)
