@@ -24,6 +24,7 @@ from flexmbd.record.groups import (
     ModalStretch,
     NodalInterfaces,
     NodalModes,
+    NonlinearStiffness,
     RecordGroup,
     StressModes,
     Surface,
@@ -265,6 +266,8 @@ def _group_text(group: RecordGroup) -> str:
             return _count(len(group.loads), "load")
         case ModalStretch():
             return _count(len(group.strain), "membrane strain")
+        case NonlinearStiffness():
+            return f"known up to {group.energy[0]:.6g} J"
         case Gyroscopic():
             return f"angular momentum {_vector(group.momentum, scale=float(np.linalg.norm(group.momentum)))} N m s"
         case DistributedLoads():
