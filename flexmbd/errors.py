@@ -133,6 +133,13 @@ class EventWarning(UserWarning):
     """
 
 
+class RangeWarning(UserWarning):
+    """A body with nonlinear stiffness stores more energy than in the states compared with its full model.
+
+    Remedy: reduce it for the range of loads that it sees, or cut it in several pieces.
+    """
+
+
 class ExplicitRunError(FlexmbdError):
     """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long.
 

@@ -14,6 +14,7 @@ from flexmbd.errors import MeshError as MeshError
 from flexmbd.errors import MissingLibraryError as MissingLibraryError
 from flexmbd.errors import ModesWarning as ModesWarning
 from flexmbd.errors import PictureError as PictureError
+from flexmbd.errors import RangeWarning as RangeWarning
 from flexmbd.errors import RecordError as RecordError
 from flexmbd.errors import ReductionError as ReductionError
 from flexmbd.errors import SceneError as SceneError

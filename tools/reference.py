@@ -64,7 +64,7 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError EventWarning "
-        "ModesWarning "
+        "ModesWarning RangeWarning "
         "StartWarning TableWarning",
         "",
     ),

@@ -19,6 +19,7 @@ from flexmbd.errors import FlexmbdError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import NO_KNOTS, SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
+from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
@@ -67,9 +68,15 @@ def can_be_prepared(scene: CompiledScene, settings: RunSettings) -> bool:
         and not gives_energies(scene.plan)
         and not any(row.has_pieces or (row.motion and row.is_users) for row in scene.time_rows)
         and not len(scene.declared_breaks())
-        and not any(isinstance(body, PseudoRigidBody) for body in scene.index.bodies)
+        and not any(isinstance(body, PseudoRigidBody) or _is_watched(body) for body in scene.index.bodies)
         and not any(j.motion is not None and (j.position is not None or j.velocity is not None) for j in joints)
     )
+
+
+def _is_watched(body: Body) -> bool:
+    """Whether a run says when the body leaves its range."""
+    record = body.reduced()
+    return record is not None and record.nonlinear is not None
 
 
 class PreparedRuns:

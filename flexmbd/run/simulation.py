@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.sampling.series import largest_residuals
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
+from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.results.stretch_watch import StretchWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.loop_closing import CLOSED
@@ -102,7 +103,7 @@ def _run(
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
-    watch = StretchWatch(start.scene, bodies.values())
+    watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, bodies.values())
     shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
@@ -123,6 +124,8 @@ def _run(
                 stops = []
             if compiled == began:
                 compiled = time.perf_counter()
+            if team.is_root:
+                ranges.look(integration.stored)
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())

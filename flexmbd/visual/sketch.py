@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.body import Body, Frame, interface_frame
 from flexmbd.multibody.bodies.shape import Shape
 from flexmbd.multibody.bodies.solid import unit_ball, unit_tube
 from flexmbd.multibody.joint.connection import Connection
@@ -182,7 +182,7 @@ def _frames(trajectory: RecordedMotion, joints: Sequence[Connection]) -> Identit
         record = body.reduced()
         if record is not None:
             frames.setdefault(body, []).extend(
-                Frame(body, i.p_BI_B, i.R_BI, i.modes, i.name) for i in record.interfaces
+                interface_frame(body, record, interface, interface.name) for interface in record.interfaces
             )
     return frames
 

@@ -15,12 +15,12 @@ from flexmbd.multibody.plan.compiled_scene import add_probe
 GRAVITY = np.array([0.3, -9.81, 1.2])
 
 
-def mixed_scene(*, rotors=False):
+def mixed_scene(*, rotors=False, nonlinear=False):
     """Every joint kind, rigid and flexible parents, a reversed joint, a joint at a flexible tip."""
     scene = fm.System(gravity=GRAVITY)
     clouds = [
-        particle_body(1, modes=3, damping=2.0, stretched=(0, 2), rotors=rotors),
-        particle_body(2, modes=2, rotors=rotors),
+        particle_body(1, modes=3, damping=2.0, stretched=(0, 2), rotors=rotors, nonlinear=nonlinear),
+        particle_body(2, modes=2, rotors=rotors, nonlinear=nonlinear),
     ]
     turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
     a = scene.add(fm.RigidBody(1.3, np.diag([0.02, 0.03, 0.04]), (0.1, 0.05, -0.02)), name="a")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise, permutations
 
 import numpy as np
 
-from flexmbd.record.reduced_body import Gyroscopic, InterfaceFrame, ModalStretch, ReducedBody
+from flexmbd.record.reduced_body import Gyroscopic, InterfaceFrame, ModalStretch, NonlinearStiffness, ReducedBody
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,13 @@ def particle_body(
     size: float = 0.3,
     stretched: tuple[int, ...] = (),
     rotors: bool = False,
+    nonlinear: bool = False,
 ) -> Particles:
     """A body of random particles with mass-orthonormal random modes and two interfaces.
 
     "root" carries the body frame; "tip" moves and turns with the modes. The modes ``stretched`` have a strain of
-    second order; ``rotors``: angular momentum of its own, that the particles have no part in.
+    second order; ``rotors``: angular momentum of its own, that the particles have no part in. ``nonlinear``: the energy
+    of these strains as a polynomial, and a tip whose face is strained by the modes as well.
     """
     rng = np.random.default_rng(seed)
     k = 12
@@ -65,6 +68,10 @@ def particle_body(
         turn = np.linalg.qr(np.random.default_rng(0).standard_normal((len(stretched), len(stretched))))[0]
         strain, second = turn @ np.diag(size)[list(stretched)], np.tensordot(turn, P + P.transpose(0, 2, 1), 1)
         record = replace(record, stretch=ModalStretch(strain, second))
+    if nonlinear:
+        face = np.random.default_rng(200 + seed).standard_normal((2, 6, modes)) * 0.3
+        face[0] = 0.0
+        record = replace(record, stretch=None, nonlinear=polynomial(record.stretch, face))
     if rotors:
         rng = np.random.default_rng(100 + seed)
         half = rng.standard_normal((modes, modes))
@@ -75,8 +82,35 @@ def particle_body(
     return Particles(mass, x, phi, record)
 
 
+def polynomial(stretch: ModalStretch | None, face: np.ndarray) -> NonlinearStiffness:
+    """The energy ((c q + q P q / 2)^2 - (c q)^2) / 2 of membrane strains, multiplied out."""
+    n = face.shape[2]
+    cubic, quartic = np.zeros((n,) * 3), np.zeros((n,) * 4)
+    if stretch is not None:
+        cubic += 0.5 * np.einsum("mi,mjk->ijk", stretch.strain, stretch.P)
+        quartic += 0.125 * np.einsum("mij,mkl->ijkl", stretch.P, stretch.P)
+    return NonlinearStiffness(packed(cubic), packed(quartic), face, np.array([1e3]))
+
+
+def packed(tensor: np.ndarray) -> np.ndarray:
+    """Coefficients of the products q_i q_j ... with i >= j >= ..., of a sum over all i, j, ..."""
+    falling = [i for i in np.ndindex(*tensor.shape) if all(a >= b for a, b in pairwise(i))]
+    return np.array([sum(tensor[i] for i in set(permutations(one))) for one in falling])
+
+
+def polynomial_energy(record: ReducedBody, q: np.ndarray) -> np.ndarray:
+    """q K q / 2 and the cubic and quartic terms, one by one."""
+    n, energy = len(q), 0.5 * np.sum(record.stiffness * q**2)
+    for degree, terms in ((3, record.nonlinear.cubic), (4, record.nonlinear.quartic)):
+        falling = [i for i in np.ndindex(*(n,) * degree) if all(a >= b for a, b in pairwise(i))]
+        energy += sum(c * np.prod(q[list(i)]) for c, i in zip(terms, falling, strict=True))
+    return energy
+
+
 def strain_energy(record: ReducedBody, q: np.ndarray) -> np.ndarray:
     """K_kk e_k^2 / 2 over all modes, e = q + sum_m K^-1 c_m q^T P_m q / 2."""
+    if record.nonlinear is not None:
+        return polynomial_energy(record, q)
     strain = q.copy()
     if record.stretch is not None:
         for c, P in zip(record.stretch.strain, record.stretch.P, strict=True):

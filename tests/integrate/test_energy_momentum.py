@@ -17,6 +17,7 @@ from flexmbd.integrate.controller import arrays_of
 from flexmbd.integrate.discrete_gradient.energy_momentum import ORDER, projector
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain
 from flexmbd.integrate.discrete_gradient.newton import bind
+from flexmbd.integrate.discrete_gradient.polynomial_average import average_polynomials
 from flexmbd.integrate.discrete_gradient.workspace import EVALUATE, LINEARISE, PLACE, new_workspace
 from flexmbd.integrate.explicit.loop_dynamics import new_loops
 from flexmbd.integrate.state import machine_rate, set_scales
@@ -29,6 +30,7 @@ from flexmbd.multibody.plan.scene_matrices import mass_matrix, row_sizes
 
 METHOD = fm.EnergyMomentum()
 CLOUDS = (particle_body(1, modes=3, stretched=(0, 2)), particle_body(2, modes=4))
+NONLINEAR = particle_body(1, modes=3, stretched=(0, 2), nonlinear=True)
 
 
 def flexible_double_pendulum(*, hold=1.0):
@@ -41,6 +43,17 @@ def flexible_double_pendulum(*, hold=1.0):
         upper.position = hold
     lower.position = 0.5
     return scene, upper, lower
+
+
+def nonlinear_pendulum():
+    """A swinging body whose strain energy is a polynomial, with a rigid one on its tip."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = scene.add(fm.FlexibleBody(NONLINEAR.record), name="body")
+    arm = scene.add(fm.RigidBody(0.5, np.diag([0.01, 0.02, 0.03]), (0.2, 0.1, 0.0)), name="arm")
+    scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame("root")).position = 1.0
+    scene.connect(fm.joint.Revolute("x"), body.frame("tip"), arm.frame())
+    body.q = (0.3, -0.2, 0.1)
+    return scene
 
 
 def flying_machine(gravity):
@@ -430,9 +443,10 @@ def slow_iterations(scene, h):
     [
         (lambda: flexible_double_pendulum()[0], 3.0),
         (lambda: flying_machine((0.0, 0.0, -9.81))[0], 1.8),
+        (nonlinear_pendulum, 3.0),
         (lambda: falling_slider_crank()[0], 3.0),
     ],
-    ids=["flexible", "flying", "loop"],
+    ids=["flexible", "flying", "nonlinear", "loop"],
 )
 def test_analytic_matrix_is_right_but_for_powers_of_the_step(machine, ratio):
     """The second, but the first where rotations are the unknowns."""
@@ -441,11 +455,17 @@ def test_analytic_matrix_is_right_but_for_powers_of_the_step(machine, ratio):
     assert shares[0] / shares[1] > ratio
 
 
-def test_mean_strain_makes_an_exact_discrete_gradient():
+MEANS = [
+    (lambda: flexible_double_pendulum()[0], CLOUDS[0], lambda plan, s, h: average_strain(plan, s, h)),
+    (nonlinear_pendulum, NONLINEAR, lambda plan, s, h: average_polynomials(plan, s)),
+]
+
+
+@pytest.mark.parametrize(("machine", "cloud", "average"), MEANS, ids=["strain", "polynomial"])
+def test_mean_force_is_an_exact_discrete_gradient(machine, cloud, average):
     """The forces of deformation times the step's motion are the change of the particles' strain energy."""
-    scene, *_ = flexible_double_pendulum()
-    plan, _, _, _, state, _, s = parts(scene, 1e-2)
-    record = CLOUDS[0].record
+    plan, _, _, _, state, _, s = parts(machine(), 1e-2)
+    record = cloud.record
     h = 1e-2
     rng = np.random.default_rng(5)
     s.u[:] = rng.standard_normal(len(s.u))
@@ -457,7 +477,7 @@ def test_mean_strain_makes_an_exact_discrete_gradient():
     flex, forces = plan.flex[plan.tree[0, at.FLEX]], s.stored_gradient[1:4]
     add_elastic_forces(plan, flex, s.x_mid[modes], np.zeros(3), np.zeros(3), forces)
     middle = s.stored_gradient[1:4] @ s.increment[1:4]
-    njit(lambda plan, s, h: average_strain(plan, s, h))(plan, s, h)
+    njit(average)(plan, s, h)
     change = strain_energy(record, s.x_end[modes]) - strain_energy(record, x[modes])
     assert s.stored_gradient[1:4] @ s.increment[1:4] == pytest.approx(change, rel=1e-11)
     assert abs(middle - change) > 1e-6 * abs(change)

@@ -12,6 +12,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.discrete_gradient.momentum_balance import conserve_momenta, place, vary_average_strain
 from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, factor_end_mass
 from flexmbd.integrate.discrete_gradient.momentum_predictors import first_guess
+from flexmbd.integrate.discrete_gradient.polynomial_average import vary_average_polynomials
 from flexmbd.integrate.discrete_gradient.step import evaluate
 from flexmbd.integrate.discrete_gradient.workspace import (
     ANDERSON_DEPTH,
@@ -76,6 +77,7 @@ def _put_matrix(plan, work, scratch, h):
     )
     if plan.flex.shape[0] > 0:
         vary_average_strain(plan, scratch, h)
+        vary_average_polynomials(plan, scratch, h)
     for c in range(scratch.bounds.shape[0] - 1):
         _put_block(plan, scratch, c, h)
     call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, project_out_symmetries
+from flexmbd.integrate.discrete_gradient.polynomial_average import average_polynomials
 from flexmbd.integrate.discrete_gradient.workspace import (
     CANONICAL,
     CLOSE_VELOCITIES,
@@ -99,6 +100,7 @@ def _evaluate_middle(plan, stored_plan, work, scratch, x, p, h, split):
             scratch.stored_gradient[k] = scratch.gradient[k]
     if plan.flex.shape[0] > 0:
         average_strain(plan, scratch, h)
+        average_polynomials(plan, scratch)
     if scratch.nu.shape[0] > 0:
         _evaluate_rows(plan, work, scratch, h)
     return balance_momenta(plan, p, scratch, h)

@@ -7,7 +7,7 @@ modes.  ``Frame`` is a marker on a body, the thing that joints connect and resul
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -18,7 +18,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid, principal_axes
-from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 from flexmbd.rotation import check_rotation
 
 FloatArray = NDArray[np.float64]
@@ -33,7 +33,8 @@ class Frame:
         p_BF_B: (3,) m, position in the undeformed body.
         R_BF: (3, 3) rotation from F's axes to B's.
         modes: (6, n) displacement and small rotation of F in B's axes per unit modal
-            coordinate, or None where F does not deform against B.
+            coordinate, or None where F does not deform against B. (12, n) on the face of a body with
+            `NonlinearStiffness`: then its strain S as well, and F turns by the face's polar rotation.
         label: how messages and plots call it.
         interface: the interface of the body's record whose frame it is; None of other markers.
     """
@@ -79,6 +80,14 @@ def marker(body: Body, p: ArrayLike, R: ArrayLike | None, name: str) -> Frame:
         raise SceneError(f"frame {label}: p must be three finite numbers (m), got {p!r}")
     rotation = np.eye(3) if R is None else check_rotation(R, f"frame {label}: R")
     return Frame(body, position, rotation, None, label)
+
+
+def interface_frame(body: Body, record: ReducedBody, interface: InterfaceFrame, label: str) -> Frame:
+    """The frame of an interface of a body's record, as a marker."""
+    modes = interface.modes if interface.modes.any() else None
+    if record.nonlinear is not None and modes is not None:
+        modes = np.vstack([modes, record.nonlinear.face_strain[record.interfaces.index(interface)]])
+    return Frame(body, interface.p_BI_B, interface.R_BI, modes, label)
 
 
 def refuse_change(body: object, name: str, fixed: tuple[str, ...]) -> None:
@@ -294,8 +303,7 @@ class FlexibleBody:
         if name is None:
             return Frame(self, np.zeros(3), np.eye(3), None, label)
         interface = self.record.interface(name)
-        modes = interface.modes if interface.modes.any() else None
-        return Frame(self, interface.p_BI_B, interface.R_BI, modes, f"{label}.{name}", name)
+        return replace(interface_frame(self, self.record, interface, f"{label}.{name}"), interface=name)
 
     def show(
         self,

@@ -18,6 +18,7 @@ from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.physics.modal_moments import modal_moments
+from flexmbd.multibody.kernels.reading.tree import mode_places
 from flexmbd.multibody.scene_index import SceneIndex, Slots
 from flexmbd.multibody.topology import Branch
 from flexmbd.record.reduced_body import ReducedBody
@@ -78,7 +79,7 @@ class Numbering:
         self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
         self.group_of: list[int] = []
         self.frames: list[FloatArray] = []
-        self.frame_of: list[tuple[int, int]] = []
+        self.frame_of: list[tuple[int, int, int]] = []
         self.markers: list[Marker | None] = []  # of each frame; None of what no marker gives
         self.modal: list[FloatArray] = []
         self.modal_size = 0
@@ -225,22 +226,22 @@ class Numbering:
 
     def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
         """Append a frame, its axes turned by ``turn``; return its row."""
-        modes = -1 if frame.modes is None else self.add_modal(frame.modes)
+        modes = (-1, -1) if frame.modes is None else mode_places(self.add_modal(frame.modes), frame.modes)
         laid = self.add_body_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
         self.markers[laid] = Marker(frame, turn)
         return laid
 
-    def add_body_frame(self, row: int, p: FloatArray, R: FloatArray, modes: int = -1) -> int:
-        """Append a frame of the body in ``row``; return its row."""
+    def add_body_frame(self, row: int, p: FloatArray, R: FloatArray, modes: tuple[int, int] = (-1, -1)) -> int:
+        """Append a frame of the body in ``row``, its modes at two `mode_places`; return its row."""
         self.frames.append(np.concatenate([p, R.ravel()]))
-        self.frame_of.append((row, modes))
+        self.frame_of.append((row, *modes))
         self.markers.append(None)
         return len(self.frames) - 1
 
     def add_flex(self, record: ReducedBody) -> int:
         """Append the mass integrals of a reduced body; return its row."""
         n = record.n_modes
-        rotors = record.gyroscopic
+        rotors, energy = record.gyroscopic, record.nonlinear
         by_rates = record.damping if rotors is None else record.damping + rotors.G
         self.flex.append(
             [
@@ -251,6 +252,7 @@ class Numbering:
                 self.add_modal(by_rates) if by_rates.any() else -1,
                 *self.add_stretch(record),
                 -1 if rotors is None else self.add_modal(np.concatenate([rotors.momentum, rotors.slope.ravel()])),
+                -1 if energy is None else self.add_modal(np.concatenate([energy.cubic, energy.quartic])),
             ]
         )
         return len(self.flex) - 1

@@ -23,6 +23,7 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.reading.tree import mode_places
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import ForceSpan, ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
@@ -142,14 +143,16 @@ class _Variation:
             if marker is None:
                 continue
             frames[row] = np.concatenate([now.p_BF_B, (now.R_BF @ marker.turn).ravel()])
-            place = int(self._plan.frame_of[row, at.FRAME_MODES])
+            place, strain = map(int, self._plan.frame_of[row, at.FRAME_MODES :])
             if (place >= 0) != (now.modes is not None):
                 raise SceneError(f"frame {frame.label}: one record deforms there and the other does not")
+            if now.modes is not None and mode_places(place, now.modes) != (place, strain):
+                raise SceneError(f"frame {frame.label}: one record has nonlinear stiffness and the other has not")
             if now.modes is not None:
                 self._array("modal")[place : place + now.modes.size] = now.modes.ravel()
 
     def _write_record(self, body: FlexibleBody) -> None:
-        """The mass integrals, stiffness, damping, membrane strains and rotors of another record."""
+        """The mass integrals, stiffness (linear and of large displacements), damping and rotors of another record."""
         row = self._plan.flex[self._plan.tree[self._index.bodies[body], at.FLEX]]
         record, label = self._index.now(body).record, f"body {body.name!r}"
         there, here = ({i.name for i in r.interfaces} for r in (record, body.record))
@@ -160,7 +163,8 @@ class _Variation:
         laid.add_flex(record)
         if laid.flex[0] != row.tolist():
             raise SceneError(
-                f"{label}: one record has damping, membrane strains or gyroscopic forces that the other has not"
+                f"{label}: one record has damping, membrane strains, nonlinear stiffness or gyroscopic forces that the "
+                "other has not"
             )
         self._array("modal")[first : laid.modal_size] = np.concatenate(laid.modal)
 

@@ -136,6 +136,8 @@ def _kind(body: Body) -> str:
     if record is None:
         return "rigid"
     stretch = "" if record.stretch is None else f", {len(record.stretch.strain)} membrane strains"
+    if record.nonlinear is not None:
+        stretch = ", nonlinear stiffness"
     return f"flexible, {record.n_modes} modes{stretch}"
 
 
@@ -242,7 +244,8 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("modal damping (zero)")
     reduced = [b.outer.body for b in start.scene.topology.branches if not isinstance(b.outer.body, PseudoRigidBody)]
     records = [record for body in reduced if (record := body.reduced()) is not None]
-    if records and all(record.stretch is None or not len(record.stretch.strain) for record in records):
+    stiffening = [r.nonlinear is not None or (r.stretch is not None and len(r.stretch.strain) > 0) for r in records]
+    if records and not any(stiffening):
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")

@@ -43,10 +43,10 @@ def test_forward_dynamics_solve_the_residual(seed):
     np.testing.assert_array_equal(a[plan.driven[:, 0]], work.time[times, 2])
 
 
-@pytest.mark.parametrize("rotors", [False, True])
-def test_reactions_of_loops_are_loads(rotors):
+@pytest.mark.parametrize("kind", [{}, {"rotors": True}, {"nonlinear": True}])
+def test_reactions_of_loops_are_loads(kind):
     """Every joint kind, three loops with multipliers, flexible frames on both sides of some, rotors inside bodies."""
-    scene, *_ = mixed_scene(rotors=rotors)
+    scene, *_ = mixed_scene(**kind)
     compiled = scene.compile().scene
     plan = compiled.plan
     x, v, work = somewhere(compiled, 5)

@@ -36,9 +36,9 @@ def lagrangian(compiled, x, v):
     return out[0, 0] - out[0, 1:].sum()
 
 
-def spring_scene():
+def spring_scene(*, nonlinear=False):
     """The mixed scene with a spring on a joint, and a screw."""
-    scene, *_ = mixed_scene()
+    scene, *_ = mixed_scene(nonlinear=nonlinear)
     hinge = scene._connections[1]
     scene.add_force(fm.force.JointSpring(hinge, 3.0, rest=0.2))
     nut = scene.add(fm.RigidBody(0.5, np.diag([0.01, 0.02, 0.03]), (0.1, 0.02, 0.05)), name="nut")
@@ -46,10 +46,11 @@ def spring_scene():
     return scene
 
 
+@pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_force_is_the_lagrangians_gradient_and_momentum_its_velocity_gradient(seed):
+def test_force_is_the_lagrangians_gradient_and_momentum_its_velocity_gradient(seed, nonlinear):
     """By differences of order 6, the free joint's linear velocity turned with the joint."""
-    compiled = spring_scene().compile().scene
+    compiled = spring_scene(nonlinear=nonlinear).compile().scene
     plan, work, nv = compiled.plan, new_work(compiled.plan), compiled.nv
     plan.flex[:, at.MODAL_DAMPING] = -1
     x, v = state(compiled, seed)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mixed_machine import along
 from particles import particle_body
+from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
@@ -22,10 +23,11 @@ FIRST = ((1, 4.0 / 5.0), (2, -1.0 / 5.0), (3, 4.0 / 105.0), (4, -1.0 / 280.0))
 SECOND = ((1, 8.0 / 5.0), (2, -1.0 / 5.0), (3, 8.0 / 315.0), (4, -1.0 / 560.0))
 
 
-def boom():
+def boom(*, nonlinear=False):
     """Three flexible bodies, each on the tip of the one before, and a rigid one on the last tip."""
     scene = fm.System()
-    records = [particle_body(seed, modes=n, stretched=(0,)).record for seed, n in ((31, 3), (32, 2), (33, 4))]
+    sizes = ((31, 3), (32, 2), (33, 4))
+    records = [particle_body(seed, modes=n, stretched=(0,), nonlinear=nonlinear).record for seed, n in sizes]
     bodies = [scene.add(fm.FlexibleBody(record), name=f"beam {k}") for k, record in enumerate(records)]
     nozzle = scene.add(fm.RigidBody(0.3, (0.01, 0.01, 0.01)), name="nozzle")
     ground = scene.ground.frame(p=(0.2, 0.1, -0.3), R=TURN.as_matrix())
@@ -36,6 +38,16 @@ def boom():
         scene.connect(fm.joint.Revolute("z"), bodies[2].frame("tip"), nozzle.frame()),
     ]
     return scene.compile().scene, records, bodies, nozzle, links
+
+
+def turned(record, tip, q):
+    """How the modes turn a tip: by their rotations, or by the polar rotation of its face's motion."""
+    theta = tip.modes[3:] @ q
+    if record.nonlinear is None:
+        return Rotation.from_rotvec(theta)
+    xx, yy, zz, yz, xz, xy = record.nonlinear.face_strain[1] @ q
+    A = np.cross(np.eye(3), theta) + np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Rotation.from_matrix(polar(np.eye(3) + A)[0])
 
 
 def place(compiled, records, bodies, links, x):
@@ -52,7 +64,7 @@ def place(compiled, records, bodies, links, x):
         if k < 3:
             tip = records[k].interface("tip")
             p = p + R.apply(tip.p_BI_B + tip.modes[:3] @ q[k])
-            R = R * Rotation.from_rotvec(tip.modes[3:] @ q[k]) * Rotation.from_matrix(tip.R_BI)
+            R = R * turned(records[k], tip, q[k]) * Rotation.from_matrix(tip.R_BI)
     return p + R.apply(POINT)
 
 
@@ -63,11 +75,12 @@ def state(compiled, seed):
     return x, *rng.standard_normal((2, compiled.nv))
 
 
+@pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_place_velocity_and_acceleration(seed):
-    compiled, records, bodies, nozzle, links = boom()
+def test_place_velocity_and_acceleration(seed, nonlinear):
+    compiled, records, bodies, nozzle, links = boom(nonlinear=nonlinear)
     x, v, a = state(compiled, seed)
-    h = 0.02
+    h = 0.01
     curve = {
         k: place(compiled, records, bodies, links, along(compiled, x, v, a, k * h)) for k in range(-4, 5)
     }
@@ -80,10 +93,11 @@ def test_place_velocity_and_acceleration(seed):
     np.testing.assert_allclose(out[0, 18:21], acceleration, rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("seed", range(2))
-def test_what_each_coordinate_changes_of_place_and_velocity(seed):
+def test_what_each_coordinate_changes_of_place_and_velocity(seed, nonlinear):
     """L and G of the outputs: dp = L xi and dv = L dv + G xi, against differences by each coordinate."""
-    compiled, records, bodies, nozzle, links = boom()
+    compiled, records, bodies, nozzle, links = boom(nonlinear=nonlinear)
     x, v, _ = state(compiled, seed)
     frame = nozzle.frame(POINT)
     plan = add_probe(compiled, frame)

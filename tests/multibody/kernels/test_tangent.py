@@ -76,28 +76,33 @@ def compare(plan, state, *, speed_step=0.5):
         assert error.max() < 1e-10, (which, error.max(), np.unravel_index(error.argmax(), error.shape))
 
 
-@pytest.mark.parametrize("rotors", [False, True])
+KINDS = [{}, {"rotors": True}, {"nonlinear": True}]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(4))
-def test_tree_of_every_joint_and_body(seed, rotors):
+def test_tree_of_every_joint_and_body(seed, kind):
     """Rigid and flexible parents, stretch, damping, rotors inside, a reversed joint, children on deforming frames."""
-    scene, *_ = mixed_scene(rotors=rotors)
+    scene, *_ = mixed_scene(**kind)
     compiled = scene.compile().scene
     state = random_state(compiled, seed, spread=(0.5, 0.01, 1.0, 2.0)[seed])
     compare(tree_only(compiled), state)
 
 
+@pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_reactions_of_loops(seed):
+def test_reactions_of_loops(seed, nonlinear):
     """Loops between bodies, to the ground, at deforming frames of one body or two."""
-    scene, *_ = mixed_scene()
+    scene, *_ = mixed_scene(nonlinear=nonlinear)
     compiled = scene.compile().scene
     assert len(compiled.plan.rows) == 15
     compare(compiled.plan, random_state(compiled, seed))
 
 
+@pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_jacobian_of_rows(seed):
-    scene, *_ = mixed_scene()
+def test_jacobian_of_rows(seed, nonlinear):
+    scene, *_ = mixed_scene(nonlinear=nonlinear)
     compiled = scene.compile().scene
     x, v, a, multipliers = random_state(compiled, seed)
     plan, work = compiled.plan, new_work(compiled.plan)

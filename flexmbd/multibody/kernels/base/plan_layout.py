@@ -22,9 +22,10 @@ N_TREE = 13
 # Columns of Plan.frames: p_BF_B (3), R_BF (9).
 FRAME_P, FRAME_R, N_FRAME = 0, 3, 12
 
-# Columns of Plan.frame_of: the body (-1 ground) and the offset of its 6 x n mode rows in
-# Plan.modal (-1: the frame does not deform against the body frame).
-FRAME_BODY, FRAME_MODES, N_FRAME_OF = 0, 1, 2
+# Columns of Plan.frame_of: the body (-1 ground), the offset of its 6 x n mode rows in Plan.modal (-1: the frame does
+# not deform against the body frame), and that of the 6 x n rows of its face's strain (-1: its modes turn it by
+# exp(theta); else see physics.face_modes).
+FRAME_BODY, FRAME_MODES, FRAME_STRAIN, N_FRAME_OF = 0, 1, 2, 3
 
 # Columns of Plan.rigid: mass, first moment (3), second moment xx xy xz yy yz zz, all about B.
 MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
@@ -40,7 +41,8 @@ MODAL_DAMPING = 4  # (n, n) D_qq and the skew G of gyroscopic forces, or -1 wher
 STRETCH = 5
 N_STRETCH = 6
 GYROSCOPIC = 7  # angular momentum h (3) of rotors inside, and its slope H (3, n) by the modes; -1 where there are none
-N_FLEX = 8
+POLYNOMIAL = 8  # cubic and quartic coefficients of the strain energy, see physics.energy_polynomial; -1: there are none
+N_FLEX = 9
 
 # Columns of Plan.rows, one row a scalar constraint between frames F and G: its kind and index, the offset of its
 # parameters in Plan.data, whether it holds positions or velocities alone, the function of time (-1: none) that is
@@ -87,4 +89,5 @@ N_MOMENTS = 15
 F_P, F_R = 0, 3  # p_BF_B, R_BF of the deformed body
 F_THETA = 12  # rotation vector of the deformation
 F_V, F_W, F_A, F_DW = 15, 18, 21, 24  # motion of the frame against B, in B
-N_FRAME_WORK = 27
+F_STRAIN = 27  # S of the face's motion [F_THETA] + S, where FRAME_STRAIN says that it has one
+N_FRAME_WORK = 33

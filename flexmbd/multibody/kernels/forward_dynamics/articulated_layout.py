@@ -81,6 +81,8 @@ class ArticulatedWork(ArrayStruct):
     subspace (k, 2, 6, 6), force (k, 2, 6): S and U of joints of several coordinates, a row each; u and 1/D.
     flex, body: flexible bodies.  interface_frame: plan.frames row of each interface.
     table (f, 15, n): moments of the deformed bodies, see ``physics.modal_moments``.
+    interface_rows: (interfaces * 6 n,) of each interface its translations and rotations per unit of each mode of its
+    body; n is that of the body with the most. Those of faces that turn by finite angles change with the modes.
     bias, modal_acceleration (f, n): modal bias forces; accelerations of the modes without interface wrenches.
     inertia_root, turned_root, coupled, response (f, 6 c, 6), mobility, schur (f, 6 c, 6 c), load (f, 3, 6 c): children
     on c frames that deform, see ``interface_elimination``: L, K, Gamma_0 C^T, Z; Gamma_0 Gamma_0^T, factors of S;
@@ -101,6 +103,7 @@ class ArticulatedWork(ArrayStruct):
     body: FloatArray
     interface: FloatArray
     interface_frame: IntArray
+    interface_rows: FloatArray
     table: FloatArray
     bias: FloatArray
     modal_acceleration: FloatArray
@@ -171,6 +174,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         body=zeros((len(flex), N_BODY)),
         interface=zeros((len(interface_frames), N_INTERFACE)),
         interface_frame=np.array(interface_frames, np.int64),
+        interface_rows=_interface_rows(plan, interface_frames, modes),
         table=zeros((len(flex), at.N_MOMENTS, modes)),
         bias=zeros((len(flex), modes)),
         modal_acceleration=zeros((len(flex), modes)),
@@ -232,6 +236,16 @@ def _frame_moments(plan: Plan, flex: IntArray, frames: list[int]) -> tuple[Float
         coupled[k, :size, 3:] = motion @ plan.modal[force : force + 3 * n].reshape(3, n).T
         mobility[k, :size, :size] = motion @ motion.T
     return coupled, mobility
+
+
+def _interface_rows(plan: Plan, frames: list[int], most: int) -> FloatArray:
+    """ArticulatedWork.interface_rows, as at zero modal coordinates."""
+    rows = np.zeros((len(frames), 6 * most))
+    for row, f in zip(rows, frames, strict=True):
+        body, o = plan.frame_of[f, at.FRAME_BODY], plan.frame_of[f, at.FRAME_MODES]
+        size = 6 * int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
+        row[:size] = plan.modal[o : o + size]
+    return rows.ravel()
 
 
 def refit(plan: Plan, aw: ArticulatedWork) -> bool:

@@ -27,6 +27,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import TUPLE3, deferred_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
+from flexmbd.multibody.kernels.forward_dynamics.face import deform_face
 from flexmbd.multibody.kernels.forward_dynamics.interface_elimination import (
     add_child_inertia,
     child_bias_wrench,
@@ -61,6 +62,8 @@ def deform_interface(plan, aw, slot, x, v, w):
     ``w`` is that of B.  The frame is as in ``recursion.deform_frame``.
     """
     f = aw.interface_frame[slot]
+    if plan.frame_of[f, at.FRAME_STRAIN] >= 0:
+        return deform_face(plan, aw, slot, x, v, w)
     fixed = plan.frames[f]
     row = aw.interface[slot]
     tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
@@ -129,7 +132,7 @@ def eliminate_modes(plan, aw, k):
     b = sub9(skew(load3(row, to.B_FIRST)), b)
     m = sub6((mass, 0.0, 0.0, mass, 0.0, mass), m)
     if info[to.F_COUNT] > 0:
-        return add_child_inertia(plan, aw, k, a, b, m)
+        return add_child_inertia(aw, k, a, b, m)
     return a, b, m
 
 
@@ -144,7 +147,7 @@ def modal_wrench(plan, aw, k, share):
     bias = aw.bias[k]
     torque, force = modes_wrench(aw.table[k, COUPLING : COUPLING + 6], bias, n)
     if info[to.F_COUNT] > 0:
-        more_torque, more_force = child_bias_wrench(plan, aw, k, share)
+        more_torque, more_force = child_bias_wrench(aw, k, share)
         torque = add3(torque, more_torque)
         force = add3(force, more_force)
     return torque, force
@@ -156,7 +159,7 @@ def accelerate_modes(plan, aw, k, angular, linear, share, a):
     info = aw.flex[k]
     n = info[to.F_MODES]
     qv = plan.tree[info[to.F_BODY], at.MODAL_V]
-    modal = plan.modal
+    modal = aw.interface_rows
     qdd = a[qv : qv + n]
     free_modal_accelerations(aw.table[k, COUPLING : COUPLING + 6], aw.bias[k], n, angular, linear, qdd)
     count = info[to.F_COUNT]
@@ -169,11 +172,11 @@ def accelerate_modes(plan, aw, k, angular, linear, share, a):
         wrench = load6(aw.load[k, 2], 6 * s)
         turn = rotate_back(load9(row, to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
         force = (-wrench[3], -wrench[4], -wrench[5])
-        add_frame_forces(modal, interface_modes(plan, aw, slot), n, force, turn, qdd)
+        add_frame_forces(modal, interface_modes(aw, slot), n, force, turn, qdd)
     for s in range(count):
         slot = info[to.F_FIRST] + s
         row = aw.interface[slot]
-        shift, theta_rate2 = modal_sum(modal, interface_modes(plan, aw, slot), n, qdd)
+        shift, theta_rate2 = modal_sum(modal, interface_modes(aw, slot), n, qdd)
         dw = add3(angular, rotate(load9(row, to.I_TURN), theta_rate2))
         d = add3(linear, add3(cross3(angular, load3(row, to.I_P)), shift))
         dw = add3(dw, scale3(share, load3(row, to.I_BIAS_ANGULAR)))

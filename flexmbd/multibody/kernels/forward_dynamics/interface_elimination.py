@@ -9,7 +9,7 @@ With I = L L^T, where the free direction of a hinge leaves a column of zeros,
 a_0 the acceleration without the wrenches: S, six rows a child, is symmetric with eigenvalues of at least one, and is
 all that is factored (Woodbury's identity).  Rotation rows of the modes give rates of the frame's rotation vector theta,
 of which J_l(theta) makes angular velocities; so Gamma = J Gamma_0 with Gamma_0 constant, and K = J^T L takes the place
-of L.
+of L.  On a face that turns by finite angles Gamma itself changes with the modes, and J is the identity.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import math
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, load9, rotate_back, store3
 from flexmbd.multibody.kernels.algebra.spatial import add6, load6, scale6, store6, subtract_outer
-from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.modes import three_sums
@@ -30,9 +29,9 @@ _FREE_PIVOT = 1e-13
 
 
 @kernel
-def interface_modes(plan, aw, slot):
-    """Offset of an interface's mode rows in Plan.modal."""
-    return plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
+def interface_modes(aw, slot):
+    """Offset of an interface's mode rows in ArticulatedWork.interface_rows."""
+    return 6 * aw.bias.shape[1] * slot
 
 
 @kernel
@@ -180,7 +179,7 @@ def _times(matrix, v):
 
 
 @kernel
-def add_child_inertia(plan, aw, k, a, b, m):
+def add_child_inertia(aw, k, a, b, m):
     """Add to the inertia (a, b, m) of body k that of its children, modes eliminated: Y^T L S^-1 L^T Y.
 
     Leaves the factors for `child_bias_wrench` and `interface_wrenches`.
@@ -198,10 +197,10 @@ def add_child_inertia(plan, aw, k, a, b, m):
         coupled = aw.coupled[k, o : o + 6]
         _factor_inertia(row, aw.scratch6, root)
         _turn_factor(load9(row, to.I_TURN), root, turned)
-        modes = interface_modes(plan, aw, first + s)
+        modes = interface_modes(aw, first + s)
         for i in range(6):
             # mode rows are translations first, wrenches and accelerations here angular first
-            store3(coupled[i], 0, three_sums(plan.modal, modes + n * ((i + 3) % 6), rotations, n))
+            store3(coupled[i], 0, three_sums(aw.interface_rows, modes + n * ((i + 3) % 6), rotations, n))
         _put_response(load3(row, to.I_P), root, turned, coupled, aw.response[k, o : o + 6])
         for r in range(s + 1):
             other = aw.turned_root[k, 6 * r : 6 * r + 6]
@@ -260,7 +259,7 @@ def _put_free_acceleration(aw, k, s, linear, angular, share):
 
 
 @kernel
-def child_bias_wrench(plan, aw, k, share):
+def child_bias_wrench(aw, k, share):
     """(torque, force) about B that the children of body k require at y = 0, directly and through the modes.
 
     ``share``: of the children's bias accelerations, zero for a solve with the factors.
@@ -277,7 +276,7 @@ def child_bias_wrench(plan, aw, k, share):
         torque = add3(torque, one)
         force = add3(force, other)
     for s in range(info[to.F_COUNT]):
-        linear, angular = modal_sum(plan.modal, interface_modes(plan, aw, info[to.F_FIRST] + s), n, acceleration)
+        linear, angular = modal_sum(aw.interface_rows, interface_modes(aw, info[to.F_FIRST] + s), n, acceleration)
         _put_free_acceleration(aw, k, s, linear, angular, share)
     schur = aw.schur[k]
     free = aw.load[k, 1]

@@ -29,6 +29,7 @@ from flexmbd.multibody.kernels.base.row_blocks import (
 )
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.flexible import accelerate_modes
+from flexmbd.multibody.kernels.forward_dynamics.interface_elimination import interface_modes
 from flexmbd.multibody.kernels.forward_dynamics.inward import propagate_forces
 from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import FORCE, OVER
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, load_relative, relative_pose
@@ -223,5 +224,5 @@ def _propagate_row_modes(plan, aw, paths, i, k):
     for slot in range(first, first + aw.flex[k, to.F_COUNT]):
         wrench = load6(aw.interface[slot], to.I_TORQUE)
         turn = rotate_back(load9(aw.interface[slot], to.I_TURN), (-wrench[0], -wrench[1], -wrench[2]))
-        modes = plan.frame_of[aw.interface_frame[slot], at.FRAME_MODES]
-        add_frame_forces(plan.modal, modes, n, (-wrench[3], -wrench[4], -wrench[5]), turn, joint_force)
+        modes = interface_modes(aw, slot)
+        add_frame_forces(aw.interface_rows, modes, n, (-wrench[3], -wrench[4], -wrench[5]), turn, joint_force)

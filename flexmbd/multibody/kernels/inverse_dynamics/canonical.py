@@ -13,6 +13,7 @@ changes in T is seen at the joint alone, from the momentum of all that lies beyo
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.jacobian_derivatives import left_jacobian_torque_derivative
+from flexmbd.multibody.kernels.algebra.polar_decomposition import face_matrix, polar_torque, polar_torque_derivative
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     cross3,
@@ -38,11 +39,13 @@ from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
 )
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
     backward_forces,
+    face_of,
     forward_kinematics,
     frame_motion,
     load_rotors,
 )
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy, elastic_forces
+from flexmbd.multibody.kernels.physics.face_modes import add_face_forces, add_translation_forces, strain_sum
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import is_free, joint_force, joint_motion
@@ -190,6 +193,9 @@ def _pass_momentum(plan, work, f, v, l_F, h_F, wrench, p, out):
 @deferred_kernel()
 def _pass_momentum_to_modes(plan, work, f, v, l_B, h_B, p, out):
     """The part of the modes in ``_pass_momentum`` at a frame that deforms, momenta in the body's axes."""
+    if plan.frame_of[f, at.FRAME_STRAIN] >= 0:
+        _pass_momentum_to_face(plan, work, f, v, l_B, h_B, p, out)
+        return
     row = work.frame[f]
     b = plan.frame_of[f, at.FRAME_BODY]
     o = plan.frame_of[f, at.FRAME_MODES]
@@ -214,6 +220,30 @@ def _pass_momentum_to_modes(plan, work, f, v, l_B, h_B, p, out):
         r0, r1, r2 = modal[o + 3 * n + k], modal[o + 4 * n + k], modal[o + 5 * n + k]
         p[qv + k] += t0 * l_B[0] + t1 * l_B[1] + t2 * l_B[2] + r0 * turn[0] + r1 * turn[1] + r2 * turn[2]
         out[qv + k] += t0 * slide[0] + t1 * slide[1] + t2 * slide[2] + r0 * twist[0] + r1 * twist[1] + r2 * twist[2]
+
+
+@deferred_kernel()
+def _pass_momentum_to_face(plan, work, f, v, l_B, h_B, p, out):
+    """`_pass_momentum_to_modes` at a frame that its face turns."""
+    row = work.frame[f]
+    b = plan.frame_of[f, at.FRAME_BODY]
+    o = plan.frame_of[f, at.FRAME_MODES]
+    body = work.body[b]
+    tree = plan.tree[b]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    own_p, own = p[tree[at.MODAL_V] : tree[at.MODAL_V] + n], out[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
+    qd = v[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
+    w, relative = load3(body, at.B_W), load3(row, at.F_W)
+    speed = add3(load3(body, at.B_V), add3(cross3(w, load3(row, at.F_P)), load3(row, at.F_V)))
+    spun = add3(cross3(speed, l_B), cross3(add3(w, relative), h_B))
+    F, R, solver = face_of(plan, work, f)
+    _, theta_rate = modal_sum(plan.modal, o, n, qd)
+    rate = face_matrix(theta_rate, strain_sum(plan.modal, plan.frame_of[f, at.FRAME_STRAIN], n, qd))
+    add_translation_forces(plan.modal, o, n, l_B, own_p)
+    add_face_forces(plan.modal, o, n, 1.0, polar_torque(solver, R, h_B), own_p)
+    add_translation_forces(plan.modal, o, n, cross3(w, l_B), own)
+    add_face_forces(plan.modal, o, n, 1.0, polar_torque(solver, R, spun), own)
+    add_face_forces(plan.modal, o, n, -1.0, polar_torque_derivative(solver, F, R, h_B, rate, relative), own)
 
 
 @kernel

@@ -7,6 +7,15 @@ that the motion requires (eq. 71), a wrench on a flexible parent's interface goi
 
 from __future__ import annotations
 
+from flexmbd.multibody.kernels.algebra.polar_decomposition import (
+    face_matrix,
+    face_motion,
+    polar_rotation,
+    polar_solver,
+    polar_spin,
+    polar_spin_rate,
+    polar_torque,
+)
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     compose,
@@ -25,10 +34,12 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store9,
     sub3,
 )
+from flexmbd.multibody.kernels.algebra.spatial import load6, store6
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import elastic_forces
+from flexmbd.multibody.kernels.physics.face_modes import add_face_forces, add_translation_forces, strain_sum
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces, modal_sum
 from flexmbd.multibody.kernels.physics.gyroscopic import rotor_forces
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
@@ -43,6 +54,9 @@ def deform_frame(plan, work, f, x, v, a):
     The modes turn the frame by exp(theta), theta = Psi_r q; its angular velocity J_l(theta)
     d theta/dt is exact, so that forces do the work that the motion shows.
     """
+    if plan.frame_of[f, at.FRAME_STRAIN] >= 0:
+        _deform_face(plan, work, f, x, v, a)
+        return
     o = plan.frame_of[f, at.FRAME_MODES]
     tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
@@ -62,6 +76,45 @@ def deform_frame(plan, work, f, x, v, a):
         at.F_DW,
         add3(left_jacobian(theta, theta_rate2), left_jacobian_rate(theta, theta_rate)),
     )
+
+
+@deferred_kernel()
+def _deform_face(plan, work, f, x, v, a):
+    """`deform_frame` of a frame that its face turns by the polar rotation of its motion."""
+    o = plan.frame_of[f, at.FRAME_MODES]
+    s = plan.frame_of[f, at.FRAME_STRAIN]
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    q = x[tree[at.MODAL_X] : tree[at.MODAL_X] + n]
+    qd, qdd = v[tree[at.MODAL_V] : tree[at.MODAL_V] + n], a[tree[at.MODAL_V] : tree[at.MODAL_V] + n]
+    fixed, row = plan.frames[f], work.frame[f]
+    shift, theta = modal_sum(plan.modal, o, n, q)
+    velocity, theta_rate = modal_sum(plan.modal, o, n, qd)
+    acceleration, theta_rate2 = modal_sum(plan.modal, o, n, qdd)
+    strain = strain_sum(plan.modal, s, n, q)
+    rate = face_matrix(theta_rate, strain_sum(plan.modal, s, n, qd))
+    rate2 = face_matrix(theta_rate2, strain_sum(plan.modal, s, n, qdd))
+    F = face_motion(theta, strain)
+    R = polar_rotation(F)
+    solver = polar_solver(F, R)
+    spin = polar_spin(solver, R, rate)
+    store3(row, at.F_P, add3(load3(fixed, at.FRAME_P), shift))
+    store9(row, at.F_R, compose(R, load9(fixed, at.FRAME_R)))
+    store3(row, at.F_THETA, theta)
+    store6(row, at.F_STRAIN, strain)
+    store3(row, at.F_V, velocity)
+    store3(row, at.F_W, spin)
+    store3(row, at.F_A, acceleration)
+    store3(row, at.F_DW, polar_spin_rate(solver, F, R, rate, rate2, spin))
+
+
+@kernel
+def face_of(plan, work, f):
+    """F, R and the solver (`polar_solver`) of a face, from its work row."""
+    row = work.frame[f]
+    F = face_motion(load3(row, at.F_THETA), load6(row, at.F_STRAIN))
+    R = compose_back(load9(row, at.F_R), load9(plan.frames[f], at.FRAME_R))
+    return F, R, polar_solver(F, R)
 
 
 @kernel
@@ -246,8 +299,20 @@ def _load_modes(plan, work, f, force, torque, out):
     tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
     qv = tree[at.MODAL_V]
+    if plan.frame_of[f, at.FRAME_STRAIN] >= 0:
+        _load_face(plan, work, f, n, force, torque, out[qv : qv + n])
+        return
     turn = left_jacobian_transposed(load3(work.frame[f], at.F_THETA), torque)
     add_frame_forces(plan.modal, plan.frame_of[f, at.FRAME_MODES], n, force, turn, out[qv : qv + n])
+
+
+@deferred_kernel()
+def _load_face(plan, work, f, n, force, torque, out):
+    """`_load_modes` of a frame that its face turns."""
+    o = plan.frame_of[f, at.FRAME_MODES]
+    _, R, solver = face_of(plan, work, f)
+    add_translation_forces(plan.modal, o, n, force, out)
+    add_face_forces(plan.modal, o, n, 1.0, polar_torque(solver, R, torque), out)
 
 
 @kernel

@@ -5,11 +5,15 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
+from flexmbd.multibody.kernels.physics.energy_polynomial import add_polynomial_forces, polynomial_energy
 
 
 @summing_kernel
 def elastic_forces(modal, flex, q, qd, scratch, out):
-    """Add the modal forces of deformation and its rate, K q + D qd and those of `stretch`; ``scratch`` (n,)."""
+    """Add the modal forces of deformation and its rate: K q + D qd, those of `stretch` or of the energy's polynomial.
+
+    ``scratch``: (n,).
+    """
     n = flex[at.N_MODES]
     k0 = flex[at.MODAL_STIFFNESS]
     d0 = flex[at.MODAL_DAMPING]
@@ -44,6 +48,8 @@ def elastic_forces(modal, flex, q, qd, scratch, out):
         force = e + s
         for i in range(n):
             out[i] += s * slope[i] + force * scratch[i]
+    if flex[at.POLYNOMIAL] >= 0:
+        add_polynomial_forces(modal, flex, q, 1.0, out)
 
 
 @entry_kernel
@@ -54,7 +60,7 @@ def add_elastic_forces(plan, flex, q, qd, scratch, out):
 
 @deferred_kernel(NUMBER)
 def elastic_energy(plan, flex, q):
-    """Strain energy: K q^2 / 2, and of each membrane strain e + s of `stretch` ((e + s)^2 - e^2) / 2."""
+    """Strain energy (J): K q^2 / 2, of each strain e + s of `stretch` ((e + s)^2 - e^2) / 2, and the polynomial."""
     modal = plan.modal
     k0 = flex[at.MODAL_STIFFNESS]
     energy = 0.0
@@ -63,7 +69,16 @@ def elastic_energy(plan, flex, q):
     for row in range(flex[at.N_STRETCH]):
         _, _, e, s = stretch(plan, flex, q, row)
         energy += 0.5 * s * (2.0 * e + s)
+    if flex[at.POLYNOMIAL] >= 0:
+        energy += polynomial_energy(modal, flex, q)
     return energy
+
+
+@entry_kernel
+def strain_energies(plan, flex, rows, o, out):
+    """out[k] = `elastic_energy` (J) of the body whose modal coordinates stand from ``o`` in row k of ``rows``."""
+    for k in range(rows.shape[0]):
+        out[k] = elastic_energy(plan, flex, rows[k, o : o + flex[at.N_MODES]])
 
 
 @kernel

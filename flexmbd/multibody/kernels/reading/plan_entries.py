@@ -74,6 +74,12 @@ def membrane_strains_of(flex):
 
 
 @kernel
+def has_polynomial(flex):
+    """Whether the strain energy of a flexible body has cubic and quartic terms."""
+    return flex[at.POLYNOMIAL] >= 0
+
+
+@kernel
 def driven_place(driven):
     """Entries in x and in v of a prescribed coordinate."""
     return driven[at.DRIVEN_X], driven[at.DRIVEN_V]

@@ -147,6 +147,11 @@ def membrane_stretches(plan: Plan) -> Iterator[MembraneStretch]:
         yield MembraneStretch(place.x, place.v, stored[:, :n].copy(), second)
 
 
+def mode_places(first: int, modes: FloatArray) -> tuple[int, int]:
+    """Offsets of the rows of a frame's modes (6, n) or (12, n) that begin at ``first``: motion, and strain or -1."""
+    return first, (first + modes[:6].size if len(modes) == 12 else -1)
+
+
 def move_frames(extended: Plan, plan: Plan, p: FloatArray, R: FloatArray) -> None:
     """Bring the frames of ``with_frame(plan, ...)`` up to date with those of ``plan``, its last at p (3,), R (3, 3)."""
     extended.frames[:-1] = plan.frames
@@ -161,12 +166,13 @@ def with_frame(plan: Plan, row: int, p: FloatArray, R: FloatArray, modes: FloatA
         row: of the link that carries the frame, -1 the ground.
         p: (3,) m, its place in the undeformed body.
         R: (3, 3) rotation from its axes to the body's.
-        modes: (6, n) its displacement and rotation per unit modal coordinate; None where it does not deform.
+        modes: (6, n) its displacement and rotation per unit modal coordinate, or (12, n) with its face's strain; None
+            where it does not deform.
     """
     place = np.concatenate([p, R.ravel()])
-    first = -1 if modes is None else len(plan.modal)
+    places = (-1, -1) if modes is None else mode_places(len(plan.modal), modes)
     return plan.replace(
         frames=np.vstack([plan.frames, place]),
-        frame_of=np.vstack([plan.frame_of, [row, first]]),
+        frame_of=np.vstack([plan.frame_of, [row, *places]]),
         modal=plan.modal if modes is None else np.concatenate([plan.modal, modes.ravel()]),
     )

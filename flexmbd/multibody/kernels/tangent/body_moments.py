@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
+from flexmbd.multibody.kernels.physics.energy_polynomial import add_polynomial_tangent
 from flexmbd.multibody.kernels.physics.gyroscopic import momentum_slope, rotor_momentum
 from flexmbd.multibody.kernels.physics.inertial_forces import rigid_second_moment
 from flexmbd.multibody.kernels.physics.modal_moments import FORCE, add_pair_products, first_moments, sum_pairs
@@ -208,7 +209,7 @@ def _particle_matrix(W, w, per_x, per_v):
 
 @kernel
 def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
-    """Add body i's own modes by its own modes: inertia, stiffness, damping, stretch."""
+    """Add body i's own modes by its own modes: inertia, stiffness, damping, stretch or polynomial."""
     tree = plan.tree[i]
     flex = plan.flex[tree[at.FLEX]]
     modal = plan.modal
@@ -229,6 +230,8 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
                 row[k] += per_v * modal[damping + n * j + k]
     for s in range(flex[at.N_STRETCH]):
         _add_stretch_block(plan, flex, q, s, per_x, first, tw.mode_moments[0], matrix)
+    if flex[at.POLYNOMIAL] >= 0:
+        add_polynomial_tangent(modal, flex, q, per_x, tw.second, first, matrix)
 
 
 @kernel

@@ -15,6 +15,12 @@ from flexmbd.multibody.kernels.algebra.jacobian_derivatives import (
     scale9,
     skew,
 )
+from flexmbd.multibody.kernels.algebra.polar_decomposition import (
+    face_matrix,
+    polar_column,
+    polar_derivatives,
+    polar_torque_derivative,
+)
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     compose,
@@ -29,11 +35,13 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import face_of, frame_motion
+from flexmbd.multibody.kernels.physics.face_modes import add_face_forces, strain_of, strain_sum
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.joints import joint_column
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 
+_ZERO = (0.0, 0.0, 0.0)
 
 @kernel
 def composite_change(row, turn, turn2, alpha):
@@ -192,6 +200,9 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
 
     Adds to the modes' wrenches and feelings, and to the block of the body's own modes; overwrites ``tw.mode_moments``.
     """
+    if plan.frame_of[f, at.FRAME_STRAIN] >= 0:
+        face_columns(plan, work, tw, f, row, v, a, per_x, per_v, per_a, matrix)
+        return
     tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
     o = plan.frame_of[f, at.FRAME_MODES]
@@ -240,19 +251,76 @@ def frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, matrix):
             add3(rotate(T2, t), cross3(a_F, phi)),
             add3(scale3(2.0, cross3(v_F, turn)), cross3(c, turn2)),
         )
-        store_column(tw.edge_twist, 0, edge + k, angular)
-        store_column(tw.edge_twist, 3, edge + k, at_o)
-        store_column(tw.edge_motion, 0, edge + k, turn)
-        store_column(tw.edge_motion, 3, edge + k, turn2)
-        store_column(tw.edge_motion, 6, edge + k, alpha)
-        store_column(tw.edge_motion, 9, edge + k, rate)
-        change, moment = _add_column(tw.wrench, tw.projection, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
-        # the lever and the axes of the modes' own share go with the frame
-        moment = add3(moment, scale3(per_x, cross3(force, shift)))
-        store_column(tw.mode_moments, 0, k, change)
-        store_column(tw.mode_moments, 3, k, moment)
+        _put_edge(tw, row, edge, first, k, per_x, angular, at_o, turn, turn2, alpha, rate, shift)
         store_column(tw.mode_moments, 6, k, scale3(per_x, rotate_back(Q, s)))
     _add_frame_block(plan, tw, f, first, n, matrix)
+
+
+@kernel
+def _put_edge(tw, row, edge, first, k, per_x, angular, at_o, turn, turn2, alpha, rate, shift):
+    """Store the column of mode k at a frame, and what the wrench in ``row`` changes of the modes' own share."""
+    store_column(tw.edge_twist, 0, edge + k, angular)
+    store_column(tw.edge_twist, 3, edge + k, at_o)
+    store_column(tw.edge_motion, 0, edge + k, turn)
+    store_column(tw.edge_motion, 3, edge + k, turn2)
+    store_column(tw.edge_motion, 6, edge + k, alpha)
+    store_column(tw.edge_motion, 9, edge + k, rate)
+    change, moment = _add_column(tw.wrench, tw.projection, row, first + k, per_x, angular, at_o, turn, turn2, alpha)
+    # the lever and the axes of the modes' own share go with the frame
+    moment = add3(moment, scale3(per_x, cross3(load3(row, tl.C_FORCE), shift)))
+    store_column(tw.mode_moments, 0, k, change)
+    store_column(tw.mode_moments, 3, k, moment)
+
+
+@deferred_kernel()
+def face_columns(plan, work, tw, f, row, v, a, per_x, per_v, per_a, matrix):
+    """`frame_columns` of a frame that its face turns; ``work`` holds the motion."""
+    tree = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+    n = plan.flex[tree[at.FLEX], at.N_MODES]
+    o, s = plan.frame_of[f, at.FRAME_MODES], plan.frame_of[f, at.FRAME_STRAIN]
+    modal, first, edge, own = plan.modal, tree[at.MODAL_V], tw.edge_of[f], work.frame[f]
+    body = work.body[plan.frame_of[f, at.FRAME_BODY]]
+    R_WB, w, dw = load9(body, at.B_R), load3(body, at.B_W), load3(body, at.B_DW)
+    p_F, R_F, v_F, _, a_F, _ = frame_motion(plan, work, f)
+    c = sub3(p_F, load3(tw.origin, 0))
+    v_F = sub3(rotate(R_F, v_F), load3(tw.origin, 3))
+    a_F = rotate(R_F, a_F)
+    F, R, solver = face_of(plan, work, f)
+    qd, qdd = v[first : first + n], a[first : first + n]
+    rate_F = face_matrix(modal_sum(modal, o, n, qd)[1], strain_sum(modal, s, n, qd))
+    rate2_F = face_matrix(modal_sum(modal, o, n, qdd)[1], strain_sum(modal, s, n, qdd))
+    derivatives = polar_derivatives(F, R, rate_F, rate2_F, load3(own, at.F_W), load3(own, at.F_DW))
+    torque = rotate_back(R_WB, sub3(load3(row, tl.C_TORQUE), cross3(c, load3(row, tl.C_FORCE))))
+    for k in range(n):
+        t = _modes3(modal, o, n, k)
+        X = face_matrix(_modes3(modal, o + 3 * n, n, k), strain_of(modal, s, n, k))
+        phi, phi1, phi2 = polar_column(solver, derivatives, X)
+        # a vector of the body's axes, and what it becomes in time: its rate is that in the body and w x it
+        turn, turn2 = _in_time(w, dw, phi, phi1, phi2, per_x, per_v, per_a)
+        move, move2 = _in_time(w, dw, t, _ZERO, _ZERO, per_x, per_v, per_a)
+        angular, shift, turn, turn2 = rotate(R_WB, phi), rotate(R_WB, t), rotate(R_WB, turn), rotate(R_WB, turn2)
+        at_o = add3(shift, cross3(c, angular))
+        turned = scale3(per_x, angular)
+        rate = add3(rotate(R_WB, move), add3(cross3(v_F, turned), cross3(c, turn)))
+        alpha = add3(
+            add3(rotate(R_WB, move2), cross3(a_F, turned)),
+            add3(scale3(2.0, cross3(v_F, turn)), cross3(c, turn2)),
+        )
+        _put_edge(tw, row, edge, first, k, per_x, angular, at_o, turn, turn2, alpha, rate, shift)
+        store_column(tw.mode_moments, 6, k, _ZERO)
+        bend = polar_torque_derivative(solver, F, R, torque, X, phi)
+        add_face_forces(modal, o, n, per_x, bend, matrix[first + k, first : first + n])
+    _add_frame_block(plan, tw, f, first, n, matrix)
+
+
+@kernel
+def _in_time(w, dw, u, u1, u2, per_x, per_v, per_a):
+    """Changes of the rates of z u, in B's axes, where z, z', z'' change by per_x, per_v, per_a; u', u'' in B."""
+    spun = add3(cross3(w, u), u1)
+    spun2 = add3(add3(cross3(dw, u), cross3(w, cross3(w, u))), add3(scale3(2.0, cross3(w, u1)), u2))
+    rate = add3(scale3(per_x, spun), scale3(per_v, u))
+    rate2 = add3(add3(scale3(per_x, spun2), scale3(2.0 * per_v, spun)), scale3(per_a, u))
+    return rate, rate2
 
 
 @kernel

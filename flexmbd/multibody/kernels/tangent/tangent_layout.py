@@ -44,6 +44,7 @@ class TangentWork(ArrayStruct):
     edge_twist, edge_motion: twist and motion of the edge columns.
     mode_moments: (30, n) of one body: the rows of a moments' table but its rates, see ``physics.modal_moments``, then
         nine with Phi qd and nine with Phi qdd.
+    second: (n, n) scratch for second derivatives of the strain energy of the bodies whose energy is a polynomial.
     point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
     path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
@@ -66,6 +67,7 @@ class TangentWork(ArrayStruct):
     edge_twist: FloatArray
     edge_motion: FloatArray
     mode_moments: FloatArray
+    second: FloatArray
     point: FloatArray
     path: IntArray
     path_mark: IntArray
@@ -90,11 +92,12 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
     """
     edge_of = np.full(len(plan.frames), -1, np.int64)
     edges = 0
-    for f, (body, modes) in enumerate(plan.frame_of):
+    for f, (body, modes, _) in enumerate(plan.frame_of):
         if modes >= 0:
             edge_of[f] = edges
             edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
+    polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     zeros = np.zeros
     return TangentWork(
@@ -108,6 +111,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         edge_twist=zeros((6, edges)),
         edge_motion=zeros((12, edges)),
         mode_moments=zeros((M_SECOND_RATES + 9, most)),
+        second=zeros((polynomial, polynomial)),
         point=zeros(N_COMPOSITE),
         path=zeros(nv, np.int64),
         path_mark=zeros(nv, np.int64),
