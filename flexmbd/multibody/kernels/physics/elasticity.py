@@ -8,12 +8,21 @@ from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.physics.energy_polynomial import add_polynomial_forces, polynomial_energy
 
 
-@summing_kernel
+@kernel
 def elastic_forces(modal, flex, q, qd, scratch, out):
     """Add the modal forces of deformation and its rate: K q + D qd, those of `stretch` or of the energy's polynomial.
 
     ``scratch``: (n,).
     """
+    # in a kernel of its own: loops beside a call through an address are compiled worse
+    _add_forces(modal, flex, q, qd, scratch, out)
+    if flex[at.POLYNOMIAL] >= 0:
+        add_polynomial_forces(modal, flex, q, 1.0, out)
+
+
+@summing_kernel
+def _add_forces(modal, flex, q, qd, scratch, out):
+    """`elastic_forces` but for the polynomial's."""
     n = flex[at.N_MODES]
     k0 = flex[at.MODAL_STIFFNESS]
     d0 = flex[at.MODAL_DAMPING]
@@ -48,8 +57,6 @@ def elastic_forces(modal, flex, q, qd, scratch, out):
         force = e + s
         for i in range(n):
             out[i] += s * slope[i] + force * scratch[i]
-    if flex[at.POLYNOMIAL] >= 0:
-        add_polynomial_forces(modal, flex, q, 1.0, out)
 
 
 @entry_kernel
