@@ -1,139 +1,155 @@
 """Craig-Bampton reduction of a beam of solids: time and memory against exudyn and NGSolve.
 
-    ./run python benchmarks/reduction.py              # all sizes, 12 to 15 minutes on two cores
-    ./run python benchmarks/reduction.py --quick      # two small meshes, about a minute
-    ./run pip install -e .[benchmark]                 # exudyn and NGSolve, without which their rows are left out
+    ./run python benchmarks/reduction.py                       # 5 000 to 300 000 dofs, some 25 minutes on two cores
+    ./run python benchmarks/reduction.py --sizes 600k 1M --codes flexmbd --ranks 2     # larger ones, one by one
+    ./run python benchmarks/reduction.py --show                # table, growth and picture of all that is kept
+    ./run python benchmarks/reduction.py --quick               # the smallest mesh, nothing is kept
+    ./run pip install -e .[benchmark]                          # exudyn and NGSolve, without which their rows are left out
 
 A box of 1 x 0.05 x 0.05 m in ten-node tetrahedra, both ends rigid, body frame on one of them: 20 modes,
-6 static and 14 fixed-interface ones. All codes get the same tetrahedra (gmsh's, or those of files of
-vertices and ten-node cells, `--meshes`), in memory before the clock starts. Each measurement is a
-process of its own with one thread a rank; compiled forms are in the cache. Time is from the mesh to the
-reduced basis, of flexmbd to the record. Memory is the peak of the process, of all ranks together, its
-libraries and the mesh included. The frequencies of the reduced bodies must agree to 1e-6.
+6 static and 14 fixed-interface ones. All codes get the same tetrahedra, of gmsh and of NETGEN, in memory before the
+clock starts. Each measurement is a process of its own with one thread a rank; compiled forms are in the cache. Time is
+from the mesh to the reduced basis, of flexmbd to the record, its modes counted. Memory is the peak of the process, of
+all ranks together, its libraries and the mesh included. The frequencies of the reduced bodies must agree to 1e-6.
 
 "flexmbd, iterative" takes conjugate gradients with multigrid in the factor's place, which saves memory alone; its
 column "factor" is the making of the multigrid levels.
 
-Writes out_reduction/results.json, docs/pictures/reduction_benchmark.png (not with --quick), and a table.
+Each measurement is kept as a file in benchmarks/results/reduction, in the place of an earlier one of its kind;
+`./run python -m benchmarks reduction` measures what this state has not yet, and writes the page of all.
 """
 
 from __future__ import annotations
 
 import argparse
-import datetime as dt
-import importlib.metadata
 import importlib.util
 import itertools
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import reduction_case as case
 import reduction_picture
+import reduction_rows as kept_rows
+import results
 from benchmark import Report
+from reduction_rows import CODES, ITERATIVE, KEPT, OURS, Row
 
 HERE = Path(__file__).resolve().parent
-OURS = "flexmbd"
-# without a factor: slow, so that it is run only with all cores, on some meshes
-ITERATIVE = "flexmbd, iterative"
-# what each peer needs, and whether its modes are converged
-CODES = {"exudyn, scipy": ("exudyn", "ngsolve"), "exudyn, NGSolve": ("exudyn", "ngsolve"), "NGSolve": ("ngsolve",)}
-CONVERGED = ("exudyn, scipy", "NGSolve")
-AGREEMENT = 1e-6
-PATIENCE = 900.0
-MINUTES = 15.0
+PATIENCE = 3600.0
+MINUTES = 25.0
 PEERS: tuple[str, ...] = ("exudyn", "ngsolve")
-# dofs of a mesh that is no small one
-MANY = 30e3
-
-STAGES = ("assembly", "factor", "static", "modes")
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """A mesh file; whether the peers reduce it too; whether it is reduced without a factor as well."""
+class Case:
+    """A measurement: which mesh, by what, on how many ranks."""
 
-    path: Path
-    dofs: int
-    compared: bool
-    iterated: bool = False
+    mesher: str
+    size: str
+    code: str
+    ranks: int
+
+    @property
+    def repeats(self) -> int:
+        """Of which the quickest counts."""
+        return {"5k": 3, "19k": 3, "63k": 2}.get(self.size, 1)
 
 
 def main() -> int:
     arguments = _arguments()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    file = arguments.output / "results.json"
-    if not arguments.redraw:
-        measured: dict[str, Any] = {"machine": _machine(), "rows": []}
-        for row in _measure(arguments):
-            measured["rows"].append(row)
-            # after each, so that --redraw shows what a run that is stopped has measured
-            file.write_text(json.dumps(measured, indent=1))
-    results = json.loads(file.read_text())
-    results["rows"].sort(key=lambda row: row["dofs"])
-    print(f"\n{results['machine']}\n")
-    _tell(results["rows"], Report(arguments.output))
+    report = Report(arguments.output)
+    if arguments.quick:
+        quick(report)
+        return 0
+    if not arguments.show:
+        wanted = list(
+            _cases(arguments.sizes, meshers=arguments.meshers, codes=arguments.codes, ranks=arguments.ranks)
+        )
+        for row in _measured(wanted, arguments.output):
+            kept_rows.keep(row, KEPT)
+    _tell(kept_rows.kept(KEPT), report)
     return 0
 
 
 def quick(report: Report) -> None:
-    """The smallest mesh, flexmbd on one rank and on two and NGSolve, each once."""
-    mesh = min(_meshes(argparse.Namespace(quick=True, meshes=None, output=report.folder)), key=lambda mesh: mesh.dofs)
-    wanted = [(OURS, 1), (OURS, 2), *(("NGSolve", 1) for _ in range("NGSolve" in _peers()))]
-    rows = (_least(code, mesh, repeats=1, ranks=ranks) for code, ranks in wanted)
-    _tell([row for row in rows if row is not None], report)
+    """The smallest mesh of gmsh, flexmbd on one rank and on two and NGSolve, each once."""
+    wanted = [Case("gmsh", "5k", OURS, 1), Case("gmsh", "5k", OURS, 2)]
+    wanted += [Case("gmsh", "5k", "NGSolve", 1) for _ in range("NGSolve" in _peers())]
+    _tell(list(_measured(wanted, report.folder, repeats=1)), report)
 
 
 def full(report: Report) -> None:
-    """All meshes."""
-    rows = list(_measure(argparse.Namespace(quick=False, meshes=None, output=report.folder)))
-    _tell(sorted(rows, key=lambda row: row["dofs"]), report)
+    """What this state of the checkout has not measured yet; told of all that is kept."""
+    commit = results.setting(()).commit
+    there = {
+        kept_rows.path_of(row, KEPT)
+        for row in kept_rows.kept(KEPT)
+        if row["commit"] == commit and not commit.endswith("+")
+    }
+    every = _cases(case.FULL, meshers=case.MESHERS, codes=None, ranks=(1, 2))
+    wanted = [one for one in every if kept_rows.path_of(vars(one), KEPT) not in there]
+    for row in _measured(wanted, report.folder):
+        kept_rows.keep(row, KEPT)
+    _tell(kept_rows.kept(KEPT), report)
 
 
-def _tell(rows: list[dict[str, Any]], report: Report) -> None:
+def _tell(rows: list[Row], report: Report) -> None:
     """Table, ratios, picture; ends where converged frequencies disagree."""
-    report.say(_table(rows))
+    if not rows:
+        raise SystemExit("nothing was measured")
+    for commit, same in itertools.groupby(sorted(rows, key=lambda row: row["commit"]), lambda row: row["commit"]):
+        machines = sorted({row["machine"] for row in same})
+        report.say(f"State {commit}: {'; '.join(machines)}")
     report.say()
-    for claim in _claims(rows):
+    report.table(*kept_rows.HEAD)
+    for row in rows:
+        report.say(kept_rows.line(row))
+    report.say()
+    for claim in (*kept_rows.claims(rows), *kept_rows.growth(rows)):
         report.say(f"- {claim}")
     report.picture("reduction_benchmark.png", partial(reduction_picture.draw, rows))
-    faults = list(_disagreements(rows))
+    faults = list(kept_rows.disagreements(rows))
     if faults:
         raise SystemExit("; ".join(faults))
-    report.say(f"All converged frequencies agree to {AGREEMENT:.0e}.")
+    report.say(f"All converged frequencies agree to {kept_rows.AGREEMENT:.0e}.")
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="the two smallest meshes only, each once")
-    parser.add_argument("--meshes", type=Path, metavar="FOLDER", help="compare on the .npz files in a folder instead")
-    parser.add_argument("--output", type=Path, default=Path("out_reduction"), metavar="FOLDER", help="of the results")
-    parser.add_argument("--redraw", action="store_true", help="table and picture of the last results, nothing measured")
+    parser.add_argument("--quick", action="store_true", help="the smallest mesh only, each once; nothing is kept")
+    parser.add_argument("--sizes", nargs="+", choices=tuple(case.CELL_SIZE), default=case.FULL, help="about the dofs")
+    parser.add_argument("--meshers", nargs="+", choices=case.MESHERS, default=case.MESHERS)
+    parser.add_argument("--codes", nargs="+", choices=(OURS, ITERATIVE, *CODES), help="default: each where it can")
+    parser.add_argument("--ranks", nargs="+", type=int, default=(1, 2), help="of flexmbd")
+    parser.add_argument("--output", type=Path, default=Path("out_reduction"), metavar="FOLDER", help="meshes, picture")
+    parser.add_argument("--show", action="store_true", help="nothing is measured")
     return parser.parse_args()
 
 
-def _measure(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """All rows, printed as they come."""
+def _cases(
+    sizes: Iterable[str], *, meshers: Sequence[str], codes: Sequence[str] | None, ranks: Sequence[int]
+) -> Iterator[Case]:
+    """What can be measured here, small meshes first; codes that are named also on meshes that are large for them."""
     peers = _peers()
-    meshes = sorted(_meshes(arguments), key=lambda mesh: mesh.dofs)
-    # once for nothing, so that every form is compiled
-    _least(OURS, meshes[0], repeats=1, ranks=1)
-    for mesh in meshes:
-        repeats = 1 if arguments.quick or mesh.dofs > 100e3 else 3 if mesh.dofs < MANY else 2
-        wanted = [(OURS, 1), (OURS, 2), *((peer, 1) for peer in peers if mesh.compared)]
-        rows = (_least(code, mesh, repeats=repeats, ranks=ranks) for code, ranks in wanted)
-        yield from (row for row in rows if row is not None)
-    rows = (_least(ITERATIVE, mesh, repeats=1, ranks=2) for mesh in meshes if mesh.iterated)
-    yield from (row for row in rows if row is not None)
+    for size, mesher in itertools.product(sorted(sizes, key=list(case.CELL_SIZE).index), meshers):
+        for code in (OURS, ITERATIVE, *peers):
+            if codes is not None and code not in codes:
+                continue
+            if code == OURS:
+                yield from (Case(mesher, size, code, number) for number in ranks)
+            elif code == ITERATIVE:
+                if codes is not None or size in case.ITERATED:
+                    yield Case(mesher, size, code, max(ranks))
+            elif codes is not None or size in case.COMPARED:
+                yield Case(mesher, size, code, 1)
 
 
 def _peers() -> list[str]:
@@ -147,50 +163,68 @@ def _peers() -> list[str]:
     return found
 
 
-def _meshes(arguments: argparse.Namespace) -> Iterator[Mesh]:
-    sizes = [size for size in case.CELL_SIZE if size in (case.QUICK if arguments.quick else case.FULL)]
-    if arguments.meshes is not None:
-        files = sorted(arguments.meshes.glob("*.npz"))
-        if not files:
-            raise SystemExit(f"{arguments.meshes}: no .npz file with `points` and `tet10`, or `tetrahedra`, is there")
-        counts = [case.count_dofs(path) for path in files]
-        given = [
-            Mesh(path, dofs, True, iterated=dofs > MANY and not arguments.quick)
-            for path, dofs in zip(files, counts, strict=True)
-        ]
-        yield from (mesh for mesh in given if not arguments.quick or mesh.dofs < MANY)
-        sizes = [size for size in sizes if size not in case.COMPARED]
-    for size in sizes:
-        path = arguments.output / f"beam_{size}.npz"
-        case.make_mesh(case.CELL_SIZE[size], path)
-        iterated = case.QUICK[:1] if arguments.quick else case.ITERATED
-        yield Mesh(path, case.count_dofs(path), size in case.COMPARED, size in iterated)
+def _measured(cases: Sequence[Case], folder: Path, *, repeats: int | None = None) -> Iterator[Row]:
+    """The rows, printed as they come."""
+    print(f"| {' | '.join(kept_rows.HEAD)} |", flush=True)
+    warm = False
+    for one in cases:
+        mesh = _mesh_file(one, folder)
+        if mesh is None:
+            continue
+        if not warm:
+            _run(OURS, mesh)  # once for nothing, so that every form is compiled
+            warm = True
+        row = _least(one, mesh, repeats=one.repeats if repeats is None else repeats)
+        if row is not None:
+            print(kept_rows.line(row), flush=True)
+            yield row
 
 
-def _least(code: str, mesh: Mesh, *, repeats: int, ranks: int = 1) -> dict[str, Any] | None:
-    """The quickest of several measurements; of ours with the cost of geometric stiffness beside it."""
-    more = ["iterative"] if code == ITERATIVE else []
-    runs = [_run(code, mesh, *more, ranks=ranks) for _ in range(repeats)]
-    if None in runs:
+def _mesh_file(one: Case, folder: Path) -> Path | None:
+    """The mesh, made where it is not there; None where its mesher is not here."""
+    path = folder / f"{one.mesher}_{one.size}.npz"
+    if path.exists():
+        return path
+    if one.mesher == "netgen" and importlib.util.find_spec("netgen") is None:
+        print(f"NETGEN's mesh of {one.size} is left out: ./run pip install -e .[benchmark] brings NETGEN", flush=True)
         return None
-    row = min((run for run in runs if run), key=lambda run: run["seconds"]["total"])
-    row["code"] = code
-    if code == OURS:
-        whole = [_run(code, mesh, "geometric", ranks=ranks) for _ in range(repeats)]
-        if None not in whole:
-            row["seconds"]["geometric"] = min(run["seconds"]["geometric"] for run in whole if run)
-            row["memory"]["geometric"] = max(run["memory"]["peak"] for run in whole if run)
-    print(_line(row), flush=True)
+    try:
+        case.make_mesh(one.mesher, case.CELL_SIZE[one.size], path)
+    except subprocess.CalledProcessError as error:
+        print(f"{one.mesher}'s mesh of {one.size} is left out: {error.stderr[-300:]}", flush=True)
+        return None
+    return path
+
+
+def _least(one: Case, mesh: Path, *, repeats: int) -> Row | None:
+    """The quickest of several measurements; of ours with the cost of geometric stiffness beside it."""
+    more = ["iterative"] if one.code == ITERATIVE else []
+    setting = results.setting(())
+    row = _quickest(one, mesh, *more, repeats=repeats)
+    if row is None:
+        return None
+    row.update(vars(one), commit=setting.commit, machine=f"{setting.date}, {setting.machine}, load {setting.load:.1f}")
+    if one.code == OURS:
+        whole = _quickest(one, mesh, "geometric", repeats=repeats)
+        if whole is not None:
+            row["seconds"]["geometric"] = max(whole["seconds"]["total"] - row["seconds"]["total"], 0.0)
+            row["memory"]["geometric"] = whole["memory"]["peak"]
     return row
 
 
-def _run(code: str, mesh: Mesh, *more: str, ranks: int = 1) -> dict[str, Any] | None:
+def _quickest(one: Case, mesh: Path, *more: str, repeats: int) -> Row | None:
+    runs = [_run(one.code, mesh, *more, ranks=one.ranks) for _ in range(repeats)]
+    there = [run for run in runs if run is not None]
+    return min(there, key=lambda run: run["seconds"]["total"]) if len(there) == repeats else None
+
+
+def _run(code: str, mesh: Path, *more: str, ranks: int = 1) -> Row | None:
     """One measurement in processes of its own; None where it fails, which is said."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
         own = code in (OURS, ITERATIVE)
         worker = [sys.executable, str(HERE / ("reduction_flexmbd.py" if own else "reduction_peers.py"))]
-        command = [*worker, *([] if own else [code]), str(mesh.path), str(report), *more]
+        command = [*worker, *([] if own else [code]), str(mesh), str(report), *more]
         if ranks > 1:
             command = ["mpirun", "-n", str(ranks), *command]
         one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -202,97 +236,10 @@ def _run(code: str, mesh: Mesh, *more: str, ranks: int = 1) -> dict[str, Any] | 
         except subprocess.TimeoutExpired:
             failure = f"stopped after {PATIENCE:.0f} s"
         if failure or not report.exists():
-            print(f"{code} on {mesh.dofs} dofs and {ranks} ranks failed: {failure or 'no report'}", flush=True)
+            print(f"{code} on {mesh.stem} and {ranks} ranks failed: {failure or 'no report'}", flush=True)
             return None
-        result: dict[str, Any] = json.loads(report.read_text())
+        result: Row = json.loads(report.read_text())
         return result
-
-
-HEAD = "| dofs | code | ranks | K, M | factor | static | modes | rest | total | geometric | memory | + geometric |"
-
-
-def _table(rows: Sequence[dict[str, Any]]) -> str:
-    """In markdown; seconds and MB."""
-    rule = "|" + "---|" * (HEAD.count("|") - 1)
-    return "\n".join([HEAD, rule, *map(_line, rows)])
-
-
-def _line(row: dict[str, Any]) -> str:
-    seconds, memory = row["seconds"], row["memory"]
-    rest = seconds["total"] - sum(seconds.get(stage, 0.0) for stage in STAGES)
-    times = [*(seconds.get(stage) for stage in STAGES), rest, seconds["total"], seconds.get("geometric")]
-    cells = [str(row["dofs"]), row["code"], str(row["ranks"]), *("" if s is None else f"{s:.2f}" for s in times)]
-    cells += ["" if b is None else f"{b / 1e6:.0f}" for b in (memory["peak"], memory.get("geometric"))]
-    return f"| {' | '.join(cells)} |"
-
-
-def _claims(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """What the figures say, in ratios; whole seconds and megabytes are the machine's affair."""
-    ours = {row["dofs"]: row for row in rows if row["code"] == OURS and row["ranks"] == 1}
-    for row in rows:
-        if row["code"] in CODES and row["dofs"] in ours:
-            mine = ours[row["dofs"]]
-            time = row["seconds"]["total"] / mine["seconds"]["total"]
-            memory = mine["memory"]["peak"] / row["memory"]["peak"]
-            yield f"{row['dofs']} dofs: {row['code']} takes {time:.1f} times as long; flexmbd's memory is {memory:.0%}"
-    for dofs, row in ours.items():
-        seconds = row["seconds"]
-        if "geometric" in seconds:
-            yield f"{dofs} dofs: geometric stiffness takes {seconds['geometric'] / seconds['total']:.0%} of the rest"
-    both = {row["dofs"]: row for row in rows if row["code"] == OURS and row["ranks"] == 2}
-    for row in rows:
-        if row["code"] == ITERATIVE and row["dofs"] in both:
-            mine = both[row["dofs"]]
-            time = row["seconds"]["total"] / mine["seconds"]["total"]
-            memory = row["memory"]["peak"] / mine["memory"]["peak"]
-            yield f"{row['dofs']} dofs: without a factor {time:.0f} times the time, {memory:.0%} of the memory"
-    for dofs in sorted(ours.keys() & both.keys()):
-        speedup = ours[dofs]["seconds"]["total"] / both[dofs]["seconds"]["total"]
-        yield f"{dofs} dofs: two ranks are {speedup:.2f} times as fast as one"
-    sizes = sorted(ours)
-    for low, high in itertools.pairwise(sizes):
-        powers = [
-            np.log(ours[high]["seconds"][stage] / ours[low]["seconds"][stage]) / np.log(high / low)
-            for stage in ("total", "factor")
-        ]
-        yield f"from {low} to {high} dofs: the time grows with the power {powers[0]:.2f}, the factor's {powers[1]:.2f}"
-
-
-def _disagreements(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Rows whose frequencies are not those of flexmbd on one rank; methods that stop early are only shown."""
-    first = {row["dofs"]: row for row in rows if row["code"] == OURS and row["ranks"] == 1}
-    for row in rows:
-        if row["dofs"] not in first:
-            yield f"{row['dofs']} dofs: flexmbd has no result"
-            continue
-        ours = first[row["dofs"]]
-        error = float(np.max(np.abs(np.divide(row["frequencies"], ours["frequencies"]) - 1.0)))
-        text = f"{row['dofs']} dofs, {row['code']}, {row['ranks']} ranks: frequencies differ by {error:.1e}"
-        if row["code"] not in (OURS, ITERATIVE, *CONVERGED):
-            print(f"{text}; its eigensolver stops before they are converged")
-        elif not error <= AGREEMENT:
-            yield text
-
-
-def _machine() -> str:
-    names = ("fenics-dolfinx", "exudyn", "ngsolve", "numpy", "scipy")
-    versions = [f"{name} {importlib.metadata.version(name)}" for name in names if _has(name)]
-    cpus = [line.partition(":")[2].strip() for line in _cpu_lines() if line.startswith("model name")]
-    day = dt.date.today().isoformat()
-    return f"{day}, {cpus[0] if cpus else platform.machine()}, {os.cpu_count()} cores; {', '.join(versions)}"
-
-
-def _cpu_lines() -> list[str]:
-    path = Path("/proc/cpuinfo")
-    return path.read_text().splitlines() if path.exists() else []
-
-
-def _has(name: str) -> bool:
-    try:
-        importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return False
-    return True
 
 
 if __name__ == "__main__":

@@ -20,32 +20,51 @@ E, NU, RHO = 2.1e9, 0.3, 7850.0
 FIXED_INTERFACE_MODES = 14
 
 # Size of the tetrahedra (m) by roughly how many dofs they give with a quadratic displacement.
-CELL_SIZE = {"5k": 0.0285, "19k": 0.0172, "63k": 0.0104, "150k": 0.0073, "300k": 0.0057}
-FULL = tuple(CELL_SIZE)
+CELL_SIZE = {
+    "5k": 0.0285, "19k": 0.0172, "63k": 0.0104, "150k": 0.0073, "300k": 0.0057, "600k": 0.00452, "1M": 0.00381,
+}  # fmt: skip
+FULL = ("5k", "19k", "63k", "150k", "300k")
 COMPARED = ("5k", "19k", "63k")
 ITERATED = ("63k", "300k")
-QUICK = ("5k", "19k")
+MESHERS = ("gmsh", "netgen")
 
 
-def make_mesh(h: float, path: Path) -> None:
-    """Mesh the beam by gmsh and write its vertices and straight tetrahedra; in a process of its own.
+def make_mesh(mesher: str, h: float, path: Path) -> None:
+    """Mesh the beam and write its vertices and straight tetrahedra; in a process of its own.
 
     Args:
+        mesher: of MESHERS.
         h: size of the cells, m.
         path: of the .npz file.
     """
     code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import reduction_case as c; "
-    code += f"c.write_beam({h!r}, {str(path)!r})"
-    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+    code += f"c.WRITERS[{mesher!r}]({h!r}, {str(path)!r})"
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
 
 
-def write_beam(h: float, path: str) -> None:
+def write_by_netgen(h: float, path: str) -> None:
+    """The work of `make_mesh`, which loads NETGEN."""
+    from netgen.csg import CSGeometry, OrthoBrick, Pnt
+
+    geometry = CSGeometry()
+    half = WIDTH / 2
+    geometry.Add(OrthoBrick(Pnt(0, -half, -half), Pnt(LENGTH, half, half)))
+    mesh = geometry.GenerateMesh(maxh=h)
+    points = np.array([tuple(point.p) for point in mesh.Points()])
+    cells = np.array([[vertex.nr - 1 for vertex in cell.vertices] for cell in mesh.Elements3D()])
+    np.savez(path, points=points, tetrahedra=cells)
+
+
+def write_by_gmsh(h: float, path: str) -> None:
     """The work of `make_mesh`, which loads gmsh and DOLFINx."""
     from flexmbd import meshes
     from flexmbd.continuum.compat import cell_nodes
 
     mesh = meshes.beam(LENGTH, WIDTH, WIDTH, h=h, degree=1).mesh
     np.savez(path, points=mesh.geometry.x, tetrahedra=cell_nodes(mesh))
+
+
+WRITERS = {"gmsh": write_by_gmsh, "netgen": write_by_netgen}
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -1,14 +1,14 @@
 """One measurement of flexmbd's reduction: `python reduction_flexmbd.py mesh.npz report.json [geometric] [iterative]`.
 
-Runs under mpirun as well. Started by reduction.py.
+Runs under mpirun as well. Started by reduction.py. The stages are those that the progress bar shows.
 """
 
 from __future__ import annotations
 
-import importlib
+import itertools
 import sys
+import time
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -19,40 +19,58 @@ from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import Solver, craig_bampton
-
-# The functions whose time makes the columns of the table; those of geometric stiffness run only where that is wanted.
-STAGES = (
-    ("flexmbd.reduction.static_shapes.interior_stiffness", "_factor", "factor"),
-    ("flexmbd.reduction.static_shapes.interior_stiffness", "_iteration", "factor"),
-    ("flexmbd.reduction.static_shapes.interior_stiffness", "continued", "static"),
-    ("flexmbd.reduction.modes.fixed_modes", "fixed_interface_modes", "modes"),
-    ("flexmbd.reduction.optional_groups", "responses", "geometric"),
-    ("flexmbd.reduction.stiffening.stretch_modes", "stretch_modes", "geometric"),
-    ("flexmbd.reduction.stiffening.geometric_stiffness", "stiffening", "geometric"),
-)
+from flexmbd.reduction.stages import Stages
 
 
-def main(mesh_file: str, report_file: str, *, geometric: bool, solver: Solver) -> None:
+class Clock:
+    """When each stage began, and the peak of the memory by then, of all ranks together."""
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm = comm
+        self._marks: list[tuple[str, float, int]] = []
+
+    def begin(self, name: str) -> None:
+        """A stage begins, or with "end" the last one ends. Collective."""
+        memory = self._comm.allreduce(case.peak_memory())
+        self._marks.append((name, time.perf_counter(), memory))
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """By stage, and the total."""
+        found = {name: end - begin for (name, begin, _), (_, end, _) in itertools.pairwise(self._marks)}
+        return {**found, "total": sum(found.values())}
+
+    @property
+    def memory(self) -> dict[str, int]:
+        """Bytes: the peak before the first stage, at the end of each, and of all."""
+        found = {name: memory for (name, _, _), (_, _, memory) in itertools.pairwise(self._marks)}
+        return {"before": self._marks[0][2], **found, "peak": self._marks[-1][2]}
+
+
+def main(mesh_file: str, report_file: str, *, geometric: bool, solver: Solver | None) -> None:
     comm = MPI.COMM_WORLD
-    watch = case.Stopwatch(comm.barrier)
-    for module, function, name in STAGES:
-        _instrument(watch, module, function, name)
+    clock = Clock(comm)
+
+    class Watched(Stages):
+        def begin(self, name: str) -> None:
+            clock.begin(name)
+
+    Stages.begin = Watched.begin  # type: ignore[method-assign]
     mesh = _mesh(comm, mesh_file)
-    before = comm.allreduce(case.peak_memory())
-    with watch.stage("total"):
-        with watch.stage("assembly"):
-            steel = solid_linear.Parameters(E=case.E, nu=case.NU, rho=case.RHO)
-            ends = [Interface("start"), Interface("end")]
-            model = ContinuumModel(mesh, solid_linear, steel, degree=2, interfaces=ends)
-        body = craig_bampton(
-            model, modes=case.FIXED_INTERFACE_MODES, frame="start", geometric_stiffness=geometric, solver=solver
-        )
-    peak = comm.allreduce(case.peak_memory())
+    clock.begin("assembly")
+    steel = solid_linear.Parameters(E=case.E, nu=case.NU, rho=case.RHO)
+    ends = [Interface("start"), Interface("end")]
+    model = ContinuumModel(mesh, solid_linear, steel, degree=2, interfaces=ends)
+    body = craig_bampton(
+        model, modes=case.FIXED_INTERFACE_MODES, frame="start", geometric_stiffness=geometric, solver=solver
+    )
+    clock.begin("end")
     report = {
         "dofs": 3 * model.space.dofmap.index_map.size_global,
         "ranks": comm.size,
-        "seconds": watch.seconds,
-        "memory": {"before": before, "peak": peak},
+        "seconds": clock.seconds,
+        "memory": clock.memory,
+        "solver": body.provenance["solver"],
         "frequencies": [float(f) for f in np.sqrt(body.stiffness) / (2.0 * np.pi)],
     }
     if comm.rank == 0:
@@ -66,16 +84,6 @@ def _mesh(comm: MPI.Comm, path: str) -> TaggedMesh:
     return from_arrays(comm, points, cells, degree=1, facet_groups=ends)
 
 
-def _instrument(watch: case.Stopwatch, module: str, function: str, name: str) -> None:
-    """Put a watched function in the place of the function, wherever it was imported to."""
-    original: Any = getattr(importlib.import_module(module), function)
-    watched = watch.watch(original, name)
-    for loaded in [other for key, other in sys.modules.items() if key.startswith("flexmbd")]:
-        for attribute, value in list(vars(loaded).items()):
-            if value is original:
-                setattr(loaded, attribute, watched)
-
-
 if __name__ == "__main__":
-    method = Solver.ITERATIVE if "iterative" in sys.argv[3:] else Solver.DIRECT
+    method = Solver.ITERATIVE if "iterative" in sys.argv[3:] else None
     main(sys.argv[1], sys.argv[2], geometric="geometric" in sys.argv[3:], solver=method)

@@ -66,13 +66,14 @@ def test_work_and_precision(drawn):
 def test_reductions(drawn):
     one = ("flexmbd", "exudyn, scipy", "exudyn, NGSolve", "NGSolve")
     codes = [*((code, 1) for code in one), ("flexmbd", 2), ("flexmbd, iterative", 2)]
+    stages = ("assembly", "factor", "static shapes", "responses to loads", "modes", "projection")
     rows = [
         {
-            "code": code, "ranks": ranks, "dofs": n,
-            "seconds": {"total": n * 1e-4, "factor": n * 1e-5, "geometric": n * 2e-5},
-            "memory": {"peak": n * 1e4, "geometric": n * 1e4},
+            "mesher": mesher, "code": code, "ranks": ranks, "dofs": n,
+            "seconds": {"total": n * 1e-4, "geometric": n * 2e-5} | {name: n * 1e-5 for name in stages},
+            "memory": {"peak": n * 1e4},
         }
-        for code, ranks in codes for n in (5e3, 2e4, 3e5)
+        for mesher in ("gmsh", "netgen") for code, ranks in codes for n in (5e3, 2e4, 1e6)
     ]  # fmt: skip
     figure = drawn("reduction_picture", rows)
     assert_clear(figure)
