@@ -106,6 +106,8 @@ def _losses_of_extras(body: ReducedBody, capabilities: Capabilities) -> list[str
         losses.append("the inertia of large motions: the file holds the body near its undeformed place")
     if not capabilities.stiffening and (body.stretch is not None or body.geometric is not None):
         losses.append("stiffening by load and by spinning")
+    if body.nonlinear is not None:
+        losses.append("the strain energy of large displacements: the body in the file is linear")
     if not capabilities.nodes and body.modes is not None:
         losses.append("the modes at the mesh's nodes")
     if not capabilities.stress and body.stress is not None:

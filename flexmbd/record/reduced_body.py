@@ -174,6 +174,8 @@ class ReducedBody(PicturedRecord):
         twice = [name for name in ("geometric", "stretch") if getattr(self, name) is not None]
         if twice:
             yield f"it has {' and '.join(twice)} beside nonlinear, which holds that stiffness already"
+        if self.stress is not None:
+            yield "it has stress modes, which are of small displacements, beside nonlinear"
         if len(nonlinear.face_strain) != len(self.interfaces):
             yield f"nonlinear has {len(nonlinear.face_strain)} faces for {len(self.interfaces)} interfaces"
         if nonlinear.energy.size == 1 and not nonlinear.energy[0] >= 0.0:

@@ -267,7 +267,8 @@ def _group_text(group: RecordGroup) -> str:
         case ModalStretch():
             return _count(len(group.strain), "membrane strain")
         case NonlinearStiffness():
-            return f"known up to {group.energy[0]:.6g} J"
+            terms = f"{len(group.cubic)} cubic and {len(group.quartic)} quartic terms"
+            return f"{terms}, compared with the full model up to {group.energy[0]:.4g} J"
         case Gyroscopic():
             return f"angular momentum {_vector(group.momentum, scale=float(np.linalg.norm(group.momentum)))} N m s"
         case DistributedLoads():

@@ -19,6 +19,7 @@ from flexmbd.reduction.damping import KelvinVoigtDamping as KelvinVoigtDamping
 from flexmbd.reduction.damping import ModalDamping as ModalDamping
 from flexmbd.reduction.damping import RayleighDamping as RayleighDamping
 from flexmbd.reduction.guyan import guyan as guyan
+from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives as ModalDerivatives
 from flexmbd.reduction.modes.eigensolver import BlockMethod as BlockMethod
 from flexmbd.reduction.modes.eigensolver import Eigensolver as Eigensolver
 from flexmbd.reduction.modes.eigensolver import KrylovSchur as KrylovSchur

@@ -15,11 +15,14 @@ from flexmbd.errors import ReductionError
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.damping import Damping
+from flexmbd.reduction.large_displacements.basis import NonlinearShapes, nonlinear_shapes
+from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives, check_nonlinear
 from flexmbd.reduction.modes.eigensolver import Eigensolver, chosen_eigensolver
 from flexmbd.reduction.modes.fixed_modes import fixed_interface_modes
 from flexmbd.reduction.modes.free_modes import free_interface_modes
 from flexmbd.reduction.modes.interface_modes import (
     InterfaceModes,
+    InterfaceShapes,
     all_interface_shapes,
     check_interface_modes,
     interface_shapes,
@@ -55,6 +58,7 @@ def craig_bampton(
     eigensolver: Eigensolver | None = None,
     interface_modes: InterfaceModes | None = None,
     residual_vectors: bool = False,
+    nonlinear: ModalDerivatives | None = None,
     progress: bool = False,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
@@ -87,6 +91,8 @@ def craig_bampton(
         residual_vectors: whether the quasi-static response of the modes that are left out, to `loads` and to the
             inertia forces of the body's own motion, is kept as further modes, up to one a load, high ones. Stresses are
             then as good as displacements (`flexmbd.reduction.residual_vectors`).
+        nonlinear: how a body that bends a lot gets a strain energy of degree four and the shapes for it, in the
+            place of geometric stiffness; None: small displacements about a frame that moves. `modes` is a number.
         progress: whether the first rank shows a bar with the stages and the memory that is expected.
 
     Returns:
@@ -116,6 +122,7 @@ def craig_bampton(
         eigensolver=eigensolver,
         interface_modes=interface_modes,
         residual_vectors=residual_vectors,
+        nonlinear=nonlinear,
         progress=progress,
     )
     refuse_no_truth(
@@ -124,13 +131,18 @@ def craig_bampton(
     method = chosen_eigensolver(eigensolver)
     truncation = chosen_truncation(modes)
     contents = Contents(
-        geometric_stiffness=geometric_stiffness,
+        geometric_stiffness=geometric_stiffness and nonlinear is None,
         loads=given,
         damping=damping,
         keep=keep,
         residual_vectors=residual_vectors,
+        nonlinear=nonlinear,
     )
     contents.check(model)
+    if nonlinear is not None:
+        check_nonlinear(model, frame)
+        if truncation.free or interface_modes is not None:
+            raise ReductionError("nonlinear= goes with fixed-interface modes and interfaces that keep their six shapes")
     if interface_modes is not None:
         if model.nodal:
             raise ReductionError(
@@ -244,12 +256,13 @@ def _basis(
                 # beside modes that are no eigenvectors of the fixed body they share mass or energy
                 fixed = ritz_modes(model, fixed.shapes, images=images)
             notes[wanted] = str(len(more.eigenvalues))
-    # the shapes of the first interface were only for the check
-    shapes, forces = statics.moving
-    if choice is not None:
-        shapes, forces = static.shapes[:, 6:] @ kept.change, static.forces[:, 6:] @ kept.change
-    shapes = np.hstack([shapes, fixed.shapes])
-    forces = np.hstack([forces, multiply(model.K, fixed.shapes)])
+        beside = None
+        if contents.nonlinear is not None:
+            stage.begin("modal derivatives")
+            beside = nonlinear_shapes(statics, fixed, contents.loads, choice=contents.nonlinear)
+            notes.update(beside.notes)
+    shapes, forces, rows = _joined_shapes(statics, kept, fixed, choice=choice, beside=beside)
+    added = 0 if beside is None else beside.shapes.shape[1]
     n, interfaces = shapes.shape[1], kept.interfaces
     moved: FloatArray = np.zeros((6 * len(interfaces), n))
     rigid_part: FloatArray = np.zeros((6, n))
@@ -264,10 +277,11 @@ def _basis(
         p=statics.p,
         R=statics.R,
         interfaces=interfaces,
-        rows=kept.frame_rows(statics, n) - moved,
+        rows=rows - moved,
         names=(
             *kept.names,
             *(() if statics.nodal is None else statics.nodal.names),
+            *(f"modal derivative {i + 1}" for i in range(added)),
             *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free, more=wanted.split()[0]),
         ),
         shapes=shapes,
@@ -276,8 +290,32 @@ def _basis(
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
         responses=found,
+        large=None if beside is None else beside.placed(len(kept.names), n),
     )
     return basis, count, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
+
+
+def _joined_shapes(
+    statics: Statics,
+    kept: InterfaceShapes,
+    fixed: eigen.Modes,
+    *,
+    choice: InterfaceModes | None,
+    beside: NonlinearShapes | None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(owned dofs, n) static shapes, modal derivatives and modes, K times them, and the frames' rows (6 b, n)."""
+    K = statics.model.K
+    # the shapes of the first interface were only for the check
+    shapes, forces = statics.moving
+    if choice is not None:
+        shapes, forces = statics.static.shapes[:, 6:] @ kept.change, statics.static.forces[:, 6:] @ kept.change
+    first = shapes.shape[1]
+    if beside is not None:
+        shapes, forces = np.hstack([shapes, beside.shapes]), np.hstack([forces, multiply(K, beside.shapes)])
+    rows = kept.frame_rows(statics, shapes.shape[1] + fixed.shapes.shape[1])
+    if beside is not None:
+        rows[:, first : shapes.shape[1]] = beside.rows
+    return np.hstack([shapes, fixed.shapes]), np.hstack([forces, multiply(K, fixed.shapes)]), rows
 
 
 def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, images: FloatArray) -> eigen.Modes:

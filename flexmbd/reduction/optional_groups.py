@@ -37,6 +37,7 @@ from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalInterfaces, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
+from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives, refuse_other_nonlinear
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
@@ -71,6 +72,7 @@ class Contents:
         damping: of the deformation, or None.
         keep: of the modes on the mesh.
         residual_vectors: of the loads of the body's motion and of `loads`, as modes.
+        nonlinear: the strain energy of large displacements, or None.
     """
 
     geometric_stiffness: bool
@@ -78,6 +80,7 @@ class Contents:
     damping: Damping | None
     keep: Keep
     residual_vectors: bool = False
+    nonlinear: ModalDerivatives | None = None
 
     def check(self, model: LinearModel) -> None:
         """Refuse what does not fit the model. Collective.
@@ -98,6 +101,12 @@ class Contents:
             raise ReductionError(
                 "stress modes have no place for the stress of the loaded state; leave Keep(stress=True) out, and have "
                 "stresses from the prestressed model (stress_field)"
+            )
+        refuse_other_nonlinear(self.nonlinear)
+        if self.nonlinear is not None and self.keep.stress:
+            raise ReductionError(
+                "stress modes are of small displacements, and the stress of a body that bends a lot is not linear: "
+                "leave Keep(stress=True) out, and have stresses from the model (Keep(modes=True))"
             )
         check_loads(model, self.loads)
         check_damping(model, self.damping)

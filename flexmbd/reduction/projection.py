@@ -17,6 +17,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
+from flexmbd.reduction.large_displacements.basis import LargeDisplacements
 from flexmbd.reduction.modes.signs import determined_rotation
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
@@ -41,6 +42,7 @@ class Basis:
             where B is attached.
         projections: (n, fields) shapes^T M w for the rule of the signs.
         responses: to the loads that the record's contents need.
+        large: what a body that bends a lot has besides, or None.
     """
 
     frame: str | None
@@ -55,6 +57,7 @@ class Basis:
     rigid_part: FloatArray
     projections: FloatArray
     responses: Responses
+    large: LargeDisplacements | None = None
 
 
 def project(
@@ -108,6 +111,8 @@ def project(
         R=R,
     )
     parts["provenance"].update(notes)
+    if basis.large is not None:
+        more["nonlinear"], parts["provenance"]["strain energy"] = basis.large.group(modes, parts["partition"])
     return ReducedBody(**parts, **more)
 
 

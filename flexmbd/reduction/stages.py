@@ -13,7 +13,7 @@ from flexmbd.continuum import parallel
 from flexmbd.errors import ReductionError
 
 #: In the order they are gone through.
-STAGES = ("factor", "static shapes", "responses to loads", "modes", "stretch modes", "projection")
+STAGES = ("factor", "static shapes", "responses to loads", "modes", "stretch modes", "modal derivatives", "projection")
 
 
 class Stages:

@@ -75,7 +75,7 @@ def nonlinear_record():
     """One with `nonlinear` in the place of what it replaces."""
     rng = np.random.default_rng(8)
     group = NonlinearStiffness(rng.normal(size=35), rng.normal(size=70), rng.normal(size=(2, 6, 5)), np.array([0.7]))
-    return dataclasses.replace(full_record(), geometric=None, stretch=None, nonlinear=group)
+    return dataclasses.replace(full_record(), geometric=None, stretch=None, stress=None, nonlinear=group)
 
 
 GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress")

@@ -105,6 +105,18 @@ def derivatives_at_rest(terms: Iterable[ufl.Form], u: fem.Function) -> list[fem.
     return _compiled(ufl.replace(_derivative(term, u), zero) for term in terms)
 
 
+def directional_derivatives_at_rest(
+    terms: Iterable[ufl.Form], u: fem.Function, directions: Sequence[fem.Function]
+) -> list[fem.Form]:
+    """Derivatives of linear forms by u along each of several directions, at u = 0: linear forms. Collective."""
+    forms = list(terms)
+    for direction in directions:
+        forms = [ufl.derivative(form, u, direction) for form in forms]
+    zero = {u: ufl.zero(u.ufl_shape)}
+    expanded = [ufl.replace(ufl.algorithms.expand_derivatives(form), zero) for form in forms]
+    return _compiled(form for form in expanded if form.integrals())
+
+
 def assemble(
     forms_by_name: Mapping[str, Sequence[fem.Form]], groups: Sequence[CellGroup], space: fem.FunctionSpace
 ) -> list[PETSc.Mat]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -57,11 +59,17 @@ class StressRecovery:
 
         Raises:
             RecordError: on all ranks: q does not fit, or the modes are not there (see
-                `flexmbd.continuum.finite_elements.recovery.nodal_modes`).
+                `flexmbd.continuum.finite_elements.recovery.nodal_modes`); a body of large displacements, and a
+                formulation whose stress is linear in the displacement.
         """
         modal: FloatArray = np.asarray(q, dtype=np.float64)
         if modal.shape != (body.n_modes,):
             raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
+        if body.nonlinear is not None and self._is_linear:
+            raise RecordError(
+                f"the stress of {self._model.form_name} is that of small displacements, and this body bends a lot: ask "
+                "a model of the same mesh whose form has the stress of large ones, as st_venant_kirchhoff"
+            )
         nodes, model = self._nodes, self._model
         displacement = self._modes_of(body) @ modal
         self._u.x.array[:] = displacement + self._rest
@@ -103,6 +111,14 @@ class StressRecovery:
         """
         self._u.x.array[:] = u
         return self._nodes.average(self._stresses()).reshape(-1, 3, 3)
+
+    @cached_property
+    def _is_linear(self) -> bool:
+        """Whether all stresses are linear in the displacement; not collective."""
+        along = fem.Function(self._model.space)
+        slopes = (ufl.derivative(_tensor(group, self._u), self._u, along) for group in self._model.groups)
+        expanded = map(ufl.algorithms.expand_derivatives, slopes)
+        return not any(self._u in ufl.algorithms.extract_coefficients(slope) for slope in expanded)
 
     def _modes_of(self, body: ReducedBody) -> FloatArray:
         """`nodal_modes`, kept for the body that was asked for last: a film asks for its instants one by one."""

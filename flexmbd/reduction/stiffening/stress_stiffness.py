@@ -23,14 +23,11 @@ over chunks of cells that stay in the cache. Any other density is assembled, one
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from petsc4py import PETSc
 
 import basix
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -40,10 +37,10 @@ from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
-from flexmbd.continuum import compat
-from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
+from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.finite_elements.assembly import assemble, integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.reduction.stiffening.point_gradients import Points, by_node, cell_type, field_gradients, point_gradients
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -87,7 +84,7 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
                 form, field = _directional(term, group, u)
                 total += _assembled(form, field, fields=fields, modes=modes)
             else:
-                points = _Points(model, group.cells, term[1])
+                points = Points(model, group.cells, term[1])
                 total += _contracted(points, tensor, fields=fields, modes=modes)
     if not known:
         return None
@@ -150,7 +147,7 @@ def gradient_tensor(term: IntegralTerm, u: fem.Function) -> FloatArray | None:
     variable = ufl.variable(gradient)
     first = ufl.diff(ufl.replace(local, {gradient: variable}), variable)
     second = ufl.diff(ufl.inner(first, direction), variable)
-    centre = basix.geometry(_cell_type(u.function_space)).mean(axis=0, keepdims=True)
+    centre = basix.geometry(cell_type(u.function_space)).mean(axis=0, keepdims=True)
     # a variable's label differs from call to call, and would have the same code compiled again
     expression = fem.Expression(strip_variables(ufl.algorithms.expand_derivatives(second)), centre)
     tensor: FloatArray | None = None
@@ -198,40 +195,21 @@ def _is_of_gradient(density: ufl.core.expr.Expr, u: fem.Function) -> bool:
     return True
 
 
-def _cell_type(space: fem.FunctionSpace) -> basix.CellType:
-    return basix.CellType[space.mesh.topology.cell_name()]
-
-
-@dataclass(frozen=True, eq=False)
-class _Points:
-    """The points of a rule in some cells.
-
-    Attributes:
-        model: the body.
-        cells: (k,) cells that this rank owns.
-        rule: of the points.
-    """
-
-    model: LinearModel
-    cells: NDArray[np.int32]
-    rule: Quadrature
-
-
 def _contracted(
-    points: _Points, tensor: FloatArray, *, fields: FloatArray, modes: FloatArray
+    points: Points, tensor: FloatArray, *, fields: FloatArray, modes: FloatArray
 ) -> FloatArray:
     """The sum over the cells, (l, n, n), by gradients in the points."""
     # gradients come with the derivative's direction first
     elastic = tensor.reshape((3,) * 4).transpose(1, 0, 3, 2).reshape(9, 9)
     count, n = fields.shape[1], modes.shape[1]
-    of_fields, of_modes = _by_node(fields), _by_node(modes)
+    of_fields, of_modes = by_node(fields), by_node(modes)
     nodes = points.model.space.dofmap.list
     total = np.zeros((count, n, n))
-    for cells, operator, weights in _gradients(points, chunk=_CHUNK // n**2):
+    for cells, operator, weights in point_gradients(points, chunk=_CHUNK // n**2):
         size = weights.size
-        stress = elastic @ _apply(operator, of_fields, nodes[cells]) * weights.reshape(-1, 1, 1)
+        stress = elastic @ field_gradients(operator, of_fields, nodes[cells]) * weights.reshape(-1, 1, 1)
         stress = stress.reshape(size, 3, 3, count)
-        slopes = _apply(operator, of_modes, nodes[cells]).reshape(size, 3, 3, n)
+        slopes = field_gradients(operator, of_modes, nodes[cells]).reshape(size, 3, 3, n)
         for a in range(3):
             for b in range(a, 3):
                 # d_a phi_i . d_b phi_j in each point, for all pairs of modes
@@ -240,52 +218,6 @@ def _contracted(
                 share = stress[:, a, b] if a == b else stress[:, a, b] + stress[:, b, a]
                 total += (share.T @ pairs.reshape(size, n * n)).reshape(count, n, n)
     return 0.5 * (total + total.transpose(0, 2, 1))
-
-
-def _by_node(block: FloatArray) -> FloatArray:
-    """(nodes, 3, k) of a block (dofs, k), its columns together in memory."""
-    return np.ascontiguousarray(block).reshape(len(block) // 3, 3, block.shape[1])
-
-
-def _apply(operator: FloatArray, field: FloatArray, nodes: NDArray[np.int32]) -> FloatArray:
-    """(points of all cells, 9, k) gradients, direction first, of fields (nodes, 3, k)."""
-    k = field.shape[2]
-    gradient = operator @ field[nodes].reshape(*nodes.shape, 3 * k)
-    return gradient.reshape(-1, 9, k)
-
-
-def _gradients(
-    points: _Points, *, chunk: int
-) -> Iterator[tuple[NDArray[np.int32], FloatArray, FloatArray]]:
-    """By chunks of the cells: from nodal values to gradients, and the points' weights.
-
-    Args:
-        points: of a rule in cells.
-        chunk: about how many points to take at a time.
-
-    Yields:
-        Some of the cells; (cells, points * 3, nodes of a cell) derivatives of the basis functions, direction last
-        among the rows; (cells, points) weights, m^3.
-    """
-    mesh, space = points.model.mesh.mesh, points.model.space
-    at, weights = basix.make_quadrature(_cell_type(space), points.rule.degree)
-    shapes = _scalar_derivatives(space.ufl_element(), at)
-    geometry = _scalar_derivatives(mesh.ufl_domain().ufl_coordinate_element(), at)
-    corners, x = compat.cell_nodes(mesh), mesh.geometry.x
-    step = max(1, chunk // len(weights))
-    for start in range(0, len(points.cells), step):
-        cells = points.cells[start : start + step]
-        # [c, q, r, k] = dx_k / dX_r, so that its inverse times d/dX is d/dx
-        jacobian = geometry @ x[corners[cells]][:, None]
-        operator = np.linalg.inv(jacobian) @ shapes
-        volume = np.abs(np.linalg.det(jacobian)) * weights
-        yield cells, operator.reshape(len(volume), -1, shapes.shape[2]), volume
-
-
-def _scalar_derivatives(element: basix.ufl._ElementBase, points: FloatArray) -> FloatArray:
-    """(points, 3, nodes) derivatives of the scalar basis functions on the reference cell."""
-    table: FloatArray = element.sub_elements[0].tabulate(1, points)[1:]
-    return np.ascontiguousarray(table.transpose(1, 0, 2))
 
 
 def _assembled(

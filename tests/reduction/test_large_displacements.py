@@ -1,0 +1,245 @@
+"""Bodies that bend a lot: the energy against the form's own, turned faces, and bent beams against Euler's elastica."""
+
+from dataclasses import replace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from scipy.integrate import solve_bvp
+from scipy.spatial.transform import Rotation
+
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum.finite_elements.recovery import nodal_modes
+from flexmbd.coupling import Coupling
+from flexmbd.errors import RecordError, ReductionError
+from flexmbd.forms import neo_hookean, solid_linear, st_venant_kirchhoff
+from flexmbd.record.strain_polynomial import StrainPolynomial, monomials, places
+from flexmbd.record.turned_face import turned_face
+from flexmbd.reduction import Keep, ModalDerivatives, craig_bampton, prestressed
+from flexmbd.reduction.large_displacements.energy_polynomial import by_derivatives, of_green_strain
+from flexmbd.reduction.large_displacements.force_derivatives import force_derivatives
+
+LENGTH, SIDE, MODULUS = 1.0, 0.04, 2.0e9
+STIFFNESS = MODULUS * SIDE**4 / 12.0
+# bends the beam by 30 % of its length
+FORCE = STIFFNESS / LENGTH**2
+
+
+def beam(form=st_venant_kirchhoff, *, cells=20, nu=0.0, coupling=Coupling.RIGID, material=None):
+    mesh = meshes.block(
+        LENGTH, SIDE, SIDE, divisions=(cells, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF
+    )
+    own = form.Parameters(E=MODULUS, nu=nu, rho=1000.0) if material is None else material
+    ends = [Interface("x_min"), Interface("x_max", coupling=coupling)]
+    return ContinuumModel(mesh, form, own, degree=2, interfaces=ends)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return beam()
+
+
+@pytest.fixture(scope="module")
+def body(model):
+    loads = {"x_max.y": FORCE, "x_max.rz": 0.3 * FORCE * LENGTH}
+    return craig_bampton(model, modes=0, frame="x_min", nonlinear=ModalDerivatives(loads), keep=Keep(modes=True))
+
+
+def polynomial(body):
+    return StrainPolynomial(body.stiffness, body.nonlinear.cubic, body.nonlinear.quartic)
+
+
+def full_energy(model, u):
+    """The form's strain energy, J, assembled by its own rule at a displacement (local dofs,)."""
+    at = fem.Function(model.space)
+    at.x.array[:] = u
+    total = 0.0
+    for group in model.groups:
+        for density, rule in group.formulation.strain_energy(at, group.symbols):
+            total += fem.assemble_scalar(fem.form(density * ufl.dx(metadata={"quadrature_degree": rule.degree})))
+    return total
+
+
+def elastica(force):
+    """(x, y, angle) of the tip of an inextensible cantilever of length 1 under force L^2 / (E I), across it."""
+
+    def slope(_, y):
+        return np.array([np.cos(y[2]), np.sin(y[2]), y[3], -force * np.cos(y[2])])
+
+    s = np.linspace(0, 1, 51)
+    found = solve_bvp(slope, lambda a, b: np.array([a[0], a[1], a[2], b[3]]), s, np.zeros((4, 51)), tol=1e-8)
+    return found.y[:3, -1]
+
+
+def motion(body, name="x_max"):
+    """(3, 4, n) [d | A] of a face."""
+    number = [one.name for one in body.interfaces].index(name)
+    rows, (xx, yy, zz, yz, xz, xy) = body.interfaces[number].modes, body.nonlinear.face_strain[number]
+    strain = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    skew = np.array([[0.0 * xx, -rows[5], rows[4]], [rows[5], 0.0 * xx, -rows[3]], [-rows[4], rows[3], 0.0 * xx]])
+    return np.concatenate([rows[:3, None], skew + strain], axis=1)
+
+
+def face(body, q, name="x_max"):
+    """(3,) displacement and (3, 3) I + A of a face."""
+    d_A = motion(body, name) @ q
+    return d_A[:, 0], np.eye(3) + d_A[:, 1:]
+
+
+def turned(gradient):
+    """(3, 3) by the square root of the stretch."""
+    values, vectors = np.linalg.eigh(gradient.T @ gradient)
+    return gradient @ (vectors / np.sqrt(values)) @ vectors.T
+
+
+def under_moments(body, moments):
+    """q under moments about z of fixed size, by the names of the faces."""
+    own, q = polynomial(body), np.zeros(body.n_modes)
+    for _ in range(30):
+        rows = {name: turned_face(face(body, q, name)[1], motion(body, name)[:, 1:])[1][2] for name in moments}
+        q = own.equilibrium(sum(size * rows[name] for name, size in moments.items()), start=q)
+    return q
+
+
+def test_the_variation_of_a_faces_rotation():
+    rng = np.random.default_rng(2)
+    gradient, slopes = np.eye(3) + 0.3 * rng.normal(size=(3, 3)), rng.normal(size=(3, 3, 2))
+    R, rows = turned_face(gradient, slopes)
+    np.testing.assert_allclose(R, turned(gradient), atol=1e-13)
+    for i in range(2):
+        ahead, behind = (turned(gradient + h * slopes[:, :, i]) for h in (1e-6, -1e-6))
+        np.testing.assert_allclose(Rotation.from_matrix(ahead @ behind.T).as_rotvec() / 2e-6, rows[:, i], atol=1e-8)
+
+
+@pytest.mark.parametrize("degree", [3, 4])
+def test_the_order_of_the_coefficients(degree):
+    n = 5
+    every = [(i, *rest) for i in range(n) for rest in np.ndindex(*[i + 1] * (degree - 1))]
+    ordered = [one for one in every if all(np.diff(one) <= 0)]
+    assert monomials(n, degree).tolist() == [list(one) for one in ordered]
+    shuffled = monomials(n, degree)[:, ::-1]
+    assert places(shuffled).tolist() == list(range(len(ordered)))
+
+
+def test_the_polynomial_is_the_energy_of_the_form(model, body):
+    fields, rng = nodal_modes(body, model), np.random.default_rng(3)
+    own = polynomial(body)
+    for _ in range(3):
+        # strains of some ten per cent, all coordinates alike in energy
+        q = rng.normal(size=body.n_modes) / np.sqrt(body.stiffness) * 20.0
+        assert own.energy(q) == pytest.approx(full_energy(model, fields @ q), rel=1e-11)
+        step = rng.normal(size=body.n_modes) / np.sqrt(body.stiffness)
+        # exact for a polynomial of degree four: differences of two widths, extrapolated
+        wide, near = ((own.energy(q + h * step) - own.energy(q - h * step)) / (2.0 * h) for h in (0.2, 0.1))
+        assert own.force(q) @ step == pytest.approx((4.0 * near - wide) / 3.0, rel=1e-10)
+        wide, near = ((own.force(q + h * step) - own.force(q - h * step)) / (2.0 * h) for h in (0.2, 0.1))
+        np.testing.assert_allclose(own.tangent(q) @ step, (4.0 * near - wide) / 3.0, rtol=1e-9, atol=1e-8)
+
+
+def test_dense_products_against_the_derivatives_of_the_form():
+    model = beam(cells=2, nu=0.3)
+    modes = np.random.default_rng(5).normal(size=(model.layout.n_local, 4))
+    dense, derived = of_green_strain(model, modes), by_derivatives(force_derivatives(model), modes)
+    for one, other in zip(dense, derived, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11 * abs(other).max())
+
+
+def test_another_energy_is_expanded_by_strains():
+    """A neo-Hookean cantilever bends as its full model does; what the expansion leaves out is in the estimate."""
+    model = beam(neo_hookean, cells=8, nu=0.3)
+    known = ModalDerivatives({"x_max.y": FORCE}, tol=5e-3)
+    body = craig_bampton(model, modes=0, frame="x_min", nonlinear=known)
+    assert body.provenance["strain energy"].endswith("with the stiffness of flexmbd.forms.neo_hookean at rest")
+    assert float(body.provenance["error of the strain energy at these loads"]) > 1e-8
+    d, _ = face(body, polynomial(body).equilibrium(FORCE * body.interface("x_max").modes[1]))
+    full = prestressed(model, frame="x_min", forces={"x_max": [0.0, FORCE, 0.0, 0.0, 0.0, 0.0]})
+    moved = full.interface("x_max").p - model.interface("x_max").p
+    np.testing.assert_allclose(d, moved, atol=2e-3 * moved[1])
+
+
+@pytest.mark.parametrize("part", [0.5, 1.0])
+def test_a_cantilever_bends_by_the_elastica(body, part):
+    """By 30 % of its length with fifteen coordinates at most, within 0.5 % of it."""
+    assert body.n_modes <= 15
+    rows = body.interface("x_max").modes
+    q = polynomial(body).equilibrium(part * FORCE * rows[1])
+    d, gradient = face(body, q)
+    x, y, angle = elastica(part)
+    # of the block, Timoshenko's shear
+    shear = part * FORCE * LENGTH / (5.0 / 6.0 * MODULUS / 2.0 * SIDE**2)
+    assert d[1] == pytest.approx(y + shear, rel=1e-3)
+    assert d[0] == pytest.approx(x - 1.0, rel=5e-3)
+    rotation = Rotation.from_matrix(turned(gradient)).as_rotvec()
+    np.testing.assert_allclose(rotation, [0.0, 0.0, angle], atol=2e-3 * angle)
+
+
+def test_a_rigid_face_turns_without_strain(body):
+    q = polynomial(body).equilibrium(FORCE * body.interface("x_max").modes[1])
+    _, gradient = face(body, q)
+    # 1 - cos 0.46 is 0.1
+    np.testing.assert_allclose(turned(gradient).T @ gradient, np.eye(3), atol=1e-3)
+
+
+def test_a_linear_reduction_locks(model, body):
+    """The same load on the polynomial without derivatives: the face cannot turn, and the beam cannot shorten."""
+    short = replace(ModalDerivatives({"x_max.y": FORCE}), most=1, tol=1e-3, order=2)
+    with pytest.raises(ReductionError, match=r"with 1 modal derivatives the body locks .* of its strain energy"):
+        craig_bampton(model, modes=0, frame="x_min", nonlinear=short)
+
+
+def test_the_stress_is_that_of_the_bent_body(model, body):
+    q = under_moments(body, {"x_max": 0.3 * FORCE * LENGTH})
+    field = model.stress_field(body, q)
+    assert field.max == pytest.approx(0.3 * FORCE * LENGTH * SIDE / 2.0 / (STIFFNESS / MODULUS), rel=0.02)
+    small = beam(solid_linear)
+    with pytest.raises(RecordError, match=r"stress of .*solid_linear is that of small displacements"):
+        small.stress_field(body, q)
+
+
+@pytest.mark.parametrize(("frame", "signs"), [("x_min", {"x_max": 1.0}), (None, {"x_max": 1.0, "x_min": -1.0})])
+def test_moments_at_the_ends_bend_a_circle(frame, signs):
+    """By 0.8 rad, and the ends' faces turn without energy; ten quadratic cells are 9e-4 too stiff."""
+    model, angle = beam(cells=10), 0.8
+    moments = {name: sign * angle * STIFFNESS / LENGTH for name, sign in signs.items()}
+    loads = {f"{name}.rz": abs(size) for name, size in moments.items()}
+    body = craig_bampton(model, modes=0, frame=frame, nonlinear=ModalDerivatives(loads))
+    q = under_moments(body, moments)
+    first, last = (turned(face(body, q, name)[1]) for name in ("x_min", "x_max"))
+    assert Rotation.from_matrix(first.T @ last).as_rotvec()[2] == pytest.approx(angle, rel=1e-3)
+    assert polynomial(body).energy(q) == pytest.approx(0.5 * STIFFNESS / LENGTH * angle**2, rel=2e-3)
+
+
+def bad(frame="x_min", **options):
+    return {"modes": 0, "frame": frame, "nonlinear": ModalDerivatives({"x_max.y": FORCE}), **options}
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    (bad(nonlinear=1), r"nonlinear must be ModalDerivatives\(loads=...\), got 1"),
+    (bad(nonlinear=ModalDerivatives({"tip.y": 1.0})), "names the load 'tip.y'; there are: .*x_max.y"),
+    (bad(keep=Keep(stress=True)), "stress modes are of small displacements"),
+])  # fmt: skip
+def test_what_does_not_fit_is_refused(model, options, message):
+    with pytest.raises(ReductionError, match=message):
+        craig_bampton(model, **options)
+
+
+def test_an_averaged_interface_that_turns_is_refused():
+    with pytest.raises(ReductionError, match="'x_max' is averaged"):
+        craig_bampton(beam(cells=2, coupling=Coupling.AVERAGED), **bad())
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"loads": {}}, "takes loads by their names"),
+    ({"loads": {"tip.y": -1.0}}, "'tip.y' needs a positive size, got -1.0"),
+    ({"loads": {"tip.y": np.nan}}, "needs a positive size"),
+    ({"loads": {"tip.y": 1.0}, "tol": 0.0}, "tol must lie between 0 and 1"),
+    ({"loads": {"tip.y": 1.0}, "most": 0}, "most must be an integer from 1 on"),
+    ({"loads": {"tip.y": 1.0}, "order": 1}, "order must be an integer from 2 on"),
+])  # fmt: skip
+def test_wrong_options(options, message):
+    with pytest.raises(ReductionError, match=message):
+        ModalDerivatives(**options)
