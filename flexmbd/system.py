@@ -160,15 +160,24 @@ class System(MachineAssembly):
         quick = is_compiled(STARTING) and self.team.size == 1
         return notebook.html_of(repr(self), lambda: notebook.still_of(self.at_start()) if quick else None)
 
-    def start_with(self, forces: Sequence[Force], *, instead_of: Sequence[Force] = (), t: float = 0.0) -> Start:
+    def start_with(
+        self,
+        forces: Sequence[Force],
+        *,
+        instead_of: Sequence[Force] = (),
+        t: float = 0.0,
+        about: WorkingPoint | None = None,
+    ) -> Start:
         """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.
+
+        It begins at ``about``, of ``equilibrium``, or with what joints and bodies are given.
 
         Raises:
             SceneError, AssemblyError: as ``start``; or a force does not fit.
         """
         for force in forces:
             self._check_force(force)
-        return self._start(self._compile(forces, without=instead_of), t)
+        return self._start(self._compile(forces, without=instead_of), t, about)
 
     def _machine(
         self, scene: CompiledScene, named: Mapping[str, tuple[Parameter, ...]] | None = None

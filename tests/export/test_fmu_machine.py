@@ -65,7 +65,7 @@ class Arm:
 def no_warnings():
     """The compiler's warnings are errors here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(unit_build, "COMPILE", (*unit_build.COMPILE, "-Wpedantic", "-Werror"))
+        patch.setattr(unit_build, "C99", (*unit_build.C99, "-Wpedantic", "-Werror"))
         yield
 
 

@@ -5,8 +5,8 @@ import ctypes
 import fmpy
 import numpy as np
 from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 
 class Unit:
@@ -18,9 +18,9 @@ class Unit:
         self.fmi = int(self.description.fmiVersion[0])
         self.references = {one.name: one.valueReference for one in self.description.modelVariables}
 
-    def instance(self, name="one", **start):
-        """An initialised instance, with values set before."""
-        one = Instance(self, name)
+    def instance(self, name="one", *, exchange=False, **start):
+        """An initialised instance, with values set before; in model exchange after its first events."""
+        one = Instance(self, name, exchange=exchange)
         one.initialise(**start)
         return one
 
@@ -28,8 +28,9 @@ class Unit:
 class Instance:
     """One instance of a unit."""
 
-    def __init__(self, unit, name="one", token=None):
-        kind = FMU2Slave if unit.fmi == 2 else FMU3Slave
+    def __init__(self, unit, name="one", token=None, *, exchange=False):
+        kinds = (FMU2Model, FMU3Model) if exchange else (FMU2Slave, FMU3Slave)
+        kind = kinds[unit.fmi - 2]
         self.unit, self.t = unit, 0.0
         self.fmu = kind(
             guid=token or unit.description.guid,
@@ -48,6 +49,16 @@ class Instance:
             self.fmu.enterInitializationMode(startTime=t)
         self.set(start)
         self.fmu.exitInitializationMode()
+
+    def set_states(self, states):
+        """In model exchange, at the time it is."""
+        self.fmu.enterContinuousTimeMode()
+        self.fmu.setContinuousStates((ctypes.c_double * len(states))(*states), len(states))
+
+    def direction(self, unknowns, knowns, change):
+        """The directional derivative of variables by others, by their names."""
+        references = [[self.unit.references[name] for name in names] for names in (unknowns, knowns)]
+        return np.array(self.fmu.getDirectionalDerivative(*references, list(change)))
 
     def set(self, values):
         if values:

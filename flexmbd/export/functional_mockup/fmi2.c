@@ -1,4 +1,4 @@
-/* FMI 2.0 for co-simulation. */
+/* FMI 2.0 for co-simulation and model exchange. */
 #include "fmi2.h"
 
 #include <string.h>
@@ -25,12 +25,11 @@ EXPORT fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t co
 EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                      const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
     (void)resources, (void)visible, (void)logging;
-    if (type != fmi2CoSimulation)
-        return NULL;
     void *logger = NULL;
     if (functions)
         memcpy(&logger, &functions->logger, sizeof logger);
-    return instance_new(name, guid, logger ? report : NULL, functions ? functions->componentEnvironment : NULL, logger);
+    Use use = type == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION;
+    return instance_new(name, guid, use, logger ? report : NULL, functions ? functions->componentEnvironment : NULL, logger);
 }
 
 EXPORT void fmi2FreeInstance(fmi2Component c) { instance_free(c); }
@@ -97,8 +96,7 @@ EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[
 EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
                                                const fmi2ValueReference known[], size_t n_known,
                                                const fmi2Real change[], fmi2Real found[]) {
-    (void)unknown, (void)n_unknown, (void)known, (void)n_known, (void)change, (void)found;
-    return (fmi2Status)instance_unsupported(c, "fmi2GetDirectionalDerivative");
+    return (fmi2Status)instance_direction(c, unknown, n_unknown, known, n_known, change, found);
 }
 
 EXPORT fmi2Status fmi2SetRealInputDerivatives(REFERENCES, const fmi2Integer order[], const fmi2Real value[]) {
@@ -136,3 +134,47 @@ OTHER_STATUS(Status, fmi2Status)
 OTHER_STATUS(IntegerStatus, fmi2Integer)
 OTHER_STATUS(BooleanStatus, fmi2Boolean)
 OTHER_STATUS(StringStatus, fmi2String)
+
+/* Model exchange, without events. */
+EXPORT fmi2Status fmi2EnterEventMode(fmi2Component c) { return (fmi2Status)instance_exchange(c); }
+
+EXPORT fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return (fmi2Status)instance_exchange(c); }
+
+EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
+    if (info)
+        memset(info, 0, sizeof *info);
+    return (fmi2Status)instance_exchange(c);
+}
+
+EXPORT fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_return, fmi2Boolean *event,
+                                              fmi2Boolean *terminate) {
+    (void)no_return;
+    if (event)
+        *event = 0;
+    if (terminate)
+        *terminate = 0;
+    return (fmi2Status)instance_exchange(c);
+}
+
+EXPORT fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t) { return (fmi2Status)instance_set_time(c, t); }
+
+EXPORT fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real states[], size_t count) {
+    return (fmi2Status)instance_set_states(c, states, count);
+}
+
+EXPORT fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real states[], size_t count) {
+    return (fmi2Status)instance_get_states(c, states, count);
+}
+
+EXPORT fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t count) {
+    return (fmi2Status)instance_get_derivatives(c, derivatives, count);
+}
+
+EXPORT fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominals[], size_t count) {
+    return (fmi2Status)instance_get_nominals(c, nominals, count);
+}
+
+EXPORT fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real indicators[], size_t count) {
+    (void)indicators;
+    return count == 0 ? (fmi2Status)instance_exchange(c) : (fmi2Status)instance_error(c, "there are no event indicators");
+}

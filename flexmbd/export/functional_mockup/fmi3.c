@@ -1,4 +1,4 @@
-/* FMI 3.0 for co-simulation. */
+/* FMI 3.0 for co-simulation and model exchange. */
 #include "fmi3.h"
 
 #include <string.h>
@@ -37,16 +37,16 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String toke
             message(environment, fmi3Error, "logStatusError", "there are no intermediate variables in this FMU");
         return NULL;
     }
-    return instance_new(name, token, message ? report : NULL, environment, function);
+    return instance_new(name, token, CO_SIMULATION, message ? report : NULL, environment, function);
 }
 
 EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
                                                  fmi3Boolean visible, fmi3Boolean logging,
                                                  fmi3InstanceEnvironment environment, fmi3LogMessageCallback message) {
-    (void)name, (void)token, (void)resources, (void)visible, (void)logging;
-    if (message)
-        message(environment, fmi3Error, "logStatusError", "this FMU is for co-simulation");
-    return NULL;
+    (void)resources, (void)visible, (void)logging;
+    void *function = NULL;
+    memcpy(&function, &message, sizeof function);
+    return instance_new(name, token, MODEL_EXCHANGE, message ? report : NULL, environment, function);
 }
 
 EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
@@ -55,8 +55,10 @@ EXPORT fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3Strin
                                                       fmi3LogMessageCallback message, fmi3ClockUpdateCallback clock,
                                                       fmi3LockPreemptionCallback lock,
                                                       fmi3UnlockPreemptionCallback unlock) {
-    (void)clock, (void)lock, (void)unlock;
-    return fmi3InstantiateModelExchange(name, token, resources, visible, logging, environment, message);
+    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)clock, (void)lock, (void)unlock;
+    if (message)
+        message(environment, fmi3Error, "logStatusError", "this FMU is for co-simulation and model exchange");
+    return NULL;
 }
 
 EXPORT void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
@@ -222,7 +224,78 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h
     return (fmi3Status)status;
 }
 
-/* What a co-simulation FMU without events, clocks and derivatives does not provide: parameters follow the instance. */
+/* Model exchange, without events. */
+EXPORT fmi3Status fmi3EnterEventMode(fmi3Instance instance) { return (fmi3Status)instance_exchange(instance); }
+
+EXPORT fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance) { return (fmi3Status)instance_exchange(instance); }
+
+EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *update, fmi3Boolean *terminate,
+                                           fmi3Boolean *nominals, fmi3Boolean *values, fmi3Boolean *event,
+                                           fmi3Float64 *time) {
+    fmi3Boolean *told[] = {update, terminate, nominals, values, event};
+    for (size_t k = 0; k < sizeof told / sizeof *told; k++)
+        if (told[k])
+            *told[k] = false;
+    (void)time;
+    return (fmi3Status)instance_exchange(instance);
+}
+
+EXPORT fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean no_return, fmi3Boolean *event,
+                                              fmi3Boolean *terminate) {
+    (void)no_return;
+    if (event)
+        *event = false;
+    if (terminate)
+        *terminate = false;
+    return (fmi3Status)instance_exchange(instance);
+}
+
+EXPORT fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time) {
+    return (fmi3Status)instance_set_time(instance, time);
+}
+
+EXPORT fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 states[], size_t count) {
+    return (fmi3Status)instance_set_states(instance, states, count);
+}
+
+EXPORT fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 states[], size_t count) {
+    return (fmi3Status)instance_get_states(instance, states, count);
+}
+
+EXPORT fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 derivatives[], size_t count) {
+    return (fmi3Status)instance_get_derivatives(instance, derivatives, count);
+}
+
+EXPORT fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t count) {
+    return (fmi3Status)instance_get_nominals(instance, nominals, count);
+}
+
+EXPORT fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *count) {
+    return (fmi3Status)instance_count_states(instance, count);
+}
+
+EXPORT fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *count) {
+    if (count)
+        *count = 0;
+    return (fmi3Status)instance_exchange(instance);
+}
+
+EXPORT fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 indicators[], size_t count) {
+    (void)indicators;
+    return (fmi3Status)(count == 0 ? instance_exchange(instance)
+                                   : instance_error(instance, "there are no event indicators"));
+}
+
+EXPORT fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[],
+                                               size_t n_unknowns, const fmi3ValueReference knowns[], size_t n_knowns,
+                                               const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[],
+                                               size_t n_sensitivity) {
+    if (n_seed != n_knowns || n_sensitivity != n_unknowns)
+        return (fmi3Status)instance_error(instance, "there are as many values as variables");
+    return (fmi3Status)instance_direction(instance, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity);
+}
+
+/* What an FMU without events and clocks does not provide: parameters follow the instance. */
 #define NOT_PROVIDED(function, parameters)                                                                            \
     EXPORT fmi3Status function parameters { return (fmi3Status)instance_unsupported(instance, #function); }
 
@@ -230,33 +303,15 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-#define DERIVATIVES                                                                                                   \
-    (fmi3Instance instance, const fmi3ValueReference unknowns[], size_t n_unknowns,                                   \
-     const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,                     \
-     fmi3Float64 sensitivity[], size_t n_sensitivity)
-
-NOT_PROVIDED(fmi3GetDirectionalDerivative, DERIVATIVES)
-NOT_PROVIDED(fmi3GetAdjointDerivative, DERIVATIVES)
+NOT_PROVIDED(fmi3GetAdjointDerivative,
+             (fmi3Instance instance, const fmi3ValueReference unknowns[], size_t n_unknowns,
+              const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
+              fmi3Float64 sensitivity[], size_t n_sensitivity))
 NOT_PROVIDED(fmi3GetNumberOfVariableDependencies, (fmi3Instance instance, fmi3ValueReference vr, size_t *count))
 NOT_PROVIDED(fmi3GetVariableDependencies,
              (fmi3Instance instance, fmi3ValueReference dependent, size_t elements[], fmi3ValueReference independents[],
               size_t their_elements[], fmi3DependencyKind kinds[], size_t count))
-NOT_PROVIDED(fmi3EnterEventMode, (fmi3Instance instance))
 NOT_PROVIDED(fmi3EnterConfigurationMode, (fmi3Instance instance))
 NOT_PROVIDED(fmi3ExitConfigurationMode, (fmi3Instance instance))
 NOT_PROVIDED(fmi3EvaluateDiscreteStates, (fmi3Instance instance))
-NOT_PROVIDED(fmi3UpdateDiscreteStates,
-             (fmi3Instance instance, fmi3Boolean *update, fmi3Boolean *terminate, fmi3Boolean *nominals,
-              fmi3Boolean *values, fmi3Boolean *event, fmi3Float64 *time))
-NOT_PROVIDED(fmi3EnterContinuousTimeMode, (fmi3Instance instance))
-NOT_PROVIDED(fmi3CompletedIntegratorStep,
-             (fmi3Instance instance, fmi3Boolean no_return, fmi3Boolean *event, fmi3Boolean *terminate))
-NOT_PROVIDED(fmi3SetTime, (fmi3Instance instance, fmi3Float64 time))
-NOT_PROVIDED(fmi3SetContinuousStates, (fmi3Instance instance, const fmi3Float64 states[], size_t count))
-NOT_PROVIDED(fmi3GetContinuousStateDerivatives, (fmi3Instance instance, fmi3Float64 derivatives[], size_t count))
-NOT_PROVIDED(fmi3GetEventIndicators, (fmi3Instance instance, fmi3Float64 indicators[], size_t count))
-NOT_PROVIDED(fmi3GetContinuousStates, (fmi3Instance instance, fmi3Float64 states[], size_t count))
-NOT_PROVIDED(fmi3GetNominalsOfContinuousStates, (fmi3Instance instance, fmi3Float64 nominals[], size_t count))
-NOT_PROVIDED(fmi3GetNumberOfEventIndicators, (fmi3Instance instance, size_t *count))
-NOT_PROVIDED(fmi3GetNumberOfContinuousStates, (fmi3Instance instance, size_t *count))
 NOT_PROVIDED(fmi3ActivateModelPartition, (fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time))

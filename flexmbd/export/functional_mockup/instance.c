@@ -17,8 +17,8 @@ struct State {
     int32_t phase;
     int32_t begun;     /* the memory holds the start for the present values */
     int32_t observed;  /* the outputs are those of the present state and inputs */
-    int32_t unused;
-    double content[];  /* values of inputs, parameters and outputs; memory of the model */
+    int32_t use;
+    double content[];  /* values of inputs, parameters, outputs, states and derivatives; memory of the model */
 };
 
 struct Instance {
@@ -30,7 +30,7 @@ struct Instance {
 };
 
 static size_t given_values(void) { return model_inputs + model_parameters; }
-static size_t all_values(void) { return given_values() + model_outputs; }
+static size_t all_values(void) { return given_values() + model_outputs + 2 * model_states; }
 static size_t state_size(void) { return sizeof(State) + all_values() * sizeof(double) + model_memory; }
 static void *memory(Instance *instance) { return instance->state->content + all_values(); }
 
@@ -47,12 +47,19 @@ Status instance_unsupported(Instance *instance, const char *function) {
 }
 
 static void clear(State *state) {
+    int32_t use = state->use;
     memset(state, 0, state_size());
+    state->use = use;
     state->size = state_size();
     memcpy(state->content, model_start, given_values() * sizeof(double));
 }
 
-Instance *instance_new(const char *name, const char *token, Report report, void *environment, void *function) {
+Instance *instance_new(const char *name, const char *token, Use use, Report report, void *environment, void *function) {
+    if (use == MODEL_EXCHANGE && model_states == 0) {
+        if (report)
+            report(environment, function, name ? name : "", "this FMU is for co-simulation");
+        return NULL;
+    }
     if (!name || !*name || !token || strcmp(token, model_token) != 0) {
         if (report)
             report(environment, function, name ? name : "",
@@ -77,6 +84,7 @@ Instance *instance_new(const char *name, const char *token, Report report, void 
     instance->state = state;
     instance->scratch = scratch;
     strcpy(instance->name, name);
+    state->use = (int32_t)use;
     clear(state);
     return instance;
 }
@@ -155,6 +163,29 @@ Status instance_reset(Instance *instance) {
     return STATUS_OK;
 }
 
+/* Bring outputs, states and derivatives up to date. */
+static Status observe(Instance *instance) {
+    State *state = instance->state;
+    char message[MESSAGE_SIZE] = "";
+    if (state->observed)
+        return STATUS_OK;
+    if (begin(instance) != STATUS_OK)
+        return STATUS_ERROR;
+    double *outputs = state->content + given_values(), *states = outputs + model_outputs;
+    int code = 0;
+    if (model_states > 0) {
+        model_get_states(memory(instance), states);
+        code = model_derivatives(memory(instance), instance->scratch, state->time, state->content,
+                                 states + model_states, message);
+    }
+    if (code == 0)
+        code = model_observe(memory(instance), instance->scratch, state->time, state->content, outputs, message);
+    if (outcome(instance, code, message) != STATUS_OK)
+        return STATUS_ERROR;
+    state->observed = 1;
+    return STATUS_OK;
+}
+
 Status instance_get(Instance *instance, const uint32_t *references, size_t count, double *values) {
     if (!instance)
         return STATUS_ERROR;
@@ -170,16 +201,8 @@ Status instance_get(Instance *instance, const uint32_t *references, size_t count
             snprintf(text, sizeof text, "there is no variable of value reference %zu", reference);
             return instance_error(instance, text);
         }
-        if (reference > given_values() && !state->observed) {
-            char message[MESSAGE_SIZE] = "";
-            if (begin(instance) != STATUS_OK)
-                return STATUS_ERROR;
-            int code = model_observe(memory(instance), instance->scratch, state->time, state->content,
-                                     state->content + given_values(), message);
-            if (outcome(instance, code, message) != STATUS_OK)
-                return STATUS_ERROR;
-            state->observed = 1;
-        }
+        if (reference > given_values() && observe(instance) != STATUS_OK)
+            return STATUS_ERROR;
         values[k] = reference == 0 ? state->time : state->content[reference - 1];
     }
     return STATUS_OK;
@@ -222,8 +245,8 @@ Status instance_step(Instance *instance, double t, double h) {
         return STATUS_ERROR;
     State *state = instance->state;
     char message[MESSAGE_SIZE] = "";
-    if (state->phase != RUNNING)
-        return instance_error(instance, "a step is taken after initialisation and before termination");
+    if (state->phase != RUNNING || state->use != CO_SIMULATION)
+        return instance_error(instance, "a step is taken in co-simulation, after initialisation and before termination");
     if (!(h > 0.0) || !isfinite(h) || !isfinite(t) || !isfinite(t + h))
         return instance_error(instance, "a communication step is a positive finite number");
     if (fabs(t - state->time) > 1e-3 * h + 1e-9 * fabs(t)) {
@@ -236,6 +259,100 @@ Status instance_step(Instance *instance, double t, double h) {
     state->time = t + h;
     state->observed = 0;
     return STATUS_OK;
+}
+
+Status instance_exchange(Instance *instance) {
+    if (!instance)
+        return STATUS_ERROR;
+    if (instance->state->use != MODEL_EXCHANGE)
+        return instance_error(instance, "this is a function of model exchange, and the instance is for co-simulation");
+    if (instance->state->phase == FAILED || instance->state->phase == TERMINATED)
+        return instance_error(instance, "the instance no longer runs; reset it or set a state");
+    return STATUS_OK;
+}
+
+Status instance_set_time(Instance *instance, double t) {
+    if (instance_exchange(instance) != STATUS_OK)
+        return STATUS_ERROR;
+    if (!isfinite(t) || instance->state->phase != RUNNING)
+        return instance_error(instance, "a finite time is set after initialisation");
+    instance->state->observed = instance->state->observed && instance->state->time == t;
+    instance->state->time = t;
+    return STATUS_OK;
+}
+
+Status instance_count_states(Instance *instance, size_t *count) {
+    if (instance_exchange(instance) != STATUS_OK || !count)
+        return STATUS_ERROR;
+    *count = model_states;
+    return STATUS_OK;
+}
+
+/* Whether there is a place for the states, or the model has none. */
+static Status check_states(Instance *instance, const double *states, size_t count) {
+    if (instance_exchange(instance) != STATUS_OK)
+        return STATUS_ERROR;
+    return count == model_states && states ? STATUS_OK
+                                           : instance_error(instance, "there are as many numbers as continuous states");
+}
+
+Status instance_get_states(Instance *instance, double *states, size_t count) {
+    if (check_states(instance, states, count) != STATUS_OK || begin(instance) != STATUS_OK)
+        return STATUS_ERROR;
+    model_get_states(memory(instance), states);
+    return STATUS_OK;
+}
+
+Status instance_set_states(Instance *instance, const double *states, size_t count) {
+    if (check_states(instance, states, count) != STATUS_OK)
+        return STATUS_ERROR;
+    if (instance->state->phase != RUNNING)
+        return instance_error(instance, "states are set after initialisation");
+    for (size_t k = 0; k < count; k++)
+        if (!isfinite(states[k]))
+            return instance_error(instance, "a state is not a finite number");
+    model_set_states(memory(instance), states);
+    instance->state->observed = 0;
+    return STATUS_OK;
+}
+
+Status instance_get_derivatives(Instance *instance, double *derivatives, size_t count) {
+    if (check_states(instance, derivatives, count) != STATUS_OK || observe(instance) != STATUS_OK)
+        return STATUS_ERROR;
+    memcpy(derivatives, instance->state->content + all_values() - model_states, count * sizeof *derivatives);
+    return STATUS_OK;
+}
+
+Status instance_get_nominals(Instance *instance, double *nominals, size_t count) {
+    if (check_states(instance, nominals, count) != STATUS_OK)
+        return STATUS_ERROR;
+    memcpy(nominals, model_nominal, count * sizeof *nominals);
+    return STATUS_OK;
+}
+
+Status instance_direction(Instance *instance, const uint32_t *unknowns, size_t n_unknowns, const uint32_t *knowns,
+                          size_t n_knowns, const double *seed, double *sensitivity) {
+    if (instance_exchange(instance) != STATUS_OK || observe(instance) != STATUS_OK)
+        return STATUS_ERROR;
+    size_t outputs = given_values() + 1, states = outputs + model_outputs, derivatives = states + model_states;
+    for (size_t k = 0; k < n_unknowns; k++)
+        if (unknowns[k] < outputs || unknowns[k] > all_values() || (unknowns[k] >= states && unknowns[k] < derivatives))
+            return instance_error(instance, "derivatives are those of outputs and of the states' rates");
+    for (size_t k = 0; k < n_knowns; k++)
+        if (knowns[k] == 0 || (knowns[k] > model_inputs && knowns[k] < states) || knowns[k] >= derivatives)
+            return instance_error(instance, "derivatives are by inputs and states");
+    double *work = calloc(all_values() + 1, sizeof *work); /* by value reference */
+    if (!work)
+        return instance_error(instance, "no memory for a derivative");
+    for (size_t k = 0; k < n_knowns; k++)
+        work[knowns[k]] += seed[k];
+    char message[MESSAGE_SIZE] = "";
+    int code = model_direction(memory(instance), instance->scratch, instance->state->time, instance->state->content,
+                               work + 1, work + states, work + outputs, work + derivatives, message);
+    for (size_t k = 0; k < n_unknowns; k++)
+        sensitivity[k] = work[unknowns[k]];
+    free(work);
+    return code == 0 ? STATUS_OK : instance_error(instance, message);
 }
 
 double instance_time(const Instance *instance) { return instance->state->time; }

@@ -23,7 +23,10 @@ typedef struct State State;
 /* Called with each error; the text has no percent signs. */
 typedef void (*Report)(void *environment, void *function, const char *name, const char *text);
 
-Instance *instance_new(const char *name, const char *token, Report report, void *environment, void *function);
+/* How an instance is used: its host takes communication steps, or has the solver. */
+typedef enum { CO_SIMULATION, MODEL_EXCHANGE } Use;
+
+Instance *instance_new(const char *name, const char *token, Use use, Report report, void *environment, void *function);
 void instance_free(Instance *instance);
 Status instance_error(Instance *instance, const char *text);
 Status instance_unsupported(Instance *instance, const char *function);
@@ -38,6 +41,17 @@ Status instance_set(Instance *instance, const uint32_t *references, size_t count
 Status instance_step(Instance *instance, double t, double h);
 double instance_time(const Instance *instance);
 Status instance_log_categories(Instance *instance, size_t count, const char *const *categories);
+
+/* Of model exchange alone. */
+Status instance_exchange(Instance *instance); /* whether this is one */
+Status instance_set_time(Instance *instance, double t);
+Status instance_count_states(Instance *instance, size_t *count);
+Status instance_get_states(Instance *instance, double *states, size_t count);
+Status instance_set_states(Instance *instance, const double *states, size_t count);
+Status instance_get_derivatives(Instance *instance, double *derivatives, size_t count);
+Status instance_get_nominals(Instance *instance, double *nominals, size_t count);
+Status instance_direction(Instance *instance, const uint32_t *unknowns, size_t n_unknowns, const uint32_t *knowns,
+                          size_t n_knowns, const double *seed, double *sensitivity);
 
 Status instance_keep(Instance *instance, State **kept);
 Status instance_restore(Instance *instance, const State *kept);

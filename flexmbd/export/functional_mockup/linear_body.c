@@ -11,7 +11,8 @@
 
 #include "model.h"
 
-/* Outputs: r displacements and rotations, their r rates, six reactions. One parameter: a damping ratio. */
+/* Outputs: r displacements and rotations, their r rates, six reactions. Two parameters: a damping ratio; the share of
+   the static response to the first inputs that the body starts with. States: q and its rate. */
 
 static size_t block_modes(void) { return body_coupled ? body_modes : 1; }
 static size_t blocks(void) { return body_coupled ? 1 : body_modes; }
@@ -95,7 +96,10 @@ static double *propagators(double *scratch, double h, double ratio) {
 
 int model_begin(void *memory, void *scratch, double t, const double *given, char *message) {
     (void)scratch, (void)t;
+    double *q = memory;
     memset(memory, 0, model_memory);
+    for (size_t i = 0; i < body_modes; i++)
+        q[i] = given[model_inputs + 1] * forces(given, i) / body_stiffness[i];
     if (given[model_inputs] >= 0.0)
         return 0;
     snprintf(message, MESSAGE_SIZE, "damping_ratio is %g; it adds damping and is not negative", given[model_inputs]);
@@ -131,9 +135,16 @@ int model_advance(void *memory, void *scratch, double t, double h, const double 
     return 1;
 }
 
-int model_observe(void *memory, void *scratch, double t, const double *given, double *outputs, char *message) {
-    (void)scratch, (void)t, (void)message;
-    const double *q = memory, *v = q + body_modes;
+/* q'' of modes q that move with v, under a force on each mode */
+static double acceleration(const double *q, const double *v, double force, size_t mode, double ratio) {
+    double sum = force - body_stiffness[mode] * q[mode];
+    for (size_t j = 0; j < body_modes; j++)
+        sum -= damping(mode, j, ratio) * v[j];
+    return sum;
+}
+
+/* The outputs, which are linear in q, v and the inputs. */
+static void outputs_of(const double *q, const double *v, const double *inputs, double ratio, double *outputs) {
     size_t n = body_modes, rows = body_frame_rows;
     for (size_t k = 0; k < rows; k++) {
         outputs[k] = outputs[rows + k] = 0.0;
@@ -146,14 +157,46 @@ int model_observe(void *memory, void *scratch, double t, const double *given, do
     for (size_t k = 0; k < 6; k++) {
         reaction[k] = 0.0;
         for (size_t j = 0; j < model_inputs; j++)
-            reaction[k] -= body_applied[k * model_inputs + j] * given[j];
+            reaction[k] -= body_applied[k * model_inputs + j] * inputs[j];
     }
     for (size_t i = 0; i < n; i++) {
-        double acceleration = forces(given, i) - body_stiffness[i] * q[i];
-        for (size_t j = 0; j < n; j++)
-            acceleration -= damping(i, j, given[model_inputs]) * v[j];
+        double a = acceleration(q, v, forces(inputs, i), i, ratio);
         for (size_t k = 0; k < 6; k++)
-            reaction[k] += body_inertia[k * n + i] * acceleration;
+            reaction[k] += body_inertia[k * n + i] * a;
     }
+}
+
+/* The states' derivatives, linear likewise. */
+static void derivatives_of(const double *q, const double *v, const double *inputs, double ratio, double *derivatives) {
+    for (size_t i = 0; i < body_modes; i++) {
+        derivatives[i] = v[i];
+        derivatives[body_modes + i] = acceleration(q, v, forces(inputs, i), i, ratio);
+    }
+}
+
+int model_observe(void *memory, void *scratch, double t, const double *given, double *outputs, char *message) {
+    (void)scratch, (void)t, (void)message;
+    const double *q = memory;
+    outputs_of(q, q + body_modes, given, given[model_inputs], outputs);
+    return 0;
+}
+
+void model_get_states(const void *memory, double *states) { memcpy(states, memory, model_memory); }
+
+void model_set_states(void *memory, const double *states) { memcpy(memory, states, model_memory); }
+
+int model_derivatives(void *memory, void *scratch, double t, const double *given, double *derivatives, char *message) {
+    (void)scratch, (void)t, (void)message;
+    const double *q = memory;
+    derivatives_of(q, q + body_modes, given, given[model_inputs], derivatives);
+    return 0;
+}
+
+int model_direction(void *memory, void *scratch, double t, const double *given, const double *input_changes,
+                    const double *state_changes, double *output_changes, double *derivative_changes, char *message) {
+    (void)memory, (void)scratch, (void)t, (void)message;
+    const double *q = state_changes, *v = state_changes + body_modes;
+    outputs_of(q, v, input_changes, given[model_inputs], output_changes);
+    derivatives_of(q, v, input_changes, given[model_inputs], derivative_changes);
     return 0;
 }

@@ -94,6 +94,8 @@ static int restart(void *memory, double t, char *message) {
     return 0;
 }
 
+int machine_accelerate(void *memory, double t, char *message) { return restart(memory, t, message); }
+
 /* One step from a to b, or what functions of time divide it into; a break lies at neither's far side. */
 static int move(void *memory, double a, double b, double size, char *message) {
     double *numbers = numbers_of(memory), ahead = break_after(a + sliver * size);

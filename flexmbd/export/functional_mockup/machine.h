@@ -32,6 +32,16 @@ extern const int machine_full; /* what the integrator returns with a full record
 /* Puts addresses of this process into the memory. */
 void machine_bind(unsigned char *memory);
 
+/* Of model exchange: where x, v, the mass, damping and stiffness matrix lie, and the rows of `machine_frames`. */
+extern const size_t machine_x, machine_v, machine_mass, machine_damping, machine_stiffness;
+extern const size_t machine_frame_rows, machine_frame_places[];
+
+/* Finds these matrices: derivatives of the residual by accelerations, velocities and positions; 0, or -1. */
+int machine_tangents(unsigned char *memory);
+
+/* Accelerations anew for the state and inputs as they are in the memory at t. */
+int machine_accelerate(void *memory, double t, char *message);
+
 /* One step of the integrator; its code, or -1. */
 int64_t machine_run(unsigned char *memory);
 

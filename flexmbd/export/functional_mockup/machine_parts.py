@@ -23,7 +23,8 @@ from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.reading.force_tables import force_elements, time_kinds
-from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
+from flexmbd.multibody.kernels.tangent.residual_tangent import tangent, tangent_after_residual
+from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.run.stepping import evaluate_inputs, new_snapshot
@@ -68,6 +69,8 @@ class Parts:
         histories: those among them that begin as the accelerations.
         behind: kernels behind addresses: the array that holds one, and the call.
         frames: calls for outputs, which are added to.
+        tangents: of model exchange: derivatives of the residual by accelerations, velocities, positions, each into
+            the matrix that is its call's last argument.
         breaks: instants (s) at which steps end and begin anew.
         impulses: those at which the rate of a prescribed motion jumps.
     """
@@ -80,6 +83,7 @@ class Parts:
     histories: tuple[FloatArray, ...] = ()
     behind: tuple[tuple[np.ndarray, Call], ...] = ()
     frames: list[FrameCall] = field(default_factory=list)
+    tangents: tuple[Call, ...] = ()
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     impulses: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -133,7 +137,7 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     memory.index[0] = method.index
     memory.scheme[:] = method.coefficients()
     memory.filters[0] = len(plan.flex) > 0
-    tangent = Call(tangent_after_residual, (
+    stepped = Call(tangent_after_residual, (
         plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full_tangent
     ))  # fmt: skip
     scratch.kernels[:] = 0
@@ -141,8 +145,35 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     run = Call(generalized_alpha.advance, (one, generalized_alpha.RULE, breaks.knots, state, groups, record))
     own = tuple(arrays_of(memory).values())
     histories = memory.auxiliary, memory.before, memory.earlier, memory.earliest
-    behind = ((scratch.kernels, tangent),)
+    behind = ((scratch.kernels, stepped),)
     return Parts(run, resting, state, plan, own, histories, behind, breaks=breaks.jumps, impulses=impulses)
+
+
+def with_tangents(parts: Parts, scene: CompiledScene) -> Parts:
+    """The parts with what model exchange asks for.
+
+    Raises:
+        ExportError: the machine is more than a system of first order in joint coordinates and velocities.
+    """
+    nv, more = scene.nv, []
+    if len(parts.plan.rows) > 0:
+        more.append("closed loops, whose constraints a solver of ordinary differential equations does not keep")
+    if len(parts.plan.free) < nv:
+        more.append("prescribed motions")
+    if len(parts.state.x) != nv:
+        more.append("joints whose position is a quaternion (Free, Spherical), or elements with memory")
+    if len(parts.breaks) > 0:
+        more.append("functions of time that jump or bend, which are events")
+    if more:
+        raise ExportError(f"this machine cannot leave for model exchange, for it has {'; and '.join(more)}")
+    work = parts.refresh.arguments[0].work
+    state, sizes = parts.state, np.ones((2, nv))
+    tangent_work = new_tangent_work(parts.plan, nv, sizes=sizes)
+    calls = []
+    for weights in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)):
+        at = state.x, state.v, state.a, state.multipliers
+        calls.append(Call(tangent, (parts.plan, work, tangent_work, *at, *weights, np.zeros((nv, nv)))))
+    return replace(parts, tangents=tuple(calls))
 
 
 def _explicit(

@@ -20,6 +20,7 @@ from flexmbd.multibody.force.frame_force import FrameForce
 from flexmbd.multibody.force.joint_force import JointForce
 from flexmbd.multibody.force.joint_torque import JointTorque
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.reading.force_tables import (
     constant_place,
@@ -40,6 +41,14 @@ Given = JointTorque | JointForce | FrameForce | DistributedLoad
 #: Columns of ``frame_series`` that an output of a frame is.
 _COLUMNS: dict[Any, tuple[int, int]] = {Position: (0, 3), Rotation: (3, 12), Velocity: (12, 15), Acceleration: (18, 21)}
 _ENDINGS: dict[Any, str] = {Position: "{}", Velocity: "v{}", Acceleration: "a{}", Rotation: "R{}"}
+
+
+#: Units of a coordinate, its rate and its acceleration.
+_STATE_UNITS = {
+    kinds.GROUP_ANGLE: ("rad", "rad/s", "rad/s2"),
+    kinds.GROUP_LENGTH: ("m", "m/s", "m/s2"),
+    kinds.GROUP_MODAL: ("1", "1/s", "1/s2"),
+}
 
 
 @dataclass(frozen=True)
@@ -137,6 +146,21 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
         variable = Variable(names[k] + ending, Causality.OUTPUT, unit, text, direct=isinstance(output, Acceleration))
         found.append(ObservedVariable(variable, array, places.start + k))
     return found
+
+
+def states_of(scene: CompiledScene) -> tuple[Variable, ...]:
+    """Coordinates, velocities and the derivatives of both, as variables of model exchange."""
+    units = [_STATE_UNITS[int(scene.group_kind[group])] for group in scene.group_of]
+    sizes = scene.group_floor[scene.group_of]
+    names = [f"state.{name}" for name in scene.velocity_names]
+    local, states, rates = Causality.LOCAL, [], []
+    for order, ending in enumerate(("", ".rate")):
+        for name, unit, size in zip(names, units, sizes, strict=True):
+            what = f"state {name}{ending}"
+            states.append(Variable(name + ending, local, unit[order], what, nominal=float(size)))
+            text, of = f"derivative of {what}", name + ending
+            rates.append(Variable(f"der({of})", local, unit[order + 1], text, derivative_of=of))
+    return (*states, *rates)
 
 
 def _units_of(of: Connection | FlexibleBody | PseudoRigidBody, kind: Any, count: int) -> list[str]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
+from types import NoneType
 
 import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.kernel_code import MemoryImage, bind_deferred, c_call, lay_out
-from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions
+from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions, with_tangents
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
     Given,
@@ -19,18 +20,31 @@ from flexmbd.export.functional_mockup.machine_ports import (
     named,
     observed_by,
     replaced,
+    states_of,
 )
 from flexmbd.export.functional_mockup.model_description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
-from flexmbd.export.functional_mockup.unit_build import compile_library, layer_sources, source, zipped
+from flexmbd.export.functional_mockup.unit_build import (
+    Target,
+    c_array,
+    compile_library,
+    layer_sources,
+    processor,
+    source,
+    targets_of,
+    zipped,
+)
 from flexmbd.files.whole_file import write_file
+from flexmbd.given import refuse_no_truth, refuse_other
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for, object_code
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
-from flexmbd.multibody.motion.quantity import Output
+from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.multibody.motion.quantity import Acceleration, Output
 from flexmbd.system import System
 
 _EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"
@@ -46,6 +60,9 @@ def fmu_machine(
     integrator: Method | None = None,
     fmi: Fmi | int = Fmi.V3,
     step: float | None = None,
+    windows: bool = False,
+    about: WorkingPoint | None = None,
+    model_exchange: bool = False,
 ) -> None:
     """Write a whole machine as an FMU for co-simulation, whose host needs no Python. Not collective.
 
@@ -68,10 +85,16 @@ def fmu_machine(
         integrator: ExplicitRungeKutta, by default, or GeneralizedAlpha for stiff machines.
         fmi: version of the interface, 2 or 3.
         step: communication step that is proposed to importers (s), by default ten of the integrator's.
+        windows: compile for 64-bit Windows as well, with mingw-w64.
+        about: where to begin, of ``scene.equilibrium()``, instead of what joints and bodies are given. It is an
+            equilibrium with the forces that the scene holds, and for as long as inputs keep their start values.
+        model_exchange: for model exchange as well: its states are the joint and modal coordinates and velocities,
+            ``state.<coordinate>`` and ``state.<coordinate>.rate``, with exact directional derivatives of all but
+            accelerations of frames. Of machines without loops, quaternions, prescribed motions, memories and jumps.
 
     Raises:
         ExportError: a body with history, or a function that is not a number, table or sine; an input or output that
-            does not fit; names that FMI does not carry; no gcc; the destination cannot be written.
+            does not fit; names that FMI does not carry; no compiler; the destination cannot be written.
         SceneError, AssemblyError: as `System.start`.
     """
     version = version_of(fmi)
@@ -81,43 +104,60 @@ def fmu_machine(
     step = 10.0 * h if step is None else step
     if not (np.isfinite([h, step]).all() and h > 0.0 and step > 0.0):
         raise ExportError(f"h is {h} s and step {step} s; both must be positive and finite")
+    refuse_no_truth(ExportError, windows=windows, model_exchange=model_exchange)
+    refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
+    targets = targets_of(version, windows=windows)
+    if windows and processor() != "x86_64":
+        raise ExportError(f"machines leave for Windows from x86_64 alone, as their kernels do; this is {processor()}")
     forces = [(name, replaced(one)) for name, one in named(inputs)]
-    start = scene.start_with([force for _, force in forces], instead_of=[force for _, force in named(inputs)])
+    given = [force for _, force in named(inputs)]
+    start = scene.start_with([force for _, force in forces], instead_of=given, about=about)
     refuse_functions(start.scene)
     integrator.check(start.scene)
     drives = [drive for name, one in forces for drive in drives_of(start.scene, one, name)]
     parts = parts_of(start, integrator, h)
+    parts = with_tangents(parts, start.scene) if model_exchange else parts
     observed = [one for name, output in named(outputs) for one in observed_by(start.scene, output, name, parts)]
-    variables = (*(drive.variable for drive in drives), *(one.variable for one in observed))
-    memory = lay_out([parts.run.arguments, parts.refresh.arguments, *(one.call.arguments for one in parts.frames)])
+    states = states_of(start.scene) if model_exchange else ()
+    variables = (*(drive.variable for drive in drives), *(one.variable for one in observed), *states)
+    further = [*(one.call.arguments for one in parts.frames), *(one.arguments for one in parts.tangents)]
+    memory = lay_out([parts.run.arguments, parts.refresh.arguments, *further])
     announce_compilation(type(integrator).__name__)
     code = _compiled(parts)
     mark_compiled(type(integrator).__name__)
-    data = _data(parts, memory, code, drives, observed, h)
+    nominal = [one.nominal for one in states if one.nominal is not None]
+    data = _data(parts, memory, code, drives, observed, h) + c_array("model_nominal", nominal)
     token = token_of(version, data + sha256(memory.image).hexdigest(), variables)
     deferred = deferred_kernels(code.values())
-    kernels = {one.symbol: one for one in (*code.values(), *deferred.values())}
-    objects = {f"{name}.o": object_code(kernel) for name, kernel in kernels.items()}
-    objects = {f"kernel{k}.o": content for k, content in enumerate(objects.values())}
+    kernels = tuple({one.symbol: one for one in (*code.values(), *deferred.values())}.values())
     files = {
         **layer_sources(version),
-        **{one: source(one) for one in ("machine.c", "machine.h", "lapack.c", "lapack.h")},
+        **{one: source(one) for one in ("machine.c", "machine_exchange.c", "machine.h", "lapack.c", "lapack.h")},
         "data.c": (data + f'const char model_token[] = "{token}";\n').encode(),
         "deferred.c": bind_deferred(deferred).encode(),
         "image.bin": memory.image,
-        "exports.map": _EXPORTS,
     }
     name = Path(path).stem
     text = f"Multibody machine, {integrator.name}, steps of at most {h:g} s"
-    unit = Description(name, identifier_of(name), token, text, variables, step, inner_step=h)
-    library = compile_library(files | objects, link=(*objects, "-Wl,--version-script=exports.map"))
-    write_file(path, zipped(unit_members(unit, version, {}, library)))
+    exact = not any(isinstance(one, Acceleration) and isinstance(one.of, Frame) for _, one in named(outputs))
+    unit = Description(name, identifier_of(name), token, text, variables, step, inner_step=h, differentiable=exact)
+    libraries = {one: _library(files, kernels, one) for one in targets}
+    write_file(path, zipped(unit_members(unit, version, {}, libraries)))
+
+
+def _library(files: Mapping[str, bytes], kernels: Sequence[Kernel], target: Target) -> bytes:
+    """The C files and the kernels as a shared library."""
+    objects = {f"kernel{k}.o": object_code(kernel, target.triple) for k, kernel in enumerate(kernels)}
+    exported = {"exports.map": _EXPORTS} if target.map_exports else {}
+    options = [f"-Wl,--version-script={name}" for name in exported]
+    return compile_library({**files, **objects, **exported}, target, link=(*objects, *options))
 
 
 def _compiled(parts: Parts) -> dict[str, Kernel]:
     """The kernels of all calls, by what the calls are named."""
     calls = {"run": parts.run, "refresh": parts.refresh}
     calls |= {f"frame{k}": one.call for k, one in enumerate(parts.frames)}
+    calls |= {f"tangent{k}": call for k, call in enumerate(parts.tangents)}
     calls |= {f"behind{k}": call for k, (_, call) in enumerate(parts.behind)}
     return {name: kernel_for(call.kernel, call.arguments) for name, call in calls.items()}
 
@@ -135,6 +175,8 @@ def _data(
     places_out = ", ".join(str(memory.place(one.array, one.index)) for one in observed) or "0"
     own = [(memory.place(part), part.nbytes) for part in parts.memory if part.size]
     histories = [memory.place(part) for part in parts.histories if part.size]
+    matrices = [memory.place(one.arguments[-1]) for one in parts.tangents] or [0, 0, 0]
+    rows = [memory.place(one.call.arguments[-1]) for one in parts.frames]
     sizes = {
         "model_inputs": len(drives),
         "model_parameters": 0,
@@ -145,6 +187,13 @@ def _data(
         "machine_counts": memory.place(state.counts),
         "machine_accelerations": memory.place(state.a),
         "machine_velocities": len(state.v),
+        "model_states": 2 * len(state.v) if parts.tangents else 0,
+        "machine_x": memory.place(state.x),
+        "machine_v": memory.place(state.v),
+        "machine_mass": matrices[0],
+        "machine_damping": matrices[1],
+        "machine_stiffness": matrices[2],
+        "machine_frame_rows": len(rows),
         "machine_own_arrays": len(own),
         "machine_histories": len(histories),
         "machine_breaks": len(parts.breaks),
@@ -164,8 +213,10 @@ def _data(
     }
     return (
         '#include "lapack.h"\n#include "machine.h"\n#include "model.h"\n\n'
-        '__asm__(".section .rodata\\n.balign 64\\n.globl machine_image\\nmachine_image: .incbin \\"image.bin\\"\\n'
-        '.previous\\n");\n\n'
+        '#if defined(_WIN32)\n#define READ_ONLY ".section .rdata,\\"dr\\"\\n"\n#else\n'
+        '#define READ_ONLY ".section .rodata\\n"\n#endif\n'
+        '__asm__(READ_ONLY ".balign 64\\n.globl machine_image\\nmachine_image: .incbin \\"image.bin\\"\\n'
+        '.text\\n");\n\n'
         + "".join(f"const size_t {name} = {value};\n" for name, value in sizes.items())
         + "".join(f"const int {name} = {value};\n" for name, value in entries.items())
         + f"const double model_start[] = {{{starts}}};\n"
@@ -176,7 +227,9 @@ def _data(
         f"const double machine_break_times[] = {{{breaks}}};\n"
         f"const double machine_impulse_times[] = {{{impulses}}};\n"
         f"const size_t machine_input_places[] = {{{places_in}}};\n"
-        f"const size_t machine_output_places[] = {{{places_out}}};\n\n" + _calls(parts, memory, code)
+        f"const size_t machine_output_places[] = {{{places_out}}};\n"
+        f"const size_t machine_frame_places[] = {{{', '.join(map(str, rows)) or '0'}}};\n\n"
+        + _calls(parts, memory, code)
     )
 
 
@@ -184,17 +237,19 @@ def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel]) -> str
     """The functions of machine.h as C."""
     calls = [("run", parts.run), ("refresh", parts.refresh)]
     calls += [(f"frame{k}", one.call) for k, one in enumerate(parts.frames)]
+    calls += [(f"tangent{k}", one) for k, one in enumerate(parts.tangents)]
     text = "".join(c_call(code[name], call.arguments, memory, name=name) for name, call in calls)
     for name in ("run", "refresh"):
         text += (
             f"int64_t machine_{name}(unsigned char *m) {{\n    int64_t code = -1;\n"
             f"    return {name}(m, &code) == 0 ? code : -1;\n}}\n\n"
         )
-    frames = "".join(f"    failed |= frame{k}(m, &nothing);\n" for k in range(len(parts.frames)))
-    text += (
-        "int machine_frames(unsigned char *m) {\n    void *nothing = 0;\n    int failed = 0;\n    (void)m;\n"
-        f"{frames}    (void)nothing;\n    return failed ? -1 : 0;\n}}\n\n"
-    )
+    for name, count in (("frame", len(parts.frames)), ("tangent", len(parts.tangents))):
+        several = "".join(f"    failed |= {name}{k}(m, &nothing);\n" for k in range(count))
+        text += (
+            f"int machine_{name}s(unsigned char *m) {{\n    void *nothing = 0;\n    int failed = 0;\n    (void)m;\n"
+            f"{several}    (void)nothing;\n    return failed ? -1 : 0;\n}}\n\n"
+        )
     addresses = {
         memory.place(parts.plan.lapack, k): name for k, name in enumerate(("machine_dgetrf", "machine_dgetrs"))
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from xml.etree import ElementTree as ET
@@ -25,6 +25,7 @@ class Causality(Enum):
     INPUT = "input"
     PARAMETER = "parameter"
     OUTPUT = "output"
+    LOCAL = "local"
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,13 @@ class Variable:
 
     Attributes:
         name: unique in the unit.
-        causality: input, parameter or output.
+        causality: input, parameter or output; local are continuous states and their derivatives.
         unit: one of `UNITS`.
         description: one line.
         start: of inputs and parameters.
         direct: of outputs: whether the inputs at an instant change them at that instant.
+        derivative_of: of a state's derivative the state's name.
+        nominal: of a state: a size that is usual, to which a solver's absolute tolerance is relative.
     """
 
     name: str
@@ -46,11 +49,15 @@ class Variable:
     description: str
     start: float = 0.0
     direct: bool = True
+    derivative_of: str | None = None
+    nominal: float | None = None
 
 
 @dataclass(frozen=True)
 class Description:
-    """A unit for co-simulation; variables are inputs, then parameters, then outputs.
+    """A unit for co-simulation, and for model exchange where it has continuous states.
+
+    Variables are inputs, then parameters, outputs, states and their derivatives.
 
     Attributes:
         name: of the model, any text.
@@ -60,6 +67,7 @@ class Description:
         variables: their value references are their places, from 1; 0 is the time.
         step: communication step proposed (s).
         inner_step: step of the integrator inside (s), None where the unit is exact for any step.
+        differentiable: whether model exchange gives the derivatives of all outputs.
     """
 
     name: str
@@ -69,11 +77,14 @@ class Description:
     variables: tuple[Variable, ...]
     step: float
     inner_step: float | None = None
+    differentiable: bool = True
 
 
 #: Exponents of SI base units; the radian counts as one.
 UNITS: dict[str, dict[str, int]] = {
     "1": {},
+    "1/s": {"s": -1},
+    "1/s2": {"s": -2},
     "s": {"s": 1},
     "m": {"m": 1},
     "rad": {"rad": 1},
@@ -122,16 +133,23 @@ def model_description(unit: Description, fmi: Fmi, *, sources: Sequence[str] = (
     root = _root(unit, fmi)
     can = "canGetAndSetFMUState" if fmi is Fmi.V3 else "canGetAndSetFMUstate"
     serialise = "canSerializeFMUState" if fmi is Fmi.V3 else "canSerializeFMUstate"
-    kind = SubElement(root, "CoSimulation", modelIdentifier=unit.identifier)
-    kind.set("canHandleVariableCommunicationStepSize", "true")
-    kind.set(can, "true")
-    kind.set(serialise, "true")
-    if fmi is Fmi.V3 and unit.inner_step is not None:
-        kind.set("fixedInternalStepSize", repr(float(unit.inner_step)))
-    if fmi is Fmi.V2 and sources:
-        listed = SubElement(kind, "SourceFiles")
-        for name in sources:
-            SubElement(listed, "File", name=name)
+    exchange = any(one.derivative_of for one in unit.variables)
+    for tag in ("ModelExchange", "CoSimulation") if exchange else ("CoSimulation",):
+        kind = SubElement(root, tag, modelIdentifier=unit.identifier)
+        kind.set(can, "true")
+        kind.set(serialise, "true")
+        if tag == "ModelExchange":
+            kind.set(f"providesDirectionalDerivative{'s' * (fmi is Fmi.V3)}", str(unit.differentiable).lower())
+            if fmi is Fmi.V2:
+                kind.set("completedIntegratorStepNotNeeded", "true")
+        else:
+            kind.set("canHandleVariableCommunicationStepSize", "true")
+            if fmi is Fmi.V3 and unit.inner_step is not None:
+                kind.set("fixedInternalStepSize", repr(float(unit.inner_step)))
+        if fmi is Fmi.V2 and sources:
+            listed = SubElement(kind, "SourceFiles")
+            for name in sources:
+                SubElement(listed, "File", name=name)
     definitions = SubElement(root, "UnitDefinitions")
     used = {"s", *(one.unit for one in unit.variables)}
     for name in (name for name in UNITS if name in used):
@@ -169,38 +187,67 @@ def _attributes(one: Variable, reference: int) -> dict[str, str]:
     return found
 
 
+def _unknowns(variables: Sequence[Variable]) -> dict[str, list[tuple[int, list[int] | None]]]:
+    """What the model structure lists: place among the variables, from 0, and on which places it depends, if told."""
+    derived = {one.derivative_of for one in variables} - {None}
+    states = [k for k, one in enumerate(variables) if one.name in derived]
+    outputs = [k for k, one in enumerate(variables) if one.causality is Causality.OUTPUT]
+    rates = [k for k, one in enumerate(variables) if one.derivative_of is not None]
+    return {
+        "outputs": [(k, states if not variables[k].direct else None) for k in outputs],
+        "derivatives": [(k, None) for k in rates],
+        "initial": [(k, None) for k in (*outputs, *states, *rates)],
+    }
+
+
+def _list_unknowns(
+    variables: Sequence[Variable], tags: Mapping[str, tuple[Element, str]], *, shift: int, key: str
+) -> None:
+    """Write the model structure; ``shift`` makes a place what the version calls a variable by, under ``key``."""
+    for what, unknowns in _unknowns(variables).items():
+        parent, tag = tags[what]
+        for place, on in unknowns:
+            unknown = SubElement(parent, tag, {key: str(place + shift)})
+            if on is not None:
+                unknown.set("dependencies", " ".join(str(k + shift) for k in on))
+
+
 def _fmi3_variables(variables: Sequence[Variable], inside: Element, structure: Element) -> None:
     time = {"name": "time", "valueReference": "0", "causality": "independent", "variability": "continuous"}
     SubElement(inside, "Float64", time | {"unit": "s"})
+    references = {one.name: str(reference) for reference, one in enumerate(variables, start=1)}
     for reference, one in enumerate(variables, start=1):
         element = SubElement(inside, "Float64", _attributes(one, reference) | {"unit": one.unit})
-        if one.causality is Causality.OUTPUT:
+        if one.derivative_of is not None:
+            element.set("derivative", references[one.derivative_of])
+        if one.nominal is not None:
+            element.set("nominal", repr(float(one.nominal)))
+        if one.causality in (Causality.OUTPUT, Causality.LOCAL):
             element.set("initial", "calculated")
         else:
             element.set("start", repr(float(one.start)))
-    for tag in ("Output", "InitialUnknown"):
-        for reference, one in enumerate(variables, start=1):
-            if one.causality is Causality.OUTPUT:
-                unknown = SubElement(structure, tag, valueReference=str(reference))
-                if tag == "Output" and not one.direct:
-                    unknown.set("dependencies", "")
+    tags = {"outputs": "Output", "derivatives": "ContinuousStateDerivative", "initial": "InitialUnknown"}
+    here = {what: (structure, tag) for what, tag in tags.items()}
+    _list_unknowns(variables, here, shift=1, key="valueReference")
 
 
 def _fmi2_variables(variables: Sequence[Variable], inside: Element, structure: Element) -> None:
     time = SubElement(inside, "ScalarVariable", name="time", valueReference="0", causality="independent")
     time.set("variability", "continuous")
     SubElement(time, "Real", unit="s")
+    places = {one.name: str(place) for place, one in enumerate(variables, start=2)}  # in the file, after the time
     for reference, one in enumerate(variables, start=1):
         element = SubElement(inside, "ScalarVariable", _attributes(one, reference))
         real = SubElement(element, "Real", unit=one.unit)
-        if one.causality is Causality.OUTPUT:
+        if one.derivative_of is not None:
+            real.set("derivative", places[one.derivative_of])
+        if one.nominal is not None:
+            real.set("nominal", repr(float(one.nominal)))
+        if one.causality in (Causality.OUTPUT, Causality.LOCAL):
             element.set("initial", "calculated")
         else:
             real.set("start", repr(float(one.start)))
-    for tag in ("Outputs", "InitialUnknowns"):
-        group = SubElement(structure, tag)
-        for place, one in enumerate(variables, start=2):  # places in the file, the time being the first
-            if one.causality is Causality.OUTPUT:
-                unknown = SubElement(group, "Unknown", index=str(place))
-                if tag == "Outputs" and not one.direct:
-                    unknown.set("dependencies", "")
+    tags = {"outputs": "Outputs", "derivatives": "Derivatives", "initial": "InitialUnknowns"}
+    listed = _unknowns(variables)
+    here = {what: (SubElement(structure, tag) if listed[what] else structure, "Unknown") for what, tag in tags.items()}
+    _list_unknowns(variables, here, shift=2, key="index")

@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -17,9 +18,51 @@ from xml.etree.ElementTree import Element, SubElement
 from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.model_description import Fmi
 
-#: The program, in ways that do not depend on the processor that compiles: no fused multiplication and addition.
-COMPILE = ("gcc", "-std=c99", "-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off", "-Wall", "-Wextra")
-LINK = ("-shared", "-Wl,--build-id=none", "-Wl,--no-undefined", "-s")
+#: Options of every compiler: results do not depend on who compiles, as multiplication and addition stay apart.
+C99 = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra")
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A kind of computer that a unit's binary is compiled for.
+
+    Attributes:
+        folder: FMI 2's and FMI 3's names of it, None where a version has none.
+        suffix: of shared libraries there.
+        compile: the compiler and its options.
+        link: the linker's options.
+        packages: of Debian, which hold the compiler.
+        triple: LLVM's name of it; "" for the computer at hand.
+        map_exports: whether a map tells the linker what the library exports; else the sources say it themselves.
+    """
+
+    folder: Mapping[Fmi, str | None]
+    suffix: str
+    compile: tuple[str, ...]
+    link: tuple[str, ...]
+    packages: str
+    triple: str = ""
+    map_exports: bool = False
+
+    @property
+    def compiler(self) -> str:
+        """The compiler's name."""
+        return self.compile[0]
+
+    def member(self, fmi: Fmi, identifier: str) -> str:
+        """Where a unit keeps its binary for this target."""
+        return f"binaries/{self.folder[fmi]}/{identifier}{self.suffix}"
+
+
+#: 64-bit Windows, by the cross compiler mingw-w64.
+WINDOWS = Target(
+    {Fmi.V2: "win64", Fmi.V3: "x86_64-windows"},
+    ".dll",
+    ("x86_64-w64-mingw32-gcc", *C99),
+    ("-shared", "-static-libgcc", "-Wl,--no-insert-timestamp", "-s"),
+    "gcc-mingw-w64-x86-64",
+    triple="x86_64-w64-windows-gnu",
+)
 
 _LAYER = {Fmi.V2: ("fmi2.c", "fmi2.h"), Fmi.V3: ("fmi3.c", "fmi3.h")}
 
@@ -34,46 +77,72 @@ def layer_sources(fmi: Fmi) -> dict[str, bytes]:
     return {name: source(name) for name in (*_LAYER[fmi], "instance.c", "instance.h", "model.h")}
 
 
-def binary_folder(fmi: Fmi) -> str:
-    """Where a unit keeps the library for this machine.
+def processor() -> str:
+    """FMI's name of this computer's processor, as x86_64."""
+    machine = platform.machine().lower()
+    return {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+
+
+def this_target(fmi: Fmi, *, otherwise: str = "") -> Target:
+    """The computer at hand, by gcc.
+
+    Args:
+        fmi: the version of the interface.
+        otherwise: what else can be done, for the message.
 
     Raises:
         ExportError: this version has no name for it.
     """
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
+    machine = processor()
     if platform.system() != "Linux" or (fmi is Fmi.V2 and machine != "x86_64"):
         raise ExportError(
             f"a binary of FMI {fmi.value} is compiled on Linux{' x86_64' if fmi is Fmi.V2 else ''} alone, this is "
-            f"{platform.system()} {machine}; write the sources alone, binary=False, and compile them there"
+            f"{platform.system()} {machine}{otherwise}"
         )
-    return "binaries/linux64" if fmi is Fmi.V2 else f"binaries/{machine}-linux"
+    folder = {Fmi.V2: "linux64", Fmi.V3: f"{machine}-linux"}
+    compile_with = ("gcc", *C99, "-fPIC", "-fvisibility=hidden")
+    link = ("-shared", "-Wl,--build-id=none", "-Wl,--no-undefined", "-s")
+    return Target(folder, ".so", compile_with, link, "gcc libc6-dev", map_exports=True)
 
 
-def compile_library(files: Mapping[str, bytes], *, link: Sequence[str] = ()) -> bytes:
+def targets_of(fmi: Fmi, *, windows: bool, binary: bool = True, otherwise: str = "") -> tuple[Target, ...]:
+    """What binaries are compiled for, once each compiler is found.
+
+    Raises:
+        ExportError: there is no such binary, or no compiler; the message ends with ``otherwise``.
+    """
+    targets: tuple[Target, ...] = (this_target(fmi, otherwise=otherwise),) if binary else ()
+    targets += (WINDOWS,) if windows else ()
+    for one in targets:
+        if shutil.which(one.compiler) is None:
+            raise ExportError(
+                f"an FMU's binary {one.suffix} is compiled by {one.compiler}, which is not on the PATH: install it "
+                f"(apt install {one.packages}){otherwise}"
+            )
+    return targets
+
+
+def compile_library(files: Mapping[str, bytes], target: Target, *, link: Sequence[str] = ()) -> bytes:
     """Compile and link C files to a shared library.
 
     Args:
         files: all sources, headers and ready object files by name; those that end with ".c" are compiled.
+        target: for what; its compiler is there.
         link: names of object files among them and further options of the linker.
 
     Raises:
-        ExportError: there is no gcc, or it fails.
+        ExportError: the compiler fails.
     """
-    if shutil.which(COMPILE[0]) is None:
-        raise ExportError(
-            "an FMU's binary is compiled by gcc, which is not on the PATH: install it (apt install gcc libc6-dev), or "
-            "write the sources alone with binary=False"
-        )
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
             (Path(folder) / name).write_bytes(content)
         sources = sorted(name for name in files if name.endswith(".c"))
-        command = [*COMPILE, *sources, *link, *LINK, "-o", "library.so", "-lm"]
+        command = [*target.compile, *sources, *link, *target.link, "-o", f"library{target.suffix}", "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines()
-            raise ExportError("gcc cannot compile the FMU's binary: " + "; ".join(lines[:3]))
-        return (Path(folder) / "library.so").read_bytes()
+            raise ExportError(f"{target.compiler} cannot compile the FMU's binary: " + "; ".join(lines[:3]))
+        return (Path(folder) / f"library{target.suffix}").read_bytes()
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> bytes:
@@ -95,7 +164,7 @@ def zipped(members: Mapping[str, bytes]) -> bytes:
         for name, content in members.items():
             entry = zipfile.ZipInfo(name)  # of 1980, the first date of an archive
             entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = (0o100755 if name.endswith(".so") else 0o100644) << 16
+            entry.external_attr = (0o100755 if name.startswith("binaries/") else 0o100644) << 16
             archive.writestr(entry, content)
     return buffer.getvalue()
 

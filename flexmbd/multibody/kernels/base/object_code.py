@@ -82,16 +82,23 @@ def _without_python(program: str) -> str:
 
 
 @cache
-def object_code(kernel: Kernel) -> bytes:
-    """Object code, to be placed anywhere, for every processor of the platform's architecture."""
+def object_code(kernel: Kernel, triple: str = "") -> bytes:
+    """Object code, to be placed anywhere, for every processor of the platform's architecture.
+
+    Args:
+        kernel: a compiled one.
+        triple: another system's, of the same architecture, whose calling convention and file format are taken.
+    """
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     module = llvm.parse_assembly(kernel.program)
     for one in module.functions:
-        if not one.is_declaration and one.name != kernel.symbol:
-            one.linkage = "internal"
+        if not one.is_declaration:  # weak definitions, as numba has them, are not seen from elsewhere on Windows
+            one.linkage = "external" if one.name == kernel.symbol else "internal"
     oldest = "x86-64" if kernel.triple.startswith("x86_64") else "generic"
-    target = llvm.Target.from_triple(kernel.triple)
+    target = llvm.Target.from_triple(triple or kernel.triple)
     machine = target.create_target_machine(cpu=oldest, features="", opt=2, reloc="pic", codemodel="default")
+    if triple:
+        module.triple, module.data_layout = triple, str(machine.target_data)
     code: bytes = machine.emit_object(module)
     return code
