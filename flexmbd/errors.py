@@ -119,6 +119,13 @@ class StartWarning(UserWarning):
     """
 
 
+class PathWarning(UserWarning):
+    """A path of equilibria ended before the load factor that was asked for; what was found is kept.
+
+    Remedy: the message says whether the load has a maximum below it, or the path was broken off.
+    """
+
+
 class TableWarning(UserWarning):
     """A table's cubics leave the range of its points by more than that range, as beside a jump.
 

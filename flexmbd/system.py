@@ -6,15 +6,17 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.compiled_machine import STARTING, CompiledMachine
+from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
@@ -29,7 +31,9 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import is_compiled
-from flexmbd.multibody.linear.equilibrium import find_equilibrium
+from flexmbd.multibody.linear.equilibrium import equilibrium_at_rest, find_equilibrium
+from flexmbd.multibody.linear.path.continuation import equilibrium_path
+from flexmbd.multibody.linear.path.equilibrium_path import Continuation, EquilibriumPath
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
@@ -189,7 +193,17 @@ class System(MachineAssembly):
     def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
         return self._machine(scene).start_of(scene, t, about)
 
-    def equilibrium(self, *, t: float = 0.0, about: WorkingPoint | None = None) -> WorkingPoint:
+    @overload
+    def equilibrium(self, *, t: float = ..., about: WorkingPoint | None = ..., path: None = ...) -> WorkingPoint: ...
+
+    @overload
+    def equilibrium(
+        self, *, t: float = ..., about: WorkingPoint | None = ..., path: Continuation
+    ) -> EquilibriumPath: ...
+
+    def equilibrium(
+        self, *, t: float = 0.0, about: WorkingPoint | None = None, path: Continuation | None = None
+    ) -> WorkingPoint | EquilibriumPath:
         """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
 
         Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.  Bodies with
@@ -200,16 +214,40 @@ class System(MachineAssembly):
             t: s, at which forces and motions are taken.
             about: an equilibrium found before to begin from, as one under a part of the load, instead of what joints
                 and bodies are given.
+            path: follow the equilibria from there on, with the time as the factor of the loads, through limit points
+                and past bifurcations (``fm.Continuation``).  The path begins at ``about`` under its own factor, or at
+                the equilibrium at ``t``; from a bifurcation of another path it is the one that crosses.
+
+        Returns:
+            The equilibrium; with ``path`` an ``EquilibriumPath``.
 
         Raises:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
-                a body with history has no balance, can only be stepped, or turns.
+                a body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing,
+                the machine is a mechanism, moves, or holds bodies with history; or it cannot be followed.
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
+        refuse_other(path, (Continuation, NoneType), "path", wanted="fm.Continuation(to=...)")
+        if path is not None and about is not None:
+            if t not in (0.0, about.t):
+                raise SceneError(
+                    f"a path begins at `about` under its own load factor, {about.t:g}, and t = {t:g} is another; leave "
+                    "one of them out"
+                )
+            t = about.t
         start = self._start(self._compile(()), t, about)
         work = new_work(start.scene.plan)
         evaluate_inputs(start.scene, work, t)
-        return find_equilibrium(start, work)
+        if path is None:
+            return find_equilibrium(start, work)
+        for connection in self._connections:
+            if connection.velocity is not None and np.any(connection.velocity):
+                raise SceneError(
+                    f"a path of equilibria is of a machine at rest, but joint {connection.name!r} is given a velocity; "
+                    "take it away"
+                )
+        begin = equilibrium_at_rest(start, work) if about is None else replace(about, scene=start.scene)
+        return equilibrium_path(begin, path, work, evaluate_inputs)
 
     def linearize(
         self,

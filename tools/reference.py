@@ -16,7 +16,7 @@ PAGES = {
         "Systems",
         "System CompiledMachine Runnable CompiledScene Start WorkingPoint Instant Team LinearizedMachine "
         "StateSpace Input Controller Measurement States StateEquation Followed campbell Campbell "
-        "CriticalSpeed FirstOrderMachine",
+        "CriticalSpeed FirstOrderMachine Continuation EquilibriumPath CriticalPoint CriticalKind PathEnd",
         "parameter output",
     ),
     "running": (
@@ -64,7 +64,7 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError EventWarning "
-        "ModesWarning RangeWarning "
+        "ModesWarning PathWarning RangeWarning "
         "StartWarning TableWarning",
         "",
     ),

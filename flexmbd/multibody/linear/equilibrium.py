@@ -8,23 +8,21 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
-from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
-from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
+from flexmbd.multibody.linear.balance import Balance, balance, moved, step_size
 from flexmbd.multibody.linear.membrane_strains import MembraneStrains, membrane_strains
+from flexmbd.multibody.linear.path.corrector import PathSpace
+from flexmbd.multibody.linear.path.follow import Bounds, follow, station
+from flexmbd.multibody.linear.path.loading import LackingTakenAway
+from flexmbd.multibody.linear.stability import has_potential
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start
-from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
-from flexmbd.multibody.start.placement import follow_mates
 
 FloatArray = NDArray[np.float64]
 
@@ -55,20 +53,6 @@ class _Step:
     softest: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _Balance:
-    """Unbalanced forces (nz,) at a state, and the quantities that they follow from."""
-
-    x: FloatArray
-    v: FloatArray
-    multipliers: FloatArray
-    of: Derivatives
-    by: Elimination
-    lacking: FloatArray
-    parts: FloatArray
-    mass: FloatArray
-
-
 def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
 
@@ -81,6 +65,9 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     found but one that the machine would settle in. An unstable one that is met on the way is left along its most
     unstable motion; a start that is one is kept.
 
+    Forces that follow what they act on have no potential, so that there is no downhill: then the forces that the start
+    lacks are let go along a path of equilibria (Newton's homotopy), whose end may be unstable, and flutter.
+
     Args:
         start: the consistent start.
         work: scratch; ``work.time`` holds the functions of time.
@@ -90,12 +77,14 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     """
     scene = start.scene
     machine = _Machine(scene, work, membrane_strains(scene.plan, scene.nv))
-    here = _balance(scene, work, start.x, start.v)
+    here = balance(scene, work, start.x, start.v)
+    if scene.interiors is None and not scene.state_mask.any() and not start.v.any() and not has_potential(scene, here):
+        return _without_potential(machine, here)
     forces = machine.strains.at(here.x)
     for i in range(_ITERATIONS):
         step = _newton_step(scene, here, machine.strains.stiffness(forces - machine.strains.at(here.x)))
-        size = _size(scene, step.along)
-        longest = _size(scene, np.where(scene.state_mask, 0.0, step.along))
+        size = step_size(scene, step.along)
+        longest = step_size(scene, np.where(scene.state_mask, 0.0, step.along))
         if size <= _CONVERGED and (step.unstable == 0 or i == 0):
             if step.unstable == 0:
                 here, _ = _take_step(machine, here, step.along, forces, searches=False)
@@ -106,7 +95,7 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
             unstable = None if scene.state_mask.any() else step.unstable
             return WorkingPoint(scene, t, x, here.v, here.multipliers, kept, unstable)
         if size <= _CONVERGED:
-            along = step.softest * (_LEAVE / _size(scene, step.softest))
+            along = step.softest * (_LEAVE / step_size(scene, step.softest))
         else:
             along = step.along * min(1.0, _STEP / max(longest, 1e-300))
         searches = step.unstable == 0 and not scene.state_mask.any()
@@ -120,14 +109,15 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     )
 
 
-def _size(scene: CompiledScene, step: FloatArray) -> float:
-    """Of a step (nv,): rad, or of the machine's extent."""
-    return float(np.abs(step / scene.group_full[scene.group_of]).max(initial=0.0))
+def equilibrium_at_rest(start: Start, work: Work) -> WorkingPoint:
+    """As ``find_equilibrium``, with prescribed motions held still where they are."""
+    work.time[:-1, 1:] = 0.0
+    return find_equilibrium(replace(start, v=np.zeros_like(start.v)), work)
 
 
 def _take_step(
-    machine: _Machine, here: _Balance, step: FloatArray, forces: FloatArray, *, searches: bool
-) -> tuple[_Balance, FloatArray]:
+    machine: _Machine, here: Balance, step: FloatArray, forces: FloatArray, *, searches: bool
+) -> tuple[Balance, FloatArray]:
     """Where a step leads, and the membrane forces there by the step's linear equations.
 
     It is halved until interiors find their balance there and, if it searches, the forces no longer push back.
@@ -139,9 +129,9 @@ def _take_step(
     for halvings in range(_HALVINGS + 1):
         part = 0.5**halvings
         change = step * part
-        x = _moved(scene, machine.work, here.x, np.where(scene.state_mask, 0.0, change))
+        x = moved(scene, machine.work, here.x, np.where(scene.state_mask, 0.0, change))
         try:
-            there = _balance(scene, machine.work, x, here.v + np.where(scene.state_mask, change, 0.0))
+            there = balance(scene, machine.work, x, here.v + np.where(scene.state_mask, change, 0.0))
         except SceneError as reason:
             if scene.interiors is None:
                 raise
@@ -168,33 +158,27 @@ def _committed(scene: CompiledScene) -> InteriorSnapshot:
     return scene.interiors.snapshot(scene.plan)
 
 
-def _balance(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> _Balance:
-    """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them."""
-    m, nv, size = len(scene.plan.rows), scene.nv, coordinate_sizes(scene)
-    v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
-    of_interiors = 0.0 if scene.interiors is None else equilibrate_interiors(scene, scene.interiors, work, x, v)
-    force = np.zeros(nv)
-    residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
-    scene.refuse_failed(work)
-    nothing = Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
-    of = derive(scene.plan, work, x, v, np.zeros(m), size=size)
-    by = eliminate(scene, own_coordinates(scene), of, angular_rate_matrix(scene.plan, v), nothing)
-    free = scene.plan.free
-    multipliers: FloatArray = np.zeros(m)
-    if m:
-        # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
-        mass = of.mass[np.ix_(free, free)]
-        J = of.jacobian[:, free]
-        weighted = np.linalg.solve(mass, J.T)
-        multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
-        of = derive(scene.plan, work, x, v, multipliers, size=size)
-    of = replace(of, stiffness=of.stiffness + of_interiors)
-    parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
-    mass = by.Vz.T @ of.mass @ by.Vz
-    return _Balance(x, v, multipliers, of, by, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+def _without_potential(machine: _Machine, start: Balance) -> WorkingPoint:
+    """The equilibrium that a path leads to on which the forces that a start lacks are let go."""
+    scene, work, strains = machine.scene, machine.work, machine.strains
+    space = PathSpace(scene, work, strains, LackingTakenAway(start.open_force()), 1.0, start.v)
+    bounds = Bounds(to=1.0, back_to=-1.0, longest=_STEP, points=_ITERATIONS)
+    onwards = space.along_factor(1.0)
+    here = station(space, space.at(start.x, 0.0), onwards)
+    for stretch in follow(space, here, bounds):
+        here = stretch.after
+    if here.point.factor != 1.0:
+        raise SceneError(
+            f"no equilibrium found: as the loads grow, on a path of {_ITERATIONS} points at most, they come to "
+            f"{here.point.factor:.3g} of their size and no further; look at the path by "
+            "scene.equilibrium(path=fm.Continuation(...))"
+        )
+    point = here.point
+    t = float(work.time[-1, 0])
+    return WorkingPoint(scene, t, point.x, point.at.v, point.at.multipliers, NO_INTERIORS, here.spectrum.unstable)
 
 
-def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Step:
+def _newton_step(scene: CompiledScene, here: Balance, more: FloatArray) -> _Step:
     """Newton's own step where nothing is unstable.
 
     Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
@@ -224,7 +208,7 @@ def _newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> _Ste
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])
 
 
-def _full_newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) -> FloatArray:
+def _full_newton_step(scene: CompiledScene, here: Balance, more: FloatArray) -> FloatArray:
     """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them."""
     slopes, states = here.of.stiffness + more, scene.state_mask
     slopes[:, states] = here.of.damping[:, states]
@@ -235,16 +219,3 @@ def _full_newton_step(scene: CompiledScene, here: _Balance, more: FloatArray) ->
     rows[rows == 0.0] = 1.0
     found = np.linalg.lstsq(matrix / rows[:, None], here.lacking / rows, rcond=None)[0]
     return np.asarray(Vz @ (-found * size[here.by.z]), dtype=np.float64)
-
-
-def _moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -> FloatArray:
-    """Configuration after a step, with its loops closed."""
-    moved = np.empty_like(x)
-    retract(scene.plan, x, step, moved)
-    follow_mates(scene, work, x, step, moved)
-    try:
-        return close_loops(scene, work, moved, np.zeros(scene.nv, bool)).x
-    except AssemblyError as reason:
-        raise SceneError(
-            f"no equilibrium found: on the way to it the loops do not close ({reason}); start nearer to it"
-        ) from reason

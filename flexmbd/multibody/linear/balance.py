@@ -1,0 +1,137 @@
+"""The forces that are out of balance at a configuration, their derivatives, and how a configuration is moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
+from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
+from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
+from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
+from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
+from flexmbd.multibody.start.placement import follow_mates
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """What is out of balance at a state.
+
+    Attributes:
+        x, v: (nx,), (nv,) configuration and velocities.
+        multipliers: (m,) reactions that leave least out of balance.
+        of: derivatives of the equations.
+        by: how changes of the configuration follow from the independent ones, z of them.
+        force: (nv,) residual without reactions.
+        lacking: (nz,) the same along the independent changes.
+        parts: (nz,) sum of the sizes of what ``lacking`` is made of.
+        mass: (nz, nz).
+    """
+
+    x: FloatArray
+    v: FloatArray
+    multipliers: FloatArray
+    of: Derivatives
+    by: Elimination
+    force: FloatArray
+    lacking: FloatArray
+    parts: FloatArray
+    mass: FloatArray
+
+    def stiffness(self, more: FloatArray | float = 0.0) -> FloatArray:
+        """(nz, nz) with ``more`` (nv, nv) beside that of the state."""
+        return self.by.Vz.T @ (self.of.stiffness + more) @ self.by.Vz
+
+    def open_force(self) -> FloatArray:
+        """(nv,) what the reactions leave out of balance in each coordinate."""
+        return self.force + self.of.jacobian.T @ self.multipliers
+
+
+def nothing_prescribed(scene: CompiledScene) -> Prescribed:
+    """No inputs."""
+    nv, m = scene.nv, len(scene.plan.rows)
+    return Prescribed(np.zeros((3, nv, 0)), np.zeros((2, m, 0)), np.zeros((0, 0)))
+
+
+def balance(
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    *,
+    given: Prescribed | None = None,
+    further: FloatArray | float = 0.0,
+) -> Balance:
+    """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them.
+
+    Args:
+        scene: without redundant rows.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: (nx,) configuration, its loops closed.
+        v: (nv,) velocities.
+        given: motions that inputs prescribe, which ``by`` is to tell of.
+        further: (nv,) forces added to the residual.
+
+    Raises:
+        SceneError: a user's function failed, interiors find no balance, or the rows are singular here.
+    """
+    m, nv, size = len(scene.plan.rows), scene.nv, coordinate_sizes(scene)
+    v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
+    of_interiors = 0.0 if scene.interiors is None else equilibrate_interiors(scene, scene.interiors, work, x, v)
+    force = np.zeros(nv)
+    residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
+    scene.refuse_failed(work)
+    force = force + further
+    of = derive(scene.plan, work, x, v, np.zeros(m), size=size)
+    turning = angular_rate_matrix(scene.plan, v)
+    by = eliminate(scene, own_coordinates(scene), of, turning, given or nothing_prescribed(scene))
+    free = scene.plan.free
+    multipliers: FloatArray = np.zeros(m)
+    if m:
+        # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
+        mass = of.mass[np.ix_(free, free)]
+        J = of.jacobian[:, free]
+        weighted = np.linalg.solve(mass, J.T)
+        multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
+        of = derive(scene.plan, work, x, v, multipliers, size=size)
+    of = replace(of, stiffness=of.stiffness + of_interiors)
+    parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
+    mass = by.Vz.T @ of.mass @ by.Vz
+    return Balance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+
+
+def moved(
+    scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, *, driven: bool = False
+) -> FloatArray:
+    """(nx,) configuration after a step (nv,), with its loops closed.
+
+    With ``driven`` prescribed coordinates are set where ``work.time`` has them now.
+
+    Raises:
+        SceneError: they do not close.
+    """
+    after = np.empty_like(x)
+    retract(scene.plan, x, step, after)
+    follow_mates(scene, work, x, step, after)
+    if driven:
+        drive(scene.plan, work, after, *np.zeros((2, scene.nv)))
+    try:
+        return close_loops(scene, work, after, np.zeros(scene.nv, bool)).x
+    except AssemblyError as reason:
+        raise SceneError(
+            f"no equilibrium found: on the way to it the loops do not close ({reason}); start nearer to it"
+        ) from reason
+
+
+def step_size(scene: CompiledScene, step: FloatArray) -> float:
+    """Of a step (nv,): rad, or of the machine's extent."""
+    return float(np.abs(step / coordinate_sizes(scene)).max(initial=0.0))

@@ -1,0 +1,1 @@
+"""Paths of equilibria: continuation in a load factor and arc length, through limit points and bifurcations."""

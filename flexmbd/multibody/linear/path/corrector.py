@@ -1,0 +1,216 @@
+"""One point of a path of equilibria: tangent, and Newton's iterations in a plane across a step (Riks 1979).
+
+Unknowns are changes of the machine's coordinates that its constraints allow, and the load factor.  A direction of the
+path is a change xi (nv,) and one of the factor; their product <a, b> = sum(xi_a xi_b / size^2) + f_a f_b / width^2 has
+each coordinate in rad or in the machine's extent, and the factor in its range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.multibody.kernels.base.arrays import Work, memories_end
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
+from flexmbd.multibody.linear.balance import Balance, balance, moved, step_size
+from flexmbd.multibody.linear.membrane_strains import MembraneStrains
+from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes, load_slopes
+from flexmbd.multibody.linear.stability import Spectrum, spectrum
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS = 12
+_CLOSE = 1e-6  # rad, of the extent or of the range: after a correction of this size the next one is round-off
+_GROWS = 2.0  # corrections that grow by more do not converge
+_SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in its size
+_ASTRAY = 0.7  # of the step: a larger correction leads to another path
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A direction in configurations and factors.
+
+    Attributes:
+        xi: (nv,) change of the configuration.
+        factor: change of the factor.
+    """
+
+    xi: FloatArray
+    factor: float
+
+    def times(self, share: float) -> Direction:
+        """Scaled."""
+        return Direction(share * self.xi, share * self.factor)
+
+    def plus(self, other: Direction) -> Direction:
+        """The sum."""
+        return Direction(self.xi + other.xi, self.factor + other.factor)
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """An equilibrium on a path.
+
+    Attributes:
+        x: (nx,) configuration.
+        factor: of the load.
+        at: balance and derivatives there.
+        slopes: of the loads.
+        iterations: of Newton's method that led there.
+    """
+
+    x: FloatArray
+    factor: float
+    at: Balance
+    slopes: LoadSlopes
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class PathSpace:
+    """A machine under loads that follow one factor.
+
+    Attributes:
+        scene: compiled, without redundant rows.
+        work: scratch.
+        strains: membrane strains of its bodies.
+        loading: its loads.
+        width: range of factors.
+        v: (nv,) velocities at which it is in balance; zeros of an equilibrium.
+    """
+
+    scene: CompiledScene
+    work: Work
+    strains: MembraneStrains
+    loading: Loading
+    width: float
+    v: FloatArray
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """(nv,) rad or m."""
+        return coordinate_sizes(self.scene)
+
+    def product(self, a: Direction, b: Direction) -> float:
+        """<a, b>."""
+        return float((a.xi / self.size) @ (b.xi / self.size)) + a.factor * b.factor / self.width**2
+
+    def unit(self, a: Direction) -> Direction:
+        """``a`` over its length."""
+        return a.times(1.0 / np.sqrt(self.product(a, a)))
+
+    def largest(self, a: Direction) -> float:
+        """Largest part: rad, of the extent, or of the range of factors."""
+        return max(step_size(self.scene, a.xi), abs(a.factor) / self.width)
+
+    def at(self, x: FloatArray, factor: float, iterations: int = 0) -> PathPoint:
+        """A configuration under a factor, in balance or not.
+
+        Raises:
+            SceneError: as ``balance``.
+        """
+        slopes = load_slopes(self.scene, self.work, self.loading, x, self.v, factor=factor, width=self.width)
+        further = self.loading.apply(self.work, factor)
+        found = balance(self.scene, self.work, x, self.v, given=slopes.given, further=further)
+        return PathPoint(x, factor, found, slopes, iterations)
+
+    def spectrum(self, here: PathPoint) -> Spectrum:
+        """Of its stiffness."""
+        return spectrum(self.scene, here.at)
+
+    def along_factor(self, sign: float) -> Direction:
+        """The factor's own direction."""
+        return Direction(np.zeros(self.scene.nv), sign * self.width)
+
+    def tangent(self, here: PathPoint, onwards: Direction) -> Direction:
+        """Unit tangent of the path at a point, on the side of a direction."""
+        return self.unit(self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
+
+    def newton_step(self, here: PathPoint, across: Direction) -> Direction:
+        """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
+        return self._solution(here, across, here.at.lacking, 0.0, 0.0)
+
+    def correct(self, start: PathPoint, step: Direction, across: Direction) -> PathPoint:
+        """The equilibrium in the plane through the end of a step that is normal to ``across``.
+
+        Membrane forces of bodies that bend are unknowns of their own, as in ``find_equilibrium``.
+
+        Raises:
+            ConvergenceError: Newton's method does not converge.
+            SceneError: as ``balance``, or the loops do not close.
+        """
+        x, factor = start.x, start.factor
+        change, close = step, False
+        last = max(_ASTRAY / _GROWS * self.largest(step), _CLOSE)
+        for iteration in range(1, _ITERATIONS + 1):
+            linear = self.strains.at(x) + self.strains.change(x, change.xi)
+            x, factor = self._moved(x, factor, change)
+            forces = linear
+            here = self.at(x, factor, iteration)
+            if close:
+                return here
+            more = self.strains.stiffness(forces - self.strains.at(x))
+            change = self._solution(here, across, here.at.lacking, 0.0, more)
+            size = self.largest(change)
+            if not np.isfinite(size) or size > _GROWS * last:
+                break
+            last, close = size, size <= _CLOSE
+        raise ConvergenceError("Newton's method does not converge")
+
+    def remembered(self, here: PathPoint) -> PathPoint:
+        """The point, with what elements with memory note of it."""
+        if not memories_end(self.scene.plan):
+            return here
+        x = here.x.copy()
+        self.loading.apply(self.work, here.factor)
+        remember(self.scene.plan, self.work, x, here.at.v, here.factor)
+        return replace(here, x=x)
+
+    def _moved(self, x: FloatArray, factor: float, change: Direction) -> tuple[FloatArray, float]:
+        """After a change."""
+        factor = factor + change.factor
+        self.loading.apply(self.work, factor)
+        after = moved(self.scene, self.work, x, change.xi, driven=True)
+        return after, factor
+
+    def _solution(
+        self, here: PathPoint, across: Direction, lacking: FloatArray, along: float, more: FloatArray | float
+    ) -> Direction:
+        """The change that the linear equations give: nothing lacks any longer, and <across, change> = along.
+
+        K dz + r df = - lacking,  xi = Vz dz + xi_f df, in which K is taken with each coordinate in its size.
+        """
+        by, at = here.at.by, here.at
+        follows = by.Xu[:, 0]
+        load = by.Vz.T @ (here.slopes.force + (at.of.stiffness + more) @ follows)
+        size, n = self.size[by.z], len(by.z)
+        matrix = np.zeros((n + 1, n + 1))
+        matrix[:n, :n] = size[:, None] * at.stiffness(more) * size
+        matrix[:n, n] = size * load * self.width
+        rows = np.abs(matrix[:n]).max(axis=1)
+        rows = np.where(rows > 0.0, rows, 1.0)
+        matrix[:n] /= rows[:, None]
+        weights = across.xi / self.size**2
+        matrix[n, :n] = (weights @ by.Vz) * size
+        matrix[n, n] = (weights @ follows) * self.width + across.factor / self.width
+        right = np.append(-size * lacking / rows, along)
+        # the shortest step where nothing resists a motion, and nothing drives it
+        found = scipy.linalg.lstsq(matrix, right, cond=_SINGULAR, lapack_driver="gelsy", check_finite=False)[0]
+        factor = float(found[n]) * self.width
+        return Direction(by.Vz @ (found[:n] * size) + follows * factor, factor)
+
+
+def until(found: Callable[[], PathPoint]) -> PathPoint | None:
+    """A point, or None where there is none: Newton's method fails, loops do not close, rows become singular."""
+    try:
+        return found()
+    except (ConvergenceError, SceneError, np.linalg.LinAlgError):
+        return None

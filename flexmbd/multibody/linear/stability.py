@@ -1,0 +1,99 @@
+"""Stability of an equilibrium, by the tangent stiffness on the motions that the constraints leave free.
+
+Where all forces have a potential the stiffness is symmetric, and as many of its eigenvalues are negative as there are
+independent unstable motions; they are counted with each coordinate in the unit of its own stiffness, which changes no
+sign (Sylvester's law of inertia).  Forces that follow what they act on have no potential: a machine under them may
+flutter, that is two of the eigenvalues mu of K phi = mu M phi have become complex, with motions exp(s t), s^2 = -mu
+(Bolotin 1963, Nonconservative Problems of the Theory of Elastic Stability).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.reading.tree import tree_joints
+from flexmbd.multibody.linear.balance import Balance
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
+
+FloatArray = NDArray[np.float64]
+
+_HAS_POTENTIAL = 1e-6  # of the coordinates' own stiffness: what derivatives of users' functions by differences may lack
+_ROUND_OFF = 1e-14  # of a coordinate's own stiffness, for each coordinate
+_PAIR = 1e-6  # imaginary part over size, below which round-off may have parted two equal eigenvalues
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Eigenvalues of the stiffness at an equilibrium, ascending by their real parts.
+
+    Attributes:
+        values: (nz,) without unit where there is a potential: of the stiffness over the coordinates' own; else 1/s^2.
+        shapes: (nv, nz) right eigenvectors as changes of the machine's coordinates; real parts.
+        unstable: how many independent motions grow: of a flutter two.
+        idle: (nz,) whether nothing resists a motion, or drives it, up to round-off.
+        has_potential: whether the stiffness is symmetric.
+    """
+
+    values: NDArray[np.complex128]
+    shapes: FloatArray
+    unstable: int
+    idle: NDArray[np.bool_]
+    has_potential: bool
+
+    def mode(self, k: int) -> FloatArray:
+        """(nv,) of eigenvalue k."""
+        return self.shapes[:, k]
+
+
+def spectrum(scene: CompiledScene, at: Balance, more: FloatArray | float = 0.0) -> Spectrum:
+    """Of the tangent stiffness of a balance, with ``more`` (nv, nv) beside it."""
+    Vz, stiffness = at.by.Vz, at.stiffness(more)
+    if not len(stiffness):
+        nothing = np.zeros(0)
+        return Spectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True)
+    own = _own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
+    scaled = stiffness / np.outer(own, own)
+    if has_potential(scene, at):
+        values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
+        idle = np.abs(values) <= len(values) * _ROUND_OFF
+        unstable = int((values < 0.0)[~idle].sum())
+        return Spectrum(values.astype(complex), Vz @ (shapes / own[:, None]), unstable, idle, True)
+    factor = scipy.linalg.cholesky(at.mass, lower=True)
+    half = scipy.linalg.solve_triangular(factor, stiffness, lower=True)
+    whole = scipy.linalg.solve_triangular(factor, half.T, lower=True).T
+    values, shapes = scipy.linalg.eig(whole)
+    order = np.argsort(values.real, kind="stable")
+    values, shapes = values[order], shapes[:, order]
+    shapes = scipy.linalg.solve_triangular(factor.T, shapes.real, lower=False)
+    idle = np.abs(values) <= len(values) * _ROUND_OFF * np.abs(values).max()
+    flutters = np.abs(values.imag) > _PAIR * np.abs(values)
+    grows = (flutters | (values.real < 0.0)) & ~idle
+    return Spectrum(values, Vz @ shapes, int(grows.sum()), idle, False)
+
+
+def has_potential(scene: CompiledScene, at: Balance) -> bool:
+    """Whether the forces at a state have a potential, as far as their derivatives there tell.
+
+    Along rotations, in axes that turn with them, second derivatives of a potential commute up to the moment that is
+    out of balance: K_12 - K_21 = - f_3.
+    """
+    skew = at.of.stiffness - at.of.stiffness.T
+    force = at.open_force()
+    for joint in tree_joints(scene.plan):
+        if joint.spin is not None:
+            x, y, z = force[joint.spin]
+            skew[joint.spin, joint.spin] += [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    skew, stiffness = at.by.Vz.T @ skew @ at.by.Vz, at.stiffness()
+    own = _own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
+    return bool((np.abs(skew / np.outer(own, own)) <= _HAS_POTENTIAL).all())
+
+
+def _own_stiffness(stiffness: FloatArray, size: FloatArray) -> FloatArray:
+    """(n,) the root of each coordinate's own stiffness, of all that its row has in the machine's sizes."""
+    energy = np.abs(stiffness) @ size * size
+    return np.where(energy > 0.0, np.sqrt(energy) / size, 1.0)
