@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError, SceneError
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
+from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
 from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
 from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
@@ -90,7 +93,7 @@ def balance(
     force = np.zeros(nv)
     residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
     scene.refuse_failed(work)
-    force = force + further
+    force += further
     of = derive(scene.plan, work, x, v, np.zeros(m), size=size)
     turning = angular_rate_matrix(scene.plan, v)
     by = eliminate(scene, own_coordinates(scene), of, turning, given or nothing_prescribed(scene))
@@ -132,6 +135,21 @@ def moved(
         ) from reason
 
 
-def step_size(scene: CompiledScene, step: FloatArray) -> float:
-    """Of a step (nv,): rad, or of the machine's extent."""
-    return float(np.abs(step / coordinate_sizes(scene)).max(initial=0.0))
+def motion_sizes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
+    """(nv,) what counts as a large motion of each coordinate: 1 rad, and the size of the machine as it stands.
+
+    That is the distance over which its frames are spread, if it is more than the reach of its largest body
+    (``CompiledScene.extent``): a beam of a hundred sections is as long as it is, not as thick.
+    """
+    plan = scene.plan
+    forward_kinematics(plan, work, x, *np.zeros((2, scene.nv)))
+    places = np.array([world_motion(plan, work, k).p for k in range(len(plan.frames))]).reshape(-1, 3)
+    spread = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
+    grows = max(1.0, spread / scene.extent)
+    lengths = np.isin(scene.group_kind[scene.group_of], (kinds.GROUP_LENGTH, kinds.GROUP_MODAL))
+    return coordinate_sizes(scene) * np.where(lengths, grows, 1.0)
+
+
+def step_size(sizes: FloatArray, step: FloatArray) -> float:
+    """Of a step (nv,), in the sizes of ``motion_sizes``."""
+    return float(np.abs(step / sizes).max(initial=0.0))

@@ -13,12 +13,12 @@ from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSn
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.linear.balance import Balance, balance, moved, step_size
-from flexmbd.multibody.linear.membrane_strains import MembraneStrains, membrane_strains
+from flexmbd.multibody.linear.balance import Balance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.path.corrector import PathSpace
 from flexmbd.multibody.linear.path.follow import Bounds, follow, station
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential
+from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -37,11 +37,12 @@ _LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium that
 
 @dataclass(frozen=True, eq=False)
 class _Machine:
-    """The scene, scratch with its functions of time, and the membrane strains of its bodies."""
+    """The scene, scratch with its functions of time, strains of its bodies, and what is a large motion (nv,)."""
 
     scene: CompiledScene
     work: Work
-    strains: MembraneStrains
+    strains: StrainPredictor
+    sizes: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +60,8 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     With states of users' equations it is where these rest as well, found by Newton's steps alone, for what they do has
     no energy: it may be unstable, and what is unstable is not counted.
 
-    Near it these are Newton's steps, in which the membrane forces of bodies that bend are unknowns of their own
-    (`membrane_strains`); a step is cut where at its end the forces would push back, for beyond it energy rises. Where
+    Near it these are Newton's steps, in which the strains of slender bodies are unknowns of their own
+    (`strain_predictor`); a step is cut where at its end the forces would push back, for beyond it energy rises. Where
     the machine is unstable, directions of negative stiffness are taken downhill, so that not the nearest equilibrium is
     found but one that the machine would settle in. An unstable one that is met on the way is left along its most
     unstable motion; a start that is one is kept.
@@ -76,18 +77,19 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         SceneError: nothing balances; the message names the coordinate where most is lacking.
     """
     scene = start.scene
-    machine = _Machine(scene, work, membrane_strains(scene.plan, scene.nv))
+    sizes = motion_sizes(scene, work, start.x)
+    machine = _Machine(scene, work, strain_predictor(scene.plan, work, scene.nv), sizes)
     here = balance(scene, work, start.x, start.v)
     if scene.interiors is None and not scene.state_mask.any() and not start.v.any() and not has_potential(scene, here):
         return _without_potential(machine, here)
-    forces = machine.strains.at(here.x)
+    predicted = machine.strains.at(here.x)
     for i in range(_ITERATIONS):
-        step = _newton_step(scene, here, machine.strains.stiffness(forces - machine.strains.at(here.x)))
-        size = step_size(scene, step.along)
-        longest = step_size(scene, np.where(scene.state_mask, 0.0, step.along))
+        step = _newton_step(scene, here, machine.strains.stiffness(here.x, predicted - machine.strains.at(here.x)))
+        size = step_size(machine.sizes, step.along)
+        longest = step_size(machine.sizes, np.where(scene.state_mask, 0.0, step.along))
         if size <= _CONVERGED and (step.unstable == 0 or i == 0):
             if step.unstable == 0:
-                here, _ = _take_step(machine, here, step.along, forces, searches=False)
+                here, _ = _take_step(machine, here, step.along, predicted, searches=False)
             t, kept = float(work.time[-1, 0]), _committed(scene)
             x = here.x.copy()
             if memories_end(scene.plan):
@@ -95,11 +97,11 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
             unstable = None if scene.state_mask.any() else step.unstable
             return WorkingPoint(scene, t, x, here.v, here.multipliers, kept, unstable)
         if size <= _CONVERGED:
-            along = step.softest * (_LEAVE / step_size(scene, step.softest))
+            along = step.softest * (_LEAVE / step_size(machine.sizes, step.softest))
         else:
             along = step.along * min(1.0, _STEP / max(longest, 1e-300))
         searches = step.unstable == 0 and not scene.state_mask.any()
-        here, forces = _take_step(machine, here, along, forces, searches=searches)
+        here, predicted = _take_step(machine, here, along, predicted, searches=searches)
     worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
     name = scene.velocity_names[here.by.z[worst]]
     raise SceneError(
@@ -116,9 +118,9 @@ def equilibrium_at_rest(start: Start, work: Work) -> WorkingPoint:
 
 
 def _take_step(
-    machine: _Machine, here: Balance, step: FloatArray, forces: FloatArray, *, searches: bool
+    machine: _Machine, here: Balance, step: FloatArray, predicted: FloatArray, *, searches: bool
 ) -> tuple[Balance, FloatArray]:
-    """Where a step leads, and the membrane forces there by the step's linear equations.
+    """Where a step leads, and the strains there by the step's linear equations.
 
     It is halved until interiors find their balance there and, if it searches, the forces no longer push back.
     """
@@ -137,7 +139,7 @@ def _take_step(
                 raise
             failure = reason
             continue
-        failure, then = None, forces + part * (linear - forces)
+        failure, then = None, predicted + part * (linear - predicted)
         # other coordinates are the independent ones there: no work along the step to be compared
         if not searches or not np.array_equal(there.by.z, here.by.z):
             break
@@ -161,7 +163,7 @@ def _committed(scene: CompiledScene) -> InteriorSnapshot:
 def _without_potential(machine: _Machine, start: Balance) -> WorkingPoint:
     """The equilibrium that a path leads to on which the forces that a start lacks are let go."""
     scene, work, strains = machine.scene, machine.work, machine.strains
-    space = PathSpace(scene, work, strains, LackingTakenAway(start.open_force()), 1.0, start.v)
+    space = PathSpace(scene, work, strains, LackingTakenAway(start.open_force()), 1.0, start.v, machine.sizes)
     bounds = Bounds(to=1.0, back_to=-1.0, longest=_STEP, points=_ITERATIONS)
     onwards = space.along_factor(1.0)
     here = station(space, space.at(start.x, 0.0), onwards)

@@ -56,7 +56,7 @@ def spectrum(scene: CompiledScene, at: Balance, more: FloatArray | float = 0.0) 
     if not len(stiffness):
         nothing = np.zeros(0)
         return Spectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True)
-    own = _own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
+    own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
     scaled = stiffness / np.outer(own, own)
     if has_potential(scene, at):
         values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
@@ -89,11 +89,11 @@ def has_potential(scene: CompiledScene, at: Balance) -> bool:
             x, y, z = force[joint.spin]
             skew[joint.spin, joint.spin] += [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
     skew, stiffness = at.by.Vz.T @ skew @ at.by.Vz, at.stiffness()
-    own = _own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
+    own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
     return bool((np.abs(skew / np.outer(own, own)) <= _HAS_POTENTIAL).all())
 
 
-def _own_stiffness(stiffness: FloatArray, size: FloatArray) -> FloatArray:
+def own_stiffness(stiffness: FloatArray, size: FloatArray) -> FloatArray:
     """(n,) the root of each coordinate's own stiffness, of all that its row has in the machine's sizes."""
     energy = np.abs(stiffness) @ size * size
     return np.where(energy > 0.0, np.sqrt(energy) / size, 1.0)

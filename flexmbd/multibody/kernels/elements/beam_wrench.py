@@ -28,15 +28,15 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
 from flexmbd.multibody.kernels.elements.six_by_six import six_times
 
-_C, _REST, _DAMPED = 36, 72, 78
+_C, REST, _DAMPED = 36, 72, 78
 
 
 @kernel
 def _strain(data, o, d, theta):
     """s, as two vectors."""
     return (
-        sub3(left_jacobian_inverse(theta, d), load3(data, o + _REST)),
-        sub3(theta, load3(data, o + _REST + 3)),
+        sub3(left_jacobian_inverse(theta, d), load3(data, o + REST)),
+        sub3(theta, load3(data, o + REST + 3)),
     )
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ConvergenceError, PathWarning, SceneError, warn
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.linear.membrane_strains import membrane_strains
-from flexmbd.multibody.linear.path.corrector import Direction, PathPoint, PathSpace, until
+from flexmbd.multibody.linear.balance import motion_sizes
+from flexmbd.multibody.linear.path.corrector import Direction, PathSpace, until
 from flexmbd.multibody.linear.path.critical import CriticalKind, Crossing, crossings
 from flexmbd.multibody.linear.path.equilibrium_path import Continuation, CriticalPoint, EquilibriumPath
 from flexmbd.multibody.linear.path.follow import Bounds, PathEnd, Station, Stretch, follow, station
 from flexmbd.multibody.linear.path.loading import Inputs, TimeAsFactor
+from flexmbd.multibody.linear.strain_predictor import strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -41,7 +44,8 @@ def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs
     bounds = _bounds(begin.t, path)
     width = abs(bounds.to - bounds.back_to)
     loading = TimeAsFactor(scene, inputs)
-    space = PathSpace(scene, work, membrane_strains(scene.plan, scene.nv), loading, width, np.zeros(scene.nv))
+    strains, rest = strain_predictor(scene.plan, work, scene.nv), np.zeros(scene.nv)
+    space = PathSpace(scene, work, strains, loading, width, rest, motion_sizes(scene, work, begin.x))
     loading.apply(work, begin.t)
     kept: list[WorkingPoint] = []
     critical: list[CriticalPoint] = []
@@ -90,8 +94,7 @@ def _first(space: PathSpace, begin: WorkingPoint, bounds: Bounds) -> Station:
     """The first station, from which the factor goes towards ``to``."""
     scene, onwards = space.scene, space.along_factor(np.sign(bounds.to - begin.t))
     there = space.at(begin.x, begin.t)
-    load = there.at.by.Vz.T @ (there.slopes.force + there.at.of.stiffness @ there.at.by.Xu[:, 0])
-    if not load.any() and not there.at.by.Xu.any():
+    if not _does_anything(space, there, bounds.to):
         raise SceneError(
             "the loads do nothing as the factor grows: functions of time scale them, as in "
             "JointForce(joint, lambda t: 100.0 * t), and none acts on what can move"
@@ -100,8 +103,8 @@ def _first(space: PathSpace, begin: WorkingPoint, bounds: Bounds) -> Station:
     if found.idle.any():
         shape = np.abs(found.mode(int(np.argmax(found.idle))) / space.size)
         raise SceneError(
-            f"nothing resists the motion of {scene.velocity_names[int(np.argmax(shape))]!r}: the machine is a mechanism "
-            "there, without a path of single equilibria; hold it by a spring, a joint or a prescribed motion"
+            f"nothing resists the motion of {scene.velocity_names[int(np.argmax(shape))]!r}: the machine is a "
+            "mechanism there, without a path of single equilibria; hold it by a spring, a joint or a prescribed motion"
         )
     step = space.newton_step(there, onwards)
     if space.largest(step) > _OFF:
@@ -111,6 +114,14 @@ def _first(space: PathSpace, begin: WorkingPoint, bounds: Bounds) -> Station:
         )
     point = space.correct(there, step, onwards) if space.largest(step) > 0.0 else there
     return station(space, point, onwards)
+
+
+def _does_anything(space: PathSpace, there: PathPoint, to: float) -> bool:
+    """Whether the factor changes a force along a motion that is free, a place, or what a motion meets (stiffness)."""
+    by = there.at.by
+    if by.Xu.any() or (by.Vz.T @ there.slopes.force).any():
+        return True
+    return not np.array_equal(there.at.stiffness(), space.at(there.x, to).at.stiffness())
 
 
 def _beside(space: PathSpace, begin: CriticalPoint, path: Continuation) -> Station:
@@ -124,16 +135,15 @@ def _beside(space: PathSpace, begin: CriticalPoint, path: Continuation) -> Stati
     mode = space.unit(mode).times(float(path.side))
     share = path.longest_step / space.largest(mode)
     for _ in range(_HALVINGS):
-        step = mode.times(share)
-        point = until(lambda step=step: space.correct(there, step, mode))
+        point = until(partial(space.correct, there, mode.times(share), mode))
         if point is not None:
             found = station(space, point, mode)
             if space.product(found.tangent, mode) > 0.5:
                 return found
         share *= 0.5
     raise SceneError(
-        f"no other path was found from the {begin.kind.value} at the factor {begin.t:.6g} along its mode; several modes "
-        "may meet there: take a smaller longest_step, or disturb the machine by a small force"
+        f"no other path was found from the {begin.kind.value} at the factor {begin.t:.6g} along its mode; several "
+        "modes may meet there: take a smaller longest_step, or disturb the machine by a small force"
     )
 
 
@@ -158,12 +168,12 @@ def _told(kept: list[WorkingPoint], bounds: Bounds, end: PathEnd) -> str:
     most = max(factors) if bounds.to > bounds.back_to else min(factors)
     if end is PathEnd.TURNED_BACK:
         return (
-            f"the path of equilibria turned at the factor {most:.6g}, came back to {bounds.back_to:.6g} and ends there: "
-            f"it never reached {bounds.to:.6g}; back_to= lets it go on"
+            f"the path of equilibria turned at the factor {most:.6g}, came back to {bounds.back_to:.6g} and ends "
+            f"there: it never reached {bounds.to:.6g}; back_to= lets it go on"
         )
     return (
-        f"the path of equilibria was broken off after {len(kept)} points at the factor {factors[-1]:.6g}, on the way to "
-        f"{bounds.to:.6g}, of which it came as near as {most:.6g}; most_points= lets it go on"
+        f"the path of equilibria was broken off after {len(kept)} points at the factor {factors[-1]:.6g}, on the way "
+        f"to {bounds.to:.6g}, of which it came as near as {most:.6g}; most_points= lets it go on"
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -19,18 +18,17 @@ from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import Balance, balance, moved, step_size
-from flexmbd.multibody.linear.membrane_strains import MembraneStrains
 from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes, load_slopes
-from flexmbd.multibody.linear.stability import Spectrum, spectrum
+from flexmbd.multibody.linear.stability import Spectrum, own_stiffness, spectrum
+from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 12
-_CLOSE = 1e-6  # rad, of the extent or of the range: after a correction of this size the next one is round-off
+_CLOSE = 1e-7  # rad, of the extent or of the range: after a correction of this size the next one is round-off
 _GROWS = 2.0  # corrections that grow by more do not converge
-_SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in its size
+_SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in the unit of its own stiffness
 _ASTRAY = 0.7  # of the step: a larger correction leads to another path
 
 
@@ -85,19 +83,16 @@ class PathSpace:
         loading: its loads.
         width: range of factors.
         v: (nv,) velocities at which it is in balance; zeros of an equilibrium.
+        size: (nv,) of ``motion_sizes``, rad or m.
     """
 
     scene: CompiledScene
     work: Work
-    strains: MembraneStrains
+    strains: StrainPredictor
     loading: Loading
     width: float
     v: FloatArray
-
-    @cached_property
-    def size(self) -> FloatArray:
-        """(nv,) rad or m."""
-        return coordinate_sizes(self.scene)
+    size: FloatArray
 
     def product(self, a: Direction, b: Direction) -> float:
         """<a, b>."""
@@ -109,7 +104,7 @@ class PathSpace:
 
     def largest(self, a: Direction) -> float:
         """Largest part: rad, of the extent, or of the range of factors."""
-        return max(step_size(self.scene, a.xi), abs(a.factor) / self.width)
+        return max(step_size(self.size, a.xi), abs(a.factor) / self.width)
 
     def at(self, x: FloatArray, factor: float, iterations: int = 0) -> PathPoint:
         """A configuration under a factor, in balance or not.
@@ -138,10 +133,11 @@ class PathSpace:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
         return self._solution(here, across, here.at.lacking, 0.0, 0.0)
 
-    def correct(self, start: PathPoint, step: Direction, across: Direction) -> PathPoint:
+    def correct(self, start: PathPoint, step: Direction, across: Direction, *, undetermined: int = 0) -> PathPoint:
         """The equilibrium in the plane through the end of a step that is normal to ``across``.
 
-        Membrane forces of bodies that bend are unknowns of their own, as in ``find_equilibrium``.
+        Strains of slender bodies are unknowns of their own, as in ``find_equilibrium``.  So near to a bifurcation that
+        round-off moves it along the modes, corrections leave out as many directions as are ``undetermined``.
 
         Raises:
             ConvergenceError: Newton's method does not converge.
@@ -151,14 +147,13 @@ class PathSpace:
         change, close = step, False
         last = max(_ASTRAY / _GROWS * self.largest(step), _CLOSE)
         for iteration in range(1, _ITERATIONS + 1):
-            linear = self.strains.at(x) + self.strains.change(x, change.xi)
+            predicted = self.strains.at(x) + self.strains.change(x, change.xi)
             x, factor = self._moved(x, factor, change)
-            forces = linear
             here = self.at(x, factor, iteration)
             if close:
                 return here
-            more = self.strains.stiffness(forces - self.strains.at(x))
-            change = self._solution(here, across, here.at.lacking, 0.0, more)
+            more = self.strains.stiffness(x, predicted - self.strains.at(x))
+            change = self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
             size = self.largest(change)
             if not np.isfinite(size) or size > _GROWS * last:
                 break
@@ -182,30 +177,48 @@ class PathSpace:
         return after, factor
 
     def _solution(
-        self, here: PathPoint, across: Direction, lacking: FloatArray, along: float, more: FloatArray | float
+        self,
+        here: PathPoint,
+        across: Direction,
+        lacking: FloatArray,
+        along: float,
+        more: FloatArray | float,
+        undetermined: int = 0,
     ) -> Direction:
         """The change that the linear equations give: nothing lacks any longer, and <across, change> = along.
 
-        K dz + r df = - lacking,  xi = Vz dz + xi_f df, in which K is taken with each coordinate in its size.
+        K dz + r df = - lacking,  xi = Vz dz + xi_f df, in which K is taken with each coordinate in the unit of its own
+        stiffness.
         """
         by, at = here.at.by, here.at
         follows = by.Xu[:, 0]
         load = by.Vz.T @ (here.slopes.force + (at.of.stiffness + more) @ follows)
-        size, n = self.size[by.z], len(by.z)
+        stiffness, n = at.stiffness(more), len(by.z)
+        unit = 1.0 / own_stiffness(stiffness, self.size[by.z])
         matrix = np.zeros((n + 1, n + 1))
-        matrix[:n, :n] = size[:, None] * at.stiffness(more) * size
-        matrix[:n, n] = size * load * self.width
-        rows = np.abs(matrix[:n]).max(axis=1)
-        rows = np.where(rows > 0.0, rows, 1.0)
-        matrix[:n] /= rows[:, None]
+        matrix[:n, :n] = unit[:, None] * stiffness * unit
+        matrix[:n, n] = unit * load * self.width
         weights = across.xi / self.size**2
-        matrix[n, :n] = (weights @ by.Vz) * size
+        matrix[n, :n] = (weights @ by.Vz) * unit
         matrix[n, n] = (weights @ follows) * self.width + across.factor / self.width
-        right = np.append(-size * lacking / rows, along)
-        # the shortest step where nothing resists a motion, and nothing drives it
-        found = scipy.linalg.lstsq(matrix, right, cond=_SINGULAR, lapack_driver="gelsy", check_finite=False)[0]
+        # the factor's column and the plane's row in units of their own
+        column, row = (float(np.abs(part).max()) or 1.0 for part in (matrix[:n, n], matrix[n]))
+        matrix[:, n] /= column
+        matrix[n] /= row
+        found = _least_squares(matrix, np.append(-unit * lacking, along / row), undetermined)
+        found[n] /= column
         factor = float(found[n]) * self.width
-        return Direction(by.Vz @ (found[:n] * size) + follows * factor, factor)
+        return Direction(by.Vz @ (found[:n] * unit) + follows * factor, factor)
+
+
+def _least_squares(matrix: FloatArray, right: FloatArray, undetermined: int) -> FloatArray:
+    """The shortest solution, without the directions of the smallest singular values."""
+    if not undetermined:
+        solution = scipy.linalg.lstsq(matrix, right, cond=_SINGULAR, lapack_driver="gelsy", check_finite=False)[0]
+        return np.asarray(solution, dtype=np.float64)
+    left, values, across = np.linalg.svd(matrix)
+    kept = len(values) - undetermined
+    return np.asarray(across[:kept].T @ ((left[:, :kept].T @ right) / values[:kept]), dtype=np.float64)
 
 
 def until(found: Callable[[], PathPoint]) -> PathPoint | None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.linear.path.corrector import Direction, PathPoint, PathSpace
 from flexmbd.multibody.linear.path.follow import Stretch
 from flexmbd.multibody.linear.stability import Spectrum
@@ -23,6 +24,7 @@ from flexmbd.multibody.linear.stability import Spectrum
 FloatArray = NDArray[np.float64]
 
 _WITHIN = 1e-7  # of a step: how exactly they are located
+_MOST_MODES = 2  # in which the machine may give way at once
 _BESIDE = 1e-3  # of a step: how far before and behind tangents are compared
 
 
@@ -129,7 +131,13 @@ class _Search:
         if share in (0.0, 1.0):
             return (self.stretch.before if share == 0.0 else self.stretch.after).point
         start = self.stretch.before.point
-        return self.space.correct(start, self.stretch.step.times(share), self.stretch.across)
+        step = self.stretch.step.times(share)
+        for undetermined in range(_MOST_MODES):
+            try:
+                return self.space.correct(start, step, self.stretch.across, undetermined=undetermined)
+            except ConvergenceError:
+                continue
+        return self.space.correct(start, step, self.stretch.across, undetermined=_MOST_MODES)
 
     def _tangent(self, share: float) -> Direction:
         if share <= 0.0 or share >= 1.0:

@@ -17,7 +17,7 @@ _SHORTEST = 1e-8  # rad, of the extent or of the range
 _BEND = 0.3  # rad, between tangents: what a step aims at
 _SHARP = 0.8  # rad: a step that bends by more is taken again, shorter
 _AHEAD = 1.2  # steps: a bound so near ends the step
-_USUAL = 4  # iterations: a step that takes more makes the next one shorter
+_USUAL = 6  # iterations: a step that takes more makes the next one shorter
 
 
 class PathEnd(Enum):

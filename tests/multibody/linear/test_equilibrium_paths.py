@@ -1,0 +1,224 @@
+"""Paths of equilibria: closed forms of snap-through and buckling of rigid machines, and what is refused."""
+
+import numpy as np
+import pytest
+
+import flexmbd as fm
+from flexmbd.errors import SceneError
+
+STIFFNESS, HEIGHT = 1000.0, 0.3
+SLANT = np.hypot(1.0, HEIGHT)
+
+
+def truss(load=lambda t: -t, *, gravity=0.0):
+    """Von Mises' truss: two springs from (+-1, 0) hold an apex that slides along y, HEIGHT above them."""
+    scene = fm.System(gravity=(0.0, -gravity, 0.0))
+    apex = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="apex")
+    slide = scene.connect(fm.joint.Prismatic("y"), scene.ground.frame(), apex.frame(), name="slide")
+    slide.position = HEIGHT
+    for side in (-1.0, 1.0):
+        foot = scene.ground.frame(p=(side, 0.0, 0.0))
+        scene.add_force(fm.force.SpringDamper(foot, apex.frame(), STIFFNESS, SLANT))
+    if load is not None:
+        scene.add_force(fm.force.FrameForce(apex.frame(), (0.0, load, 0.0)))
+    return scene, slide
+
+
+def load_of_truss(y):
+    """N, downwards, that holds the apex at y (m)."""
+    length = np.hypot(1.0, y)
+    return -2.0 * STIFFNESS * (length - SLANT) / length * y
+
+
+SNAP = np.sqrt(SLANT ** (2.0 / 3.0) - 1.0)  # m, where the load is largest: length^3 = SLANT
+
+
+def test_snap_through_of_a_truss():
+    scene, slide = truss()
+    path = scene.equilibrium(path=fm.Continuation(to=30.0))
+    y = path.beta(slide)
+    assert path.end is fm.PathEnd.REACHED
+    assert path.factors[-1] == 30.0
+    assert path.factors == pytest.approx(load_of_truss(y), abs=1e-9)
+    assert (path.unstable == (abs(y) < SNAP)).all()
+    up, down = path.critical
+    assert [up.kind, down.kind] == [fm.CriticalKind.LIMIT] * 2
+    assert [up.t, down.t] == pytest.approx([load_of_truss(SNAP), -load_of_truss(SNAP)], rel=1e-10)
+    assert [up.beta(slide), down.beta(slide)] == pytest.approx([SNAP, -SNAP], abs=1e-6)
+    assert repr(up) == f"<CriticalPoint: limit point at the factor {up.t:.9g}>"
+    assert "limit point at 9.9" in repr(path)
+
+
+def test_a_constant_load_does_not_scale():
+    """Under its weight the truss snaps when the rest is applied."""
+    scene, slide = truss(gravity=4.0)
+    path = scene.equilibrium(path=fm.Continuation(to=20.0))
+    assert path.factors + 4.0 == pytest.approx(load_of_truss(path.beta(slide)), abs=1e-9)
+    assert path.critical[0].t == pytest.approx(load_of_truss(SNAP) - 4.0, rel=1e-9)
+    sets_out = scene.equilibrium()
+    assert sets_out.beta(slide) == pytest.approx(path.beta(slide)[0], abs=1e-12)
+
+
+def test_a_prescribed_motion_leads_it_through():
+    """At given places of the apex there is no limit."""
+    scene, slide = truss(load=None)
+    slide.prescribe(lambda t: (HEIGHT - t, -1.0, 0.0))
+    other = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="other")
+    spring = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), other.frame(), name="spring")
+    scene.add_force(fm.force.JointSpring(spring, 50.0, 0.0, 0.0))
+    scene.add_force(fm.force.SpringDamper(other.frame(), slide.child, 200.0, 0.0))
+    path = scene.equilibrium(path=fm.Continuation(to=2.0 * HEIGHT))
+    assert path.critical == ()
+    assert path.beta(slide) == pytest.approx(HEIGHT - path.factors, abs=1e-12)
+    assert path.beta(spring) == pytest.approx(0.0, abs=1e-12)
+    assert (path.unstable == 0).all()
+
+
+def test_a_path_that_turns_back_is_kept_and_told():
+    scene, slide = truss()
+    with pytest.warns(fm.PathWarning, match=r"turned at the factor 9\.9\d+, came back to -5 .* never reached 30"):
+        path = scene.equilibrium(path=fm.Continuation(to=30.0, back_to=-5.0))
+    assert path.end is fm.PathEnd.TURNED_BACK
+    assert path.factors[-1] == -5.0
+    assert path.factors == pytest.approx(load_of_truss(path.beta(slide)), abs=1e-9)
+    with pytest.warns(fm.PathWarning, match=r"broken off after 5 points at the factor .* on the way to 30"):
+        path = scene.equilibrium(path=fm.Continuation(to=30.0, most_points=5))
+    assert path.end is fm.PathEnd.POINTS
+    assert len(path.points) == 5
+    # and goes on from where it ended
+    rest = scene.equilibrium(about=path.points[-1], path=fm.Continuation(to=30.0))
+    assert rest.factors[0] == path.factors[-1]
+    assert len(rest.critical) == 2
+
+
+def test_a_loop_snaps_through():
+    """A knee of two rigid bars, its far end on a slider with a spring: P = 4 k L tan(a) (cos(a) - cos(a0))."""
+    scene, length, rise = fm.System(), 0.5, 0.4
+    bars = [scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name=name) for name in ("near", "far")]
+    block = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="block")
+    hinge = fm.joint.Revolute("z")
+    near = scene.connect(hinge, scene.ground.frame(), bars[0].frame(), name="near")
+    knee = scene.connect(hinge, bars[0].frame(p=(length, 0, 0)), bars[1].frame(), name="knee")
+    span = 2.0 * length * np.cos(rise)
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), block.frame(), name="slide")
+    scene.connect(hinge, bars[1].frame(p=(length, 0, 0)), block.frame(), name="end")
+    near.position, knee.position, slide.position = rise, -2.0 * rise, span
+    scene.add_force(fm.force.JointSpring(slide, 800.0, span, 0.0))
+    scene.add_force(fm.force.FrameForce(bars[1].frame(), (0.0, lambda t: -t, 0.0)))
+    path = scene.equilibrium(path=fm.Continuation(to=100.0))
+    angle = path.beta(near)
+    assert path.factors == pytest.approx(4 * 800 * length * np.tan(angle) * (np.cos(angle) - np.cos(rise)), abs=1e-8)
+    top = np.arccos(np.cos(rise) ** (1.0 / 3.0))
+    assert [one.beta(near) for one in path.critical] == pytest.approx([top, -top], abs=1e-6)
+    assert (path.unstable == (abs(angle) < top)).all()
+
+
+def bar(spring):
+    """An upright rigid bar of 1 m on a hinge, pressed from above by t; ``spring`` holds it."""
+    scene = fm.System()
+    rod = scene.add(fm.RigidBody(1.0, (0.1,) * 3, com=(0.0, 0.5, 0.0)), name="rod")
+    foot = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), rod.frame(), name="foot")
+    top = rod.frame(p=(0.0, 1.0, 0.0))
+    scene.add_force(fm.force.FrameForce(top, (0.0, lambda t: -t, 0.0)))
+    spring(scene, foot, top)
+    return scene, foot
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_bar_on_a_turning_spring_buckles_and_bears_more(side):
+    """P sin(a) = k a, stable."""
+    scene, foot = bar(lambda scene, foot, top: scene.add_force(fm.force.JointSpring(foot, 10.0, 0.0, 0.0)))
+    straight = scene.equilibrium(path=fm.Continuation(to=20.0))
+    (critical,) = straight.critical
+    assert critical.kind is fm.CriticalKind.BIFURCATION
+    assert critical.t == pytest.approx(10.0, abs=1e-5)
+    assert abs(straight.beta(foot)).max() == 0.0
+    assert (straight.unstable == (straight.factors > 10.0)).all()
+    bent = scene.equilibrium(about=critical, path=fm.Continuation(to=20.0, side=side))
+    angle = bent.beta(foot)[1:]
+    assert (np.sign(angle) == side).all()
+    assert bent.factors[1:] == pytest.approx(10.0 * angle / np.sin(angle), rel=1e-9)
+    assert (bent.unstable[1:] == 0).all()
+    # each point is good for linearising: the tangent stiffness over the inertia about the hinge
+    half = bent.points[len(angle) // 2]
+    a = float(half.beta(foot))
+    (square,) = {round(float(value.imag) ** 2, 6) for value in scene.linearize(about=half).eigenvalues()}
+    assert square == pytest.approx((10.0 - half.t * np.cos(a)) / (0.1 + 0.25), rel=1e-6)
+
+
+def test_a_bar_that_a_spring_guides_buckles_and_bears_less():
+    """P = k cos(a) with a spring that stays level: the branch falls, unstable, to nothing."""
+
+    def spring(scene, foot, top):
+        collar = scene.add(fm.RigidBody(0.1, (1e-3,) * 3), name="collar")
+        scene.connect(fm.joint.Prismatic("y"), scene.ground.frame(), collar.frame(), name="post").position = 1.0
+        slide = scene.connect(fm.joint.Prismatic("x"), collar.frame(), scene.add(
+            fm.RigidBody(0.1, (1e-3,) * 3), name="ring").frame(), name="slide")
+        scene.add_force(fm.force.JointSpring(slide, 10.0, 0.0, 0.0))
+        scene.connect(fm.joint.Spherical(), top, slide.child, name="eye")
+
+    scene, foot = bar(spring)
+    straight = scene.equilibrium(path=fm.Continuation(to=15.0))
+    (critical,) = straight.critical
+    assert critical.t == pytest.approx(10.0, abs=1e-5)
+    with pytest.warns(fm.PathWarning, match="never reached 15"):
+        bent = scene.equilibrium(about=critical, path=fm.Continuation(to=15.0, back_to=2.0))
+    assert bent.factors == pytest.approx(10.0 * np.cos(bent.beta(foot)), rel=1e-7)
+    assert bent.factors[-1] == 2.0
+    assert (bent.unstable[1:] == 1).all()
+
+
+# --- what is refused
+
+
+def test_a_load_that_does_nothing():
+    scene, _ = truss(load=-3.0)
+    with pytest.raises(SceneError, match="the loads do nothing as the factor grows: functions of time scale them"):
+        scene.equilibrium(path=fm.Continuation(to=1.0))
+    scene, slide = truss(load=None)
+    scene.add_force(fm.force.FrameForce(slide.child, (lambda t: t, 0.0, 0.0)))
+    with pytest.raises(SceneError, match="the loads do nothing"):
+        scene.equilibrium(path=fm.Continuation(to=1.0))
+
+
+def test_a_mechanism():
+    scene, _ = truss()
+    loose = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="loose")
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), loose.frame(), name="rail")
+    with pytest.raises(SceneError, match="nothing resists the motion of 'rail.displacement': .* mechanism"):
+        scene.equilibrium(path=fm.Continuation(to=1.0))
+
+
+@pytest.mark.parametrize(
+    ("given", "pattern"),
+    [
+        ({"to": np.nan}, "to must be a load factor, a number"),
+        ({"to": True}, "to must be a load factor"),
+        ({"to": 1.0, "back_to": "no"}, "back_to must be a load factor"),
+        ({"to": 1.0, "side": 0}, "side must be 1 or -1"),
+        ({"to": 1.0, "longest_step": 0.0}, "longest_step must be above 0"),
+        ({"to": 1.0, "most_points": 1}, "most_points must be 2 or more"),
+    ],
+)
+def test_settings_without_sense(given, pattern):
+    with pytest.raises(SceneError, match=pattern):
+        fm.Continuation(**given)
+
+
+def test_paths_that_cannot_begin():
+    scene, slide = truss()
+    with pytest.raises(SceneError, match="ends at the load factor 0 at which it begins"):
+        scene.equilibrium(path=fm.Continuation(to=0.0))
+    with pytest.raises(SceneError, match="does not lie on the other side of the start"):
+        scene.equilibrium(path=fm.Continuation(to=2.0, back_to=1.0))
+    with pytest.raises(SceneError, match="path must be fm.Continuation"):
+        scene.equilibrium(path=2.0)
+    begin = scene.equilibrium(t=2.0)
+    with pytest.raises(SceneError, match="under its own load factor, 2, and t = 1 is another"):
+        scene.equilibrium(t=1.0, about=begin, path=fm.Continuation(to=3.0))
+    heavier, _ = truss(gravity=5.0)
+    with pytest.raises(SceneError, match="`about` is no equilibrium of this scene at the factor 2"):
+        heavier.equilibrium(about=begin, path=fm.Continuation(to=3.0))
+    slide.velocity = 1.0
+    with pytest.raises(SceneError, match="of a machine at rest, but joint 'slide' is given a velocity"):
+        scene.equilibrium(path=fm.Continuation(to=3.0))
