@@ -185,7 +185,7 @@ def test_a_mechanism():
     scene, _ = truss()
     loose = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="loose")
     scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), loose.frame(), name="rail")
-    with pytest.raises(SceneError, match="nothing resists the motion of 'rail.displacement': .* mechanism"):
+    with pytest.raises(SceneError, match=r"nothing resists the motion of 'rail.displacement': .* mechanism"):
         scene.equilibrium(path=fm.Continuation(to=1.0))
 
 
@@ -211,7 +211,7 @@ def test_paths_that_cannot_begin():
         scene.equilibrium(path=fm.Continuation(to=0.0))
     with pytest.raises(SceneError, match="does not lie on the other side of the start"):
         scene.equilibrium(path=fm.Continuation(to=2.0, back_to=1.0))
-    with pytest.raises(SceneError, match="path must be fm.Continuation"):
+    with pytest.raises(SceneError, match=r"path must be fm\.Continuation"):
         scene.equilibrium(path=2.0)
     begin = scene.equilibrium(t=2.0)
     with pytest.raises(SceneError, match="under its own load factor, 2, and t = 1 is another"):

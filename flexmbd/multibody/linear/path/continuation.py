@@ -11,7 +11,7 @@ from flexmbd.errors import ConvergenceError, PathWarning, SceneError, warn
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import motion_sizes
-from flexmbd.multibody.linear.path.corrector import Direction, PathSpace, until
+from flexmbd.multibody.linear.path.corrector import Direction, PathPoint, PathSpace, until
 from flexmbd.multibody.linear.path.critical import CriticalKind, Crossing, crossings
 from flexmbd.multibody.linear.path.equilibrium_path import Continuation, CriticalPoint, EquilibriumPath
 from flexmbd.multibody.linear.path.follow import Bounds, PathEnd, Station, Stretch, follow, station

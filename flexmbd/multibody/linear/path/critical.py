@@ -1,8 +1,8 @@
 """Limit points, bifurcations and the onset of flutter: found between two points of a path, and located.
 
 At a limit point or a bifurcation an eigenvalue of the stiffness passes zero; its eigenvector is the direction in which
-the machine gives way.  At a limit point the load does work along it, and the factor turns; at a bifurcation another path
-crosses in its direction (Wriggers & Simo 1990; Seydel 2010, Practical Bifurcation and Stability Analysis, chapter 5).
+the machine gives way.  At a limit point the load does work along it, and the factor turns; at a bifurcation another
+path crosses in its direction (Seydel 2010, Practical Bifurcation and Stability Analysis, chapter 5).
 """
 
 from __future__ import annotations

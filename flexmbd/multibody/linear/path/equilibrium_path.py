@@ -30,8 +30,8 @@ class Continuation:
         to: the factor at which the path ends.
         back_to: a factor on the other side of the start at which it ends as well; by default as far behind the start
             as ``to`` is before it.
-        side: 1 or -1: which way the path leaves a bifurcation, along its mode or against it, or a limit point, on or back;
-            of no matter elsewhere.
+        side: 1 or -1: which way the path leaves a bifurcation, along its mode or against it, or a limit point, on or
+            back again; of no matter elsewhere.
         longest_step: rad of a joint, of the machine's extent, and of the range of factors.
         most_points: after which the path is broken off.
 
