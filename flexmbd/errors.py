@@ -147,6 +147,13 @@ class RangeWarning(UserWarning):
     """
 
 
+class StepsWarning(UserWarning):
+    """An explicit method creeps: far more steps lie ahead of it than the machine's motion asks for.
+
+    Remedy: an implicit method, as ``integrator=fm.RadauIIA()``.
+    """
+
+
 class ExplicitRunError(FlexmbdError):
     """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long.
 

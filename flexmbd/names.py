@@ -20,6 +20,7 @@ from flexmbd.errors import RecordError as RecordError
 from flexmbd.errors import ReductionError as ReductionError
 from flexmbd.errors import SceneError as SceneError
 from flexmbd.errors import StartWarning as StartWarning
+from flexmbd.errors import StepsWarning as StepsWarning
 from flexmbd.errors import TableWarning as TableWarning
 from flexmbd.errors import VersionError as VersionError
 from flexmbd.files.result_table import ResultTable as ResultTable

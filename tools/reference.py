@@ -64,8 +64,7 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError EventWarning "
-        "ModesWarning PathWarning RangeWarning "
-        "StartWarning TableWarning",
+        "ModesWarning PathWarning RangeWarning StartWarning StepsWarning TableWarning",
         "",
     ),
 }

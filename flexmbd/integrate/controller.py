@@ -85,6 +85,8 @@ class Stepper(NamedTuple):
     written to checkpoints and put back.
     refit: brings what the method keeps of masses and frames up to date after the plan's arrays got other ones; False
     where it cannot, so that a new stepper is needed.
+    steps_a_radian: about how many steps the tolerance asks for in a radian of smooth motion; infinite where nothing but
+    the motion makes steps shorter, or they are given.
     """
 
     advance: Callable[[st.Record, FloatArray], int]
@@ -92,6 +94,7 @@ class Stepper(NamedTuple):
     drop_factors: Callable[[], None]
     memory: ArrayStruct
     refit: Callable[[], bool] = lambda: False
+    steps_a_radian: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

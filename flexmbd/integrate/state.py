@@ -287,12 +287,14 @@ def store(plan, state, groups, record, h):
 
 
 @kernel
-def error_ratio(free, state, groups, error_x, error_v, h, rate):
+def error_ratio(free, state, groups, error_x, error_v, noise, h, rate):
     """Largest local error (nv,) of a step over what is tolerated: rtol per radian of the machine's motion.
 
     ``error_x`` is a tangent vector.  For methods that do not filter their errors of stiff modes.
     Every integrator means the same by rtol: sizes are 1 rad, the machine's extent, the largest
     deformation met; a step of h is given min(1, h rate) of it.
+
+    ``noise``: (nv,) what rounding makes of ``error_v``, which no shorter step makes less; or without entries.
     """
     limit = state.numbers[TOLERANCE] * min(1.0, h * rate)
     largest = 0.0
@@ -301,9 +303,10 @@ def error_ratio(free, state, groups, error_x, error_v, h, rate):
         g = groups.of[k]
         size = groups.position[g]
         least = ROUND_OFF * groups.full[g]
-        part = abs(error_v[k]) / max(limit * group_speed(groups, g, rate), least * rate)
+        blurred = noise[k] if noise.shape[0] > 0 else 0.0
+        part = abs(error_v[k]) / max(limit * group_speed(groups, g, rate), least * rate, blurred)
         if groups.kind[g] != kinds.GROUP_STATE:
-            part = max(part, abs(error_x[k]) / max(limit * size, least))
+            part = max(part, abs(error_x[k]) / max(limit * size, least, h * blurred))
         if not part <= largest:
             largest = part
             state.counts[WORST] = k

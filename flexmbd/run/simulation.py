@@ -30,6 +30,7 @@ from flexmbd.multibody.start.redundancy import forbidden_drives
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.controller import Controller
+from flexmbd.run.creep_watch import CreepWatch
 from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
@@ -104,6 +105,7 @@ def _run(
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
     watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, bodies.values())
+    creep = CreepWatch(integration)
     shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
@@ -126,6 +128,7 @@ def _run(
                 compiled = time.perf_counter()
             if team.is_root:
                 ranges.look(integration.stored)
+                creep.look(t_end)
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())

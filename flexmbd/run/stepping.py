@@ -152,6 +152,11 @@ class Integration:
         return self._stepper.memory
 
     @property
+    def steps_a_radian(self) -> float:
+        """About how many steps the tolerance asks for in a radian of smooth motion; see ``controller.Stepper``."""
+        return self._stepper.steps_a_radian
+
+    @property
     def rows(self) -> int:
         """How many are taken."""
         return self.stored.count

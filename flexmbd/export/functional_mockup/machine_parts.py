@@ -15,7 +15,8 @@ from flexmbd.integrate.alpha import workspace as alpha_layout
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.controller import NO_KNOTS, arrays_of
 from flexmbd.integrate.explicit import explicit_runge_kutta
-from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, new_method
+from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, RungeKuttaMemory, new_method
+from flexmbd.integrate.explicit.force_noise import no_force_noise
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_scales
 from flexmbd.integrate.explicit.tableau import Tableau
 from flexmbd.multibody.bodies.body import Frame
@@ -181,6 +182,7 @@ def _explicit(
 ) -> Call:
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared
-    method = new_method(replace(scene, plan=plan), choice, tableau, new_loop_memory(plan), work)
+    memory = RungeKuttaMemory(new_loop_memory(plan), no_force_noise())
+    method = new_method(replace(scene, plan=plan), choice, tableau, memory, work)
     set_row_scales(scene, method.loops, state, work)
     return Call(explicit_runge_kutta.advance, (method, choice.rule, knots, state, groups, record))

@@ -31,10 +31,12 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     EnergyMomentumWorkspace,
 )
 from flexmbd.integrate.explicit.loop_dynamics import Loops
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
+from flexmbd.multibody.kernels.reading.evaluated_motion import farthest_place
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, modes_of
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_row_columns
@@ -149,23 +151,34 @@ def _correction_norm(free, scale_x, scale_v, correction, h, counts):
 
 
 @kernel
-def _stiff_forces(plan, groups, scratch, h):
-    """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes."""
+def _stiff_forces(plan, work, groups, scratch, h):
+    """Write into ``s.modal_scratch`` the forces of the matrix's stiffness: of deformations, and of whole sizes.
+
+    Of joints' shifts these are the largest place, whose rounding elements between bodies see (``work`` has the middle).
+    A force that hangs on several coordinates takes the rounding of each.
+    """
+    force, size = scratch.modal_scratch[0], scratch.modal_scratch[1]
+    place = farthest_place(plan, work)
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        g = groups.of[k]
+        size[k] = max(groups.full[g], place) if groups.kind[g] == kinds.GROUP_LENGTH else groups.full[g]
+    for i in range(plan.tree.shape[0]):
+        n, qx, qv = modes_of(plan.tree[i], plan.flex)
+        for k in range(n):
+            size[qv + k] = abs(scratch.x_mid[qx + k])
     blocks = scratch.tangent.blocks
     for c in range(scratch.bounds.shape[0] - 1):
         begin = scratch.bounds[c]
         first, last = between(blocks.free, c)
         for j in range(first, last):
             k = plan.free[j]
-            stiffness = abs(scratch.matrix[begin + j - first, j - first] - scratch.full_matrix[k, k])
-            scratch.modal_scratch[0, k] = 4.0 / (h * h) * stiffness
-            scratch.modal_scratch[1, k] = groups.full[groups.of[k]]
-    for i in range(plan.tree.shape[0]):
-        n, qx, qv = modes_of(plan.tree[i], plan.flex)
-        for k in range(n):
-            scratch.modal_scratch[1, qv + k] = abs(scratch.x_mid[qx + k])
-    for k in range(scratch.zeros.shape[0]):
-        scratch.modal_scratch[0, k] *= scratch.modal_scratch[1, k]
+            total = 0.0
+            for i in range(first, last):
+                other = plan.free[i]
+                stiffness = abs(scratch.matrix[begin + j - first, i - first] - scratch.full_matrix[k, other])
+                total += stiffness * size[other]
+            force[k] = 4.0 / (h * h) * total
 
 
 @kernel
@@ -227,7 +240,7 @@ def linearise(plan, work, state, groups, scratch, h):
             for j in range(last - first):
                 regular = regular and np.isfinite(scratch.matrix[i, j])
     scratch.energy[SINGULAR] = 1.0
-    _stiff_forces(plan, groups, scratch, h)
+    _stiff_forces(plan, work, groups, scratch, h)
     if regular and factor_blocks(plan.lapack, scratch.matrix, bounds, scratch.pivot, scratch.sizes):
         scratch.energy[SINGULAR] = 0.0
         _probe_round_off(plan, state, groups, scratch, h)

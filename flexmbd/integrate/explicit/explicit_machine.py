@@ -92,7 +92,8 @@ def judge(machine, state, groups, error_x, error_v, h):
     """Write RATIO, the local errors (nv,) over what is tolerated, 0 with a fixed step; whether the step is accepted."""
     ratio = 0.0
     if state.counts[st.FIXED_STEP] == 0:
-        ratio = st.error_ratio(machine.plan.free, state, groups, error_x, error_v, h, state.numbers[st.RATE])
+        rate, noise = state.numbers[st.RATE], error_v[:0]
+        ratio = st.error_ratio(machine.plan.free, state, groups, error_x, error_v, noise, h, rate)
     state.numbers[st.ERROR_RATIO] = ratio
     return ratio <= 1.0
 

@@ -18,6 +18,14 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, no_factors
+from flexmbd.integrate.explicit.force_noise import (
+    ForceNoise,
+    new_force_noise,
+    no_force_noise,
+    noise_is_due,
+    put_noise,
+    sample_noise,
+)
 from flexmbd.integrate.explicit.loop_dynamics import (
     LoopMemory,
     Loops,
@@ -80,6 +88,7 @@ class RungeKuttaWorkspace(ArrayStruct):
     """Work arrays of a step: the stage at hand and the derivatives of all stages.
 
     rate_x, rate_v: (s + 1, nv) du/dt and dv/dt.  error_x, error_v: (2, nv).
+    noise: what is remembered of rounding.  noise_v: (2, nv) what it makes of the errors, or (2, 0).
     axes, spins (k, 3): see ``round_bodies``; no rows where no body is round.
     """
 
@@ -92,6 +101,8 @@ class RungeKuttaWorkspace(ArrayStruct):
     rate_v: FloatArray
     error_x: FloatArray
     error_v: FloatArray
+    noise: ForceNoise
+    noise_v: FloatArray
     axes: FloatArray
     spins: FloatArray
 
@@ -138,7 +149,9 @@ class ExplicitRungeKutta:
                 f"{self.pair.value} has no error estimate: give a step h, or take "
                 "fm.Pair.DORMAND_PRINCE_5"
             )
-        memory = new_loop_memory(scene.plan)
+        fixed = state.counts[st.FIXED_STEP] == 1
+        noise = no_force_noise() if fixed else new_force_noise(scene.plan, scene.nv)
+        memory = RungeKuttaMemory(new_loop_memory(scene.plan), noise)
         method = new_method(scene, self, self.pair.tableau, memory, work)
 
         def begin() -> None:
@@ -152,7 +165,16 @@ class ExplicitRungeKutta:
             return refit(scene.plan, method.aw)
 
         loop = make_advance(advance, method, self.rule, state, groups)
-        return Stepper(loop, begin, no_factors, memory, refit_method)
+        ask = 1.0 if fixed else float(state.numbers[st.TOLERANCE] ** (-1.0 / self.order))
+        return Stepper(loop, begin, no_factors, memory, refit_method, steps_a_radian=np.inf if fixed else ask)
+
+
+@dataclass(frozen=True, eq=False)
+class RungeKuttaMemory(ArrayStruct):
+    """What is remembered from step to step."""
+
+    loops: LoopMemory
+    noise: ForceNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,18 +193,18 @@ class RungeKuttaMethod(ArrayStruct):
 
 
 def new_method(
-    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, memory: LoopMemory, work: Work
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, memory: RungeKuttaMemory, work: Work
 ) -> RungeKuttaMethod:
     """Allocate the arguments of an attempt with a tableau."""
     plain, quaternions = coordinate_slots(scene.plan)
-    scratch = _new_workspace(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions))
+    scratch = _new_workspace(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions), memory.noise)
     return RungeKuttaMethod(
-        scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, memory, scene.nv), plain, quaternions,
-        int(choice.rotations), tableau, scratch,
+        scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, memory.loops, scene.nv),
+        plain, quaternions, int(choice.rotations), tableau, scratch,
     )  # fmt: skip
 
 
-def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray) -> RungeKuttaWorkspace:
+def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray, noise: ForceNoise) -> RungeKuttaWorkspace:
     nv = scene.nv
     if not axes.any():
         axes = axes[:0]
@@ -197,6 +219,8 @@ def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray) -> Runge
         rate_v=zeros((stages + 1, nv)),
         error_x=zeros((2, nv)),
         error_v=zeros((2, nv)),
+        noise=noise,
+        noise_v=zeros((2, len(noise.acceleration))),
         axes=axes,
         spins=zeros((len(axes), 3)),
     )
@@ -225,7 +249,7 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
     of an error of order 8: e^(9/4).  Both pass through zero at once only by chance.  In a step onto another piece of a
     law, as that of a stop, all errors are of one order, and the estimate of order 3 counts itself.
 
-    Errors across the loops do not count: projection removes them.
+    Errors across the loops do not count: projection removes them; nor what rounding makes of forces (``force_noise``).
     """
     for e in range(2):
         for k in range(scratch.u.shape[0]):
@@ -242,8 +266,13 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
         if plan.rows.shape[0] > 0:
             project_onto_tangent(plan, work, aw, loops, scratch.error_x[e])
             project_onto_tangent(plan, work, aw, loops, scratch.error_v[e])
-    lower = st.error_ratio(plan.free, state, groups, scratch.error_x[1], scratch.error_v[1], h, rate)
-    ratio = st.error_ratio(plan.free, state, groups, scratch.error_x[0], scratch.error_v[0], h, rate)
+        put_noise(scratch.noise, tableau.estimates[e], h, scratch.noise_v[e])
+    lower = st.error_ratio(
+        plan.free, state, groups, scratch.error_x[1], scratch.error_v[1], scratch.noise_v[1], h, rate
+    )
+    ratio = st.error_ratio(
+        plan.free, state, groups, scratch.error_x[0], scratch.error_v[0], scratch.noise_v[0], h, rate
+    )
     if lower > 0.0:
         if plan.elements.shape[0] > 0 and changes_piece(plan, work, state.x, scratch.x, scratch.v):
             return max(lower, ratio)
@@ -342,6 +371,8 @@ def _attempt(method, state, groups, h):
     tableau = method.tableau
     s = method.scratch
     rate = state.numbers[st.RATE]
+    if noise_is_due(s.noise):
+        sample_noise(plan, work, aw, loops, plain, quaternions, way, state, groups, s, s.noise)
     ratio = _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, s, h, rate)
     state.numbers[st.ERROR_RATIO] = ratio
     if plan.flag[0] != 0:

@@ -26,7 +26,7 @@ JOINTS = (
 SHIFT = 0.03 - 0.05j
 
 
-def _tree(seed: int) -> fm.System:
+def _tree(seed: int, *, ground: bool) -> fm.System:
     """Nine bodies on random joints, springs on and across the hinges; the first joint is prescribed."""
     rng = np.random.default_rng(seed)
     scene = fm.System(gravity=(0.5, -9.81, 1.0))
@@ -42,12 +42,19 @@ def _tree(seed: int) -> fm.System:
             scene.add_force(fm.force.JointSpring(joint, 70.0, damping=3.0))
             scene.add_force(fm.force.SpringDamper(carrier.frame(p=(0.3, 0.1, 0.0)), body.frame(), 90.0, 1.0, 0.4))
         carriers.append(body)
+    if ground:
+        spring = fm.force.SpringDamper(scene.ground.frame(p=(0.2, 0.1, 3.0)), carriers[5].frame(), 90.0, 2.0, 0.4)
+        place = carriers[-1].frame(p=(0.3, 0.1, 0.0))
+        follower = fm.force.FrameForce(place, (1.0, -2.0, 3.0), axes=fm.force.Axes.FRAME)
+        for force in (spring, follower, fm.force.FrameForce(place, (1.0, -2.0, 3.0))):
+            scene.add_force(force)
     return scene
 
 
+@pytest.mark.parametrize("ground", [False, True], ids=["", "forces from the ground"])
 @pytest.mark.parametrize("seed", range(6))
-def test_parts_make_the_dense_matrices(seed):
-    compiled = _tree(seed).compile().scene
+def test_parts_make_the_dense_matrices(seed, ground):
+    compiled = _tree(seed, ground=ground).compile().scene
     plan, nv, rng = compiled.plan, compiled.nv, np.random.default_rng(seed)
     work, tw = new_work(plan), new_tangent_work(compiled.plan, compiled.nv, sizes=np.ones((2, compiled.nv)))
     evaluate_times(plan, 0.3, work.time)

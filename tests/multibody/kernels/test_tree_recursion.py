@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base.arrays import new_work
@@ -24,7 +25,7 @@ JOINTS = (
 LARGE = np.array([10**6])
 
 
-def random_tree(seed: int, *, bodies: int = 9, forces: bool = True) -> fm.System:
+def random_tree(seed: int, *, bodies: int = 9, forces: bool = True, ground: bool = False) -> fm.System:
     """A tree of random joints, some of one step, with bushings across these and springs on hinges; one is driven."""
     rng = np.random.default_rng(seed)
     scene = fm.System(gravity=(0.5, -9.81, 1.0))
@@ -41,7 +42,19 @@ def random_tree(seed: int, *, bodies: int = 9, forces: bool = True) -> fm.System
             ends = carrier.frame(p=(0.3, 0.1, 0.0)), body.frame(p=(0.5, 1.0, 0.2))
             scene.add_force(fm.force.SpringDamper(*ends, 9.0, 0.1, 0.4))
         frames.append(body)
+    if ground:
+        pull_from_ground(scene, [frames[4], frames[7], frames[-1]], rng)
     return scene
+
+
+def pull_from_ground(scene: fm.System, bodies: list[fm.RigidBody], rng: np.random.Generator) -> None:
+    """A spring from the ground, a bushing to it, given wrenches in both axes."""
+    one, two, three = (body.frame(p=rng.normal(size=3)) for body in bodies)
+    scene.add_force(fm.force.SpringDamper(scene.ground.frame(p=(0.2, 0.1, 3.0)), one, 9.0, 0.1, 0.4))
+    near = scene.ground.frame(p=(0.1, 2.0, 0.3), R=Rotation.from_rotvec((0.1, 0.3, 0.0)).as_matrix())
+    scene.add_force(fm.force.Bushing(two, near, np.arange(1.0, 7.0), damping=0.3 * np.ones(6)))
+    scene.add_force(fm.force.FrameForce(three, (1.0, -2.0, 3.0), (0.3, 0.2, 0.1)))
+    scene.add_force(fm.force.FrameForce(two, (2.0, 1.0, 3.0), (0.1, 0.2, 0.5), axes=fm.force.Axes.FRAME))
 
 
 def solved(scene: fm.System, seed: int, weights: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -70,6 +83,13 @@ def solved(scene: fm.System, seed: int, weights: tuple[float, float, float]) -> 
 @pytest.mark.parametrize("seed", range(12))
 def test_solutions_are_those_of_the_dense_matrix(seed, weights):
     found, dense = solved(random_tree(seed), seed, weights)
+    np.testing.assert_allclose(found, dense, rtol=0.0, atol=1e-10 * np.abs(dense).max())
+
+
+@pytest.mark.parametrize("weights", [(0.0, 0.0, 1.0), (1e-2, 0.1, 1.0)], ids=["mass", "all"])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_ground_is_a_partner_like_any_body(seed, weights):
+    found, dense = solved(random_tree(seed, ground=True), seed, weights)
     np.testing.assert_allclose(found, dense, rtol=0.0, atol=1e-10 * np.abs(dense).max())
 
 
@@ -102,27 +122,30 @@ def _recursion_of(scene: fm.System, size: int) -> TreeRecursion:
 
 
 def test_it_serves_long_chains_and_not_short_ones():
-    def chain(links: int, *, held: bool = False) -> fm.System:
-        scene = fm.System()
+    def chain(links: int, *, held: str = "") -> fm.System:
+        scene, ends = fm.System(), []
         end = scene.ground.frame()
         for k in range(links):
             link = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.5, 0.0, 0.0)), name=f"{k}")
             scene.connect(fm.joint.Revolute("y"), end, link.frame())
             end = link.frame(p=(1.0, 0.0, 0.0))
+            ends.append(end)
         if held:
-            scene.add_force(fm.force.SpringDamper(scene.ground.frame(), end, 1.0, 1.0))
+            start = ends[0] if held == "by a link" else scene.ground.frame()
+            scene.add_force(fm.force.SpringDamper(start, end, 1.0, 1.0))
         return scene
 
     assert len(_recursion_of(chain(10), 10).number) == 0
     assert len(_recursion_of(chain(100), 100).number) == 100
-    assert len(_recursion_of(chain(100, held=True), 100).number) == 0
+    assert len(_recursion_of(chain(100, held="by the ground"), 100).number) == 100
+    assert len(_recursion_of(chain(100, held="by a link"), 100).number) == 0
 
 
 def test_a_chain_moves_as_by_dense_factors():
     """A force of the whole state, though it is zero, keeps the recursion from serving."""
     runs = []
     for whole in (False, True):
-        scene = random_tree(3, bodies=40)
+        scene = random_tree(3, bodies=40, ground=True)
         if whole:
             scene.add_force(fm.force.StateForce(_no_force))
         runs.append(scene.simulate(0.05, rtol=1e-6, integrator=fm.GeneralizedAlpha()))

@@ -85,6 +85,11 @@ def act_between_frames(plan: Plan) -> NDArray[np.bool_]:
     return np.array([isinstance(ELEMENTS[kind], FrameElement) for kind in plan.elements[:, at.EL_KIND]], bool)
 
 
+def call_users(plan: Plan) -> NDArray[np.bool_]:
+    """(k,) whether each element of a plan calls a user's function."""
+    return np.array([ELEMENTS[kind].behaviour.calls_user for kind in plan.elements[:, at.EL_KIND]], bool)
+
+
 def are_of(plan: Plan, element: ElementKind) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan is of a kind."""
     return np.asarray(plan.elements[:, at.EL_KIND] == kind_of(element))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 
 FloatArray = NDArray[np.float64]
@@ -58,3 +59,13 @@ def joint_turn(work: Work, row: int) -> FloatArray:
 def required_wrenches(work: Work) -> FloatArray:
     """(links, 6) force (N) and moment (N m) about each link's origin, in its axes, that the motion requires; a view."""
     return work.body[:, at.B_F : at.B_T + 3]
+
+
+@kernel
+def farthest_place(plan, work):
+    """The largest component of a body's place (m) that ``work`` has."""
+    place = 0.0
+    for i in range(plan.tree.shape[0]):
+        for c in range(3):
+            place = max(place, abs(work.body[i, at.B_P + c]))
+    return place

@@ -78,6 +78,11 @@ def can_vibrate(plan: Plan) -> bool:
     return _has_springs(plan) or bool(constraint_rows(plan).augmented.any())
 
 
+def has_stiff_elements(plan: Plan) -> bool:
+    """Whether there are force elements with a stiffness, whatever its size."""
+    return any(one.stiffness is not Stiffness.NONE for one in behaviours(plan))
+
+
 def _has_springs(plan: Plan) -> bool:
     for row, one, storing in zip(plan.elements, behaviours(plan), stores(plan), strict=True):
         first, count = one.spring

@@ -19,6 +19,7 @@ from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wr
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_rows
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
+from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION
 
 
 @kernel
@@ -70,7 +71,22 @@ def _clear_path(tw, count):
 
 
 @kernel
-def _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
+def relative_variation(phi, r, turn, rate, c_G, v_G, w_F, w_G, R_F):
+    """Variation dd, dtheta, drate, dspin (F's axes) of G's motion against F.
+
+    By G's rotation phi and translation r of point o against F, phi' and r', in world axes.
+    """
+    move = add3(r, cross3(phi, c_G))
+    move_rate = add3(add3(rate, cross3(turn, c_G)), cross3(phi, v_G))
+    dd = rotate_back(R_F, move)
+    dtheta = rotate_back(R_F, phi)
+    drate = rotate_back(R_F, sub3(move_rate, cross3(w_F, move)))
+    dspin = rotate_back(R_F, add3(turn, cross3(phi, w_G)))
+    return dd, dtheta, drate, dspin
+
+
+@kernel
+def _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     """Variation of G's motion against F by unknown k: whether there is one, dd, dtheta, drate, dspin (F's axes).
 
     Also the relative twist (phi, r) itself, in world axes.
@@ -81,18 +97,13 @@ def _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     turn = (m[12, k], m[13, k], m[14, k])
     rate = (m[15, k], m[16, k], m[17, k])
     any_of = abs(phi[0]) + abs(phi[1]) + abs(phi[2]) + abs(r[0]) + abs(r[1]) + abs(r[2])
-    move = scale3(per_x, add3(r, cross3(phi, c_G)))
-    phi_x = scale3(per_x, phi)
-    move_rate = add3(add3(rate, cross3(turn, c_G)), cross3(phi_x, v_G))
-    dd = rotate_back(R_F, move)
-    dtheta = rotate_back(R_F, phi_x)
-    drate = rotate_back(R_F, sub3(move_rate, cross3(w_F, move)))
-    dspin = rotate_back(R_F, add3(turn, cross3(phi_x, w_G)))
+    moved = scale3(per_x, phi), scale3(per_x, r)
+    dd, dtheta, drate, dspin = relative_variation(moved[0], moved[1], turn, rate, c_G, v_G, w_F, w_G, R_F)
     return any_of > 0.0, dd, dtheta, drate, dspin, phi, r
 
 
 @kernel
-def _pair_frames(plan, work, tw, f, g):
+def pair_frames(plan, work, tw, f, g):
     """Places of F and G against o, velocity of G against o, angular velocities, R_WF; in world axes."""
     p_F, R_F, _, w_F, _, _ = frame_motion(plan, work, f)
     p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
@@ -228,7 +239,7 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
     """Rows first .. last - 1, which join the same two frames."""
     f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-    c_F, c_G, v_G, w_F, w_G, R_F = _pair_frames(plan, work, tw, f, g)
+    c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
     force, torque = _total_wrench(plan, first, last, multipliers, d, R)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
@@ -237,7 +248,7 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
     moved = 0
     for j in range(count):
         k = tw.path[j]
-        moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        moves, dd, dtheta, drate, dspin, phi, r = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
         if not moves:
             continue
         moved = _put_first(tw, moved, j)
@@ -278,7 +289,7 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     """
     f, g = row[at.EL_F], row[at.EL_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-    c_F, c_G, v_G, w_F, w_G, R_F = _pair_frames(plan, work, tw, f, g)
+    c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
     force, torque = element_wrench(plan, work, row, d, R, rate, spin)
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
@@ -288,7 +299,7 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     moved = 0
     for j in range(count):
         k = tw.path[j]
-        moves, dd, dtheta, drate, dspin, phi, r = _relative_variation(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        moves, dd, dtheta, drate, dspin, phi, r = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
         if not moves:
             continue
         moved = _put_first(tw, moved, j)
@@ -311,12 +322,22 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
             _clear_path(tw, count)
 
 
+@kernel
+def is_from_ground(plan, row):
+    """Whether a force between frames acts between a body and the ground."""
+    return min(plan.frame_of[row[at.EL_F], at.FRAME_BODY], plan.frame_of[row[at.EL_G], at.FRAME_BODY]) < 0
+
+
 @deferred_kernel()
 def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a):
-    """As ``add_elements`` where each acts across one joint: into ``own`` and ``push`` of a ``TreeRecursion``."""
+    """As ``add_elements`` where each acts across one joint: into ``own`` and ``push`` of a ``TreeRecursion``.
+
+    Those from the ground are left to ``add_ground_forces`` where bodies answer to their place.
+    """
+    placed = recursion.motion.shape[1] > MOTION
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if is_between_frames(row[at.EL_KIND]):
+        if is_between_frames(row[at.EL_KIND]) and not (placed and is_from_ground(plan, row)):
             count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own)
             for j in range(moved):
                 k = tw.path[j]

@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.tangent.body_moments import (
 )
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, clear_blocks
 from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements, add_elements_of_joints
+from flexmbd.multibody.kernels.tangent.ground_forces import add_ground_forces
 from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
     add_product,
@@ -31,7 +32,7 @@ from flexmbd.multibody.kernels.tangent.tangent_columns import (
     joint_columns,
     load_column,
 )
-from flexmbd.multibody.kernels.tangent.tree_recursion import put_bodies, put_joints
+from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, put_bodies, put_joints
 
 
 @kernel
@@ -203,6 +204,8 @@ def tree_tangent_after_residual(plan, work, tw, recursion, x, v, a, per_x, per_v
     put_joints(plan, tw, recursion, per_x)
     if plan.elements.shape[0] > 0:
         add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a)
+        if recursion.motion.shape[1] > MOTION:
+            add_ground_forces(plan, work, tw, recursion.answer)
         add_laws_of_joints(plan, work, tw, recursion, x, v, per_x, per_v)
 
 

@@ -1,0 +1,43 @@
+"""Says once where an explicit run creeps: where something much faster than the motion rules its steps."""
+
+from __future__ import annotations
+
+import math
+
+from flexmbd.errors import StepsWarning, warn
+from flexmbd.integrate import state as st
+from flexmbd.run.stepping import Integration
+
+# Steps of a stretch that is looked at; how many times what the tolerance asks for is too many; steps that must be left.
+_STRETCH, _MANY, _LEFT = 1000, 30.0, 1e5
+
+
+class CreepWatch:
+    """Looks at the steps of each stretch of a run."""
+
+    def __init__(self, integration: Integration) -> None:
+        self._integration = integration
+        self._ask = integration.steps_a_radian
+        self._begin()
+
+    def look(self, t_end: float) -> None:
+        """Warn where the steps of a stretch, a thousand or more, are far too many for the motion."""
+        state = self._integration.state
+        steps, time = int(state.counts[st.STEPS]) - self._steps, self._integration.t - self._t
+        if steps < max(_STRETCH, _MANY * self._ask) or not time > 0.0:
+            return
+        radians, left = float(state.numbers[st.RATE]) * time, steps * (t_end - self._integration.t) / time
+        if steps > _MANY * self._ask * radians and left > _LEFT:
+            warn(
+                f"at t = {self._integration.t:.4g} s {self._integration.method.name} takes steps of "
+                f"{time / steps:.1e} s, {left:.1e} of them up to t_end, some {steps / max(radians, 1e-300):.0e} for a "
+                "radian of the machine's motion. Something much faster than the motion holds them up, as thin beams, "
+                "stiff springs and bushings do; integrator=fm.RadauIIA() takes longer steps unless that vibration "
+                "itself is to be seen",
+                StepsWarning,
+            )
+            self._ask = math.inf
+        self._begin()
+
+    def _begin(self) -> None:
+        self._steps, self._t = int(self._integration.state.counts[st.STEPS]), self._integration.t
