@@ -96,36 +96,50 @@ class StrainPolynomial:
                     total += half + half.T
         return total
 
-    def equilibrium(self, force: FloatArray, *, start: FloatArray | None = None) -> FloatArray:
-        """(n,) a stable equilibrium under a constant force (n,), by Newton's method with a search along its lines.
+    def equilibrium(
+        self, force: FloatArray, *, start: FloatArray | None = None, directions: FloatArray | None = None
+    ) -> FloatArray:
+        """A stable equilibrium by Newton's method, with a search along its lines for less potential energy.
+
+        Args:
+            force: (n,) constant.
+            start: (n,) coordinates to begin from; default: zero.
+            directions: (n, m) orthonormal, along which the coordinates may change from there; default: all.
+
+        Returns:
+            (n,) coordinates.
 
         Raises:
             ConvergenceError: there is none that the search finds.
         """
         q = np.zeros(len(force)) if start is None else np.array(start)
+        free = np.eye(len(force)) if directions is None else directions
         for _ in range(_ITERATIONS):
             residual = self.force(q) - force
-            step, stable = self._step(q, residual)
+            step, stable = self._step(q, residual, free)
             decrease = -float(residual @ step)
             q = self._searched(q, step, force, decrease)
             if stable and decrease <= _CONVERGED * (self.energy(q) + abs(float(force @ q))):
                 return q
         raise ConvergenceError("no stable equilibrium of the reduced body was found")
 
-    def _step(self, q: FloatArray, residual: FloatArray) -> tuple[FloatArray, bool]:
+    def _step(self, q: FloatArray, residual: FloatArray, free: FloatArray) -> tuple[FloatArray, bool]:
         """Newton's step, of a stiffness made positive where it is not."""
-        scale = 1.0 / np.sqrt(self.stiffness)
-        values, vectors = scipy.linalg.eigh(self.tangent(q) * np.outer(scale, scale))
+        tangent = free.T @ self.tangent(q) @ free
+        scale = 1.0 / np.sqrt(np.einsum("im,i,im->m", free, self.stiffness, free))
+        values, vectors = scipy.linalg.eigh(tangent * np.outer(scale, scale))
         positive = np.maximum(np.abs(values), _ROUND_OFF * np.abs(values).max())
-        step = -scale * (vectors @ ((vectors.T @ (scale * residual)) / positive))
-        return step, bool(values[0] > 0.0)
+        step = -scale * (vectors @ ((vectors.T @ (scale * (free.T @ residual))) / positive))
+        return free @ step, bool(values[0] > 0.0)
 
     def _searched(self, q: FloatArray, step: FloatArray, force: FloatArray, decrease: float) -> FloatArray:
         before, share = self.energy(q) - float(force @ q), 1.0
         for _ in range(_HALVINGS):
             after = q + share * step
             change = self.energy(after) - float(force @ after) - before
-            if change <= -1e-4 * share * decrease or abs(change) <= 1e-13 * (abs(before) + decrease):
+            # of terms that cancel, as the linear energy of a bent body's membrane does
+            noise = _ROUND_OFF * (float(self.stiffness @ after**2) + abs(before))
+            if change <= noise - 1e-4 * share * decrease:
                 return after
             share *= 0.5
         return q + share * step

@@ -6,8 +6,11 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.sparse.linalg
 import ufl
 from dolfinx import fem
+from full_model import gather
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +22,7 @@ from flexmbd.errors import RecordError, ReductionError
 from flexmbd.forms import neo_hookean, solid_linear, st_venant_kirchhoff
 from flexmbd.record.strain_polynomial import StrainPolynomial, monomials, places
 from flexmbd.record.turned_face import turned_face
-from flexmbd.reduction import Keep, ModalDerivatives, craig_bampton, prestressed
+from flexmbd.reduction import BodyForce, Keep, ModalDerivatives, craig_bampton, load_vectors, prestressed
 from flexmbd.reduction.large_displacements.energy_polynomial import by_derivatives, of_green_strain
 from flexmbd.reduction.large_displacements.force_derivatives import force_derivatives
 
@@ -220,6 +223,7 @@ def bad(frame="x_min", **options):
 @pytest.mark.parametrize(("options", "message"), [
     (bad(nonlinear=1), r"nonlinear must be ModalDerivatives\(loads=...\), got 1"),
     (bad(nonlinear=ModalDerivatives({"tip.y": 1.0})), "names the load 'tip.y'; there are: .*x_max.y"),
+    (bad(nonlinear=ModalDerivatives({"x_max.y": 1.0}, held=["tip"])), "no interface 'tip' to hold; there are: x_max"),
     (bad(keep=Keep(stress=True)), "stress modes are of small displacements"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused(model, options, message):
@@ -236,6 +240,7 @@ def test_an_averaged_interface_that_turns_is_refused():
     ({"loads": {}}, "takes loads by their names"),
     ({"loads": {"tip.y": -1.0}}, "'tip.y' needs a positive size, got -1.0"),
     ({"loads": {"tip.y": np.nan}}, "needs a positive size"),
+    ({"loads": {"tip.y": 1.0}, "held": "tip"}, "held must be a list"),
     ({"loads": {"tip.y": 1.0}, "tol": 0.0}, "tol must lie between 0 and 1"),
     ({"loads": {"tip.y": 1.0}, "most": 0}, "most must be an integer from 1 on"),
     ({"loads": {"tip.y": 1.0}, "order": 1}, "order must be an integer from 2 on"),
@@ -243,3 +248,44 @@ def test_an_averaged_interface_that_turns_is_refused():
 def test_wrong_options(options, message):
     with pytest.raises(ReductionError, match=message):
         ModalDerivatives(**options)
+
+
+def full_equilibrium(model, start, load):
+    """Newton's method on the full model, both end faces clamped, from a displacement on: (dofs,)."""
+    derivatives, u = force_derivatives(model), start.copy()
+    free = np.setdiff1d(np.arange(len(u)), np.concatenate([one.dofs for one in model.interfaces]))
+    u[np.setdiff1d(np.arange(len(u)), free)] = 0.0
+    for _ in range(30):
+        tangent = gather(model.tangent(u)).tocsc()[free][:, free]
+        step = scipy.sparse.linalg.spsolve(tangent, (load - derivatives.force(u))[free])
+        u[free] += step
+        if abs(step).max() < 1e-12:
+            return u
+    raise AssertionError("the full model has no equilibrium near the reduced body's")
+
+
+def test_a_shallow_panel_snaps_through():
+    """Clamped at both ends under its weight: the rise of 30 mm stands below the ends after it, as in the full model."""
+    rise, thickness, size = 0.03, 0.01, 4e5
+    mesh = meshes.block(1.0, 0.1, thickness, divisions=(16, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF)
+    x = mesh.mesh.geometry.x
+    x[:, 2] += 4.0 * rise * x[:, 0] * (1.0 - x[:, 0])
+    material = st_venant_kirchhoff.Parameters(E=MODULUS, nu=0.0, rho=1000.0)
+    ends = [Interface("x_min"), Interface("x_max")]
+    model = ContinuumModel(mesh, st_venant_kirchhoff, material, degree=2, interfaces=ends)
+    weight = BodyForce("weight", [0.0, 0.0, -1.0])
+    choice = ModalDerivatives({"load weight": size}, held=["x_max"], tol=1e-2)
+    body = craig_bampton(model, modes=4, frame="x_min", loads=[weight], nonlinear=choice, keep=Keep(modes=True))
+    assert body.n_modes <= 20
+    fields, own = nodal_modes(body, model), polynomial(body)
+    clamped = body.interface("x_max").modes
+    free = scipy.linalg.null_space(clamped / abs(clamped).max(axis=1, keepdims=True))
+    top = np.linalg.norm(model.node_x - [0.5, 0.05, rise + 0.5 * thickness], axis=1).argmin()
+    middle, q, sunk = model.displacement_dofs[top, 2], np.zeros(body.n_modes), []
+    for part in (0.5, 1.0):
+        q = own.equilibrium(part * size * body.loads.modal[0], start=q, directions=free)
+        full = full_equilibrium(model, fields @ q, part * size * load_vectors(model, [weight])[:, 0])
+        assert (fields @ q)[middle] == pytest.approx(full[middle], rel=1e-2)
+        sunk.append(-full[middle])
+    assert sunk[0] < 0.15 * rise
+    assert sunk[1] > 1.5 * rise

@@ -12,6 +12,7 @@ then the face moves on as a rigid frame.  So an interface may turn without being
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from math import factorial
@@ -53,7 +54,9 @@ class Fields:
         return Fields(np.asfortranarray(self.u - other.u @ part), self.faces - other.faces @ part)
 
 
-def load_series(statics: Statics, derivatives: ForceDerivatives, loads: FloatArray, *, order: int) -> list[Fields]:
+def load_series(
+    statics: Statics, derivatives: ForceDerivatives, loads: FloatArray, *, order: int, held: Sequence[str] = ()
+) -> list[Fields]:
     """u_1 .. u_order under each of several loads. Collective.
 
     Args:
@@ -61,9 +64,11 @@ def load_series(statics: Statics, derivatives: ForceDerivatives, loads: FloatArr
         derivatives: of its internal forces.
         loads: (owned dofs, r), N; of a body whose frame floats less the inertia forces that they cause.
         order: 1 or more.
+        held: names of interfaces that are held beside that of the body frame.
     """
     model = statics.model
-    moving = list(range(0 if statics.floating else 1, len(statics.interfaces)))
+    numbers = range(0 if statics.floating else 1, len(statics.interfaces))
+    moving = [i for i in numbers if statics.interfaces[i].name not in held]
     series: list[Fields] = []
     local: list[FloatArray] = []
     turns: list[FloatArray] = []
@@ -77,7 +82,7 @@ def load_series(statics: Statics, derivatives: ForceDerivatives, loads: FloatArr
             for i in moving:
                 _prescribe(model, statics.interfaces[i], finite[i], prescribed)
             forces = -_forces_of_order(derivatives, local, k) - multiply(model.K, prescribed)
-        u = prescribed + statics.static_response(np.asfortranarray(forces))
+        u = prescribed + _response(statics, np.asfortranarray(forces), held)
         if statics.floating and statics.rigid is not None:
             u = np.asfortranarray(statics.rigid.deformation(u))
         faces = np.zeros((len(statics.interfaces), 3, 4, loads.shape[1]))
@@ -90,6 +95,16 @@ def load_series(statics: Statics, derivatives: ForceDerivatives, loads: FloatArr
         series.append(Fields(u, faces))
         local.append(with_ghosts(model, u))
     return series
+
+
+def _response(statics: Statics, forces: FloatArray, held: Sequence[str]) -> FloatArray:
+    """`Statics.static_response` with some interfaces held. Collective."""
+    if not held:
+        return statics.static_response(forces)
+    names = [one.name for one in statics.interfaces[1:]]
+    free = np.array([names[i] not in held for i in statics.frame_motions.owner])
+    shapes, images = (np.asfortranarray(block[:, free]) for block in statics.moving)
+    return statics.response_of(forces, shapes=shapes, forces=images)
 
 
 def face_motions(statics: Statics, u: FloatArray) -> FloatArray:

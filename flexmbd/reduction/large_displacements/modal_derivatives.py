@@ -14,10 +14,11 @@ Its energy over the body's strain energy is the estimate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
@@ -53,12 +54,15 @@ class ModalDerivatives:
             by twos: by the names of `GeometricStiffness`, as ``{"tip.y": 200.0, "acceleration z": 50.0}``, in N, N m,
             m/s^2, rad/s^2, rad^2/s^2 or factors of named loads; or ``fixed-interface 1`` and so on, a mode's largest
             displacement in m.
+        held: names of interfaces that are held in the body frame beside that of the frame itself while the loads are on
+            the body, as both ends of a panel that is clamped there.
         tol: largest estimated error of the strain energy at these loads, relative.
         most: how many derivatives may be kept.
         order: to which power of the loads the full model's equilibria are followed, 2 or more.
     """
 
     loads: Mapping[str, float]
+    held: Sequence[str] = ()
     tol: float = 1e-3
     most: int = 24
     order: int = 5
@@ -71,6 +75,8 @@ class ModalDerivatives:
         for name, size in self.loads.items():
             if not isinstance(name, str) or not is_number(size) or not float(size) > 0.0:
                 raise ReductionError(f"ModalDerivatives: load {name!r:.50} needs a positive size, got {size!r:.50}")
+        if isinstance(self.held, str) or not all(isinstance(name, str) for name in self.held):
+            raise ReductionError(f"ModalDerivatives: held must be a list of interfaces' names, got {self.held!r:.50}")
         if not is_number(self.tol) or not 0.0 < float(self.tol) < 1.0:
             raise ReductionError(f"ModalDerivatives: tol must lie between 0 and 1, got {self.tol!r:.50}")
         for name, least in (("most", 1), ("order", 2)):
@@ -149,6 +155,7 @@ def modal_derivatives(
             f"{statics.model.form_name} has a strain energy without third and fourth derivatives, so that its body "
             "stays linear; leave nonlinear= out, or take a form of finite strain, as flexmbd.forms.st_venant_kirchhoff"
         )
+    _check_held(statics, choice)
     samples = _samples(loads, choice)
     forces = np.asfortranarray(loads.forces @ samples)
     if statics.floating and statics.rigid is not None:
@@ -158,12 +165,21 @@ def modal_derivatives(
     on_faces = np.asfortranarray(loads.forces @ (samples * _of_interfaces(statics, loads)[:, None]))
     ranges = _Range(forces - on_faces, wrenches)
     known = _unit_energies(statics, base)
-    series = load_series(statics, derivatives, forces, order=choice.order)
+    series = load_series(statics, derivatives, forces, order=choice.order, held=choice.held)
     found = series[1]
     for more in series[2:]:
         found = found.joined(more)
     search = _Search(statics, derivatives, known, ranges.both_signs(), choice)
     return search.chosen(found)
+
+
+def _check_held(statics: Statics, choice: ModalDerivatives) -> None:
+    others = [one.name for one in statics.interfaces[0 if statics.floating else 1 :]]
+    for name in choice.held:
+        if statics.floating:
+            raise ReductionError(f"ModalDerivatives: {name!r} cannot be held in a frame that floats; give frame=")
+        if name not in others:
+            raise ReductionError(f"ModalDerivatives: no interface {name!r} to hold; there are: {', '.join(others)}")
 
 
 def _samples(loads: UnitLoads, choice: ModalDerivatives) -> FloatArray:
@@ -329,10 +345,15 @@ class _Search:
 
     def _equilibria(self, polynomial: StrainPolynomial, faces: FloatArray, modal: FloatArray) -> FloatArray:
         """(n, r) coordinates under the sampled loads."""
-        wrenches = self.loads.wrenches
+        held = [one.name in self.choice.held for one in self.statics.interfaces]
+        rows = _frame_rows(faces[held])
+        free = scipy.linalg.null_space(rows) if len(rows) else np.eye(modal.shape[0])
         try:
             return np.column_stack(
-                [_equilibrium(polynomial, faces, modal[:, i], wrenches[..., i]) for i in range(modal.shape[1])]
+                [
+                    _equilibrium(polynomial, faces, modal[:, i], self.loads.wrenches[..., i], free)
+                    for i in range(modal.shape[1])
+                ]
             )
         except ConvergenceError as error:
             raise ReductionError(
@@ -348,9 +369,12 @@ class _Search:
 
 
 def _equilibrium(
-    polynomial: StrainPolynomial, faces: FloatArray, modal: FloatArray, wrenches: FloatArray
+    polynomial: StrainPolynomial, faces: FloatArray, modal: FloatArray, wrenches: FloatArray, free: FloatArray
 ) -> FloatArray:
-    """(n,) coordinates under forces (n,) and wrenches (b, 6) of fixed directions on faces [d | A] (b, 3, 4, n)."""
+    """(n,) coordinates under forces (n,) and wrenches (b, 6) of fixed directions on faces [d | A] (b, 3, 4, n).
+
+    free: (n, m) orthonormal directions in which they may change.
+    """
     q: FloatArray = np.zeros(faces.shape[3])
     before = np.full_like(q, np.inf)
     for _ in range(_TURNS):
@@ -361,5 +385,12 @@ def _equilibrium(
         if np.linalg.norm(force - before) <= _SAME * np.linalg.norm(force):
             return q
         # a moment's part goes with the turn of its face, of which the next step knows the end
-        q, before = polynomial.equilibrium(force, start=q), force
+        q, before = polynomial.equilibrium(force, start=q, directions=free), force
     raise ConvergenceError("the faces of the reduced body turn on and on")
+
+
+def _frame_rows(faces: FloatArray) -> FloatArray:
+    """(6 b, n) translations and small rotations of faces [d | A] (b, 3, 4, n), and no strain of theirs."""
+    A = faces[:, :, 1:]
+    skew = [A[:, b, a] - A[:, a, b] for a, b in ((1, 2), (2, 0), (0, 1))]
+    return np.concatenate([faces[:, :, 0], *(row[:, None] for row in skew)], axis=1).reshape(-1, faces.shape[3])
