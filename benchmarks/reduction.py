@@ -4,7 +4,7 @@
     ./run python benchmarks/reduction.py --sizes 600k 1M --codes flexmbd --ranks 2     # larger ones, one by one
     ./run python benchmarks/reduction.py --show                # table, growth and picture of all that is kept
     ./run python benchmarks/reduction.py --quick               # the smallest mesh, nothing is kept
-    ./run pip install -e .[benchmark]                          # exudyn and NGSolve, without which their rows are left out
+    ./run pip install -e .[benchmark]                          # exudyn and NGSolve, else their rows are left out
 
 A box of 1 x 0.05 x 0.05 m in ten-node tetrahedra, both ends rigid, body frame on one of them: 20 modes,
 6 static and 14 fixed-interface ones. All codes get the same tetrahedra, of gmsh and of NETGEN, in memory before the

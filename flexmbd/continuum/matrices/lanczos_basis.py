@@ -58,6 +58,13 @@ class LanczosBasis:
             result = _plus_product(result, panel, coefficients[place])
         return result
 
+    def term_sizes(self, coefficients: FloatArray) -> FloatArray:
+        """Sums of the sizes of the terms of `combine`, of which its round-off is a share; not collective."""
+        result: FloatArray = np.zeros((self._rows, coefficients.shape[1]), order="F")
+        for place, panel in self._filled(len(coefficients)):
+            result = _plus_product(result, np.asfortranarray(abs(panel)), abs(coefficients[place]))
+        return result
+
     def products(self, block: FloatArray) -> FloatArray:
         """Block^T times the vectors, (columns, size). Collective."""
         local: FloatArray = np.zeros((block.shape[1], self.size))

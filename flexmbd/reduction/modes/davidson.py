@@ -129,7 +129,8 @@ class DavidsonSearch:
         if np.sqrt(TOLERANCE) > least > 0.5 * last:
             # it does not fall any more
             signs = np.random.default_rng((self._basis.size, self._comm.rank)).choice([-1.0, 1.0], size=rest.shape)
-            floor = self._lengths(self._precondition(np.asfortranarray(signs * self._noise(shapes))))
+            terms = self._basis.term_sizes(self._vectors[:, chosen])
+            floor = self._lengths(self._precondition(np.asfortranarray(signs * self._noise(terms))))
             converged = sizes <= np.maximum(TOLERANCE, np.minimum(MARGIN * floor, np.sqrt(TOLERANCE)))
         converged = self._comm.bcast(converged)
         self._worst = float(sizes.max(initial=0.0))
