@@ -59,42 +59,57 @@ class StrainPolynomial:
     quartic: FloatArray
 
     @cached_property
-    def _terms(self) -> tuple[tuple[IntArray, FloatArray], ...]:
-        n = len(self.stiffness)
-        return (monomials(n, 3), self.cubic), (monomials(n, 4), self.quartic)
+    def _pairs(self) -> IntArray:
+        """(m, 2) of the products p = q_i q_j, i >= j."""
+        return monomials(len(self.stiffness), 2)
+
+    @cached_property
+    def _by_pairs(self) -> tuple[FloatArray, FloatArray]:
+        """L (n, m) and G (m, m), symmetric, with which V = q^T K q / 2 + q^T L p + p^T G p / 2."""
+        n, m = len(self.stiffness), len(self._pairs)
+        linear, square = np.zeros((n, m)), np.zeros((m, m))
+        i, j, k = monomials(n, 3).T
+        linear[i, j * (j + 1) // 2 + k] = self.cubic
+        i, j, k, last = monomials(n, 4).T
+        square[i * (i + 1) // 2 + j, k * (k + 1) // 2 + last] = self.quartic
+        return linear, square + square.T
 
     def first(self, count: int) -> StrainPolynomial:
         """That of the first coordinates, the others at zero."""
-        terms = [coefficients[: len(monomials(count, index.shape[1]))] for index, coefficients in self._terms]
-        return StrainPolynomial(self.stiffness[:count], *terms)
+        cubic, quartic = (len(monomials(count, degree)) for degree in (3, 4))
+        return StrainPolynomial(self.stiffness[:count], self.cubic[:cubic], self.quartic[:quartic])
 
     def energy(self, q: FloatArray) -> float:
         """V, J, at q (n,)."""
-        higher = sum(float(coefficients @ q[index].prod(axis=1)) for index, coefficients in self._terms)
-        return 0.5 * float(self.stiffness @ q**2) + higher
+        linear, square = self._by_pairs
+        p = q[self._pairs].prod(axis=1)
+        return float(0.5 * self.stiffness @ q**2 + q @ (linear @ p) + 0.5 * p @ (square @ p))
 
     def force(self, q: FloatArray) -> FloatArray:
         """(n,) dV/dq."""
-        total = self.stiffness * q
-        for index, coefficients in self._terms:
-            for i in range(index.shape[1]):
-                others = np.delete(index, i, axis=1)
-                total += np.bincount(index[:, i], coefficients * q[others].prod(axis=1), minlength=len(q))
-        return total
+        linear, square = self._by_pairs
+        p = q[self._pairs].prod(axis=1)
+        return np.asarray(self.stiffness * q + linear @ p + self._slopes(q).T @ (linear.T @ q + square @ p))
 
     def tangent(self, q: FloatArray) -> FloatArray:
         """(n, n) second derivative of V."""
-        n = len(q)
-        total = np.diag(self.stiffness)
-        for index, coefficients in self._terms:
-            degree = index.shape[1]
-            for i in range(degree):
-                for j in range(i):
-                    others = np.delete(index, [i, j], axis=1)
-                    at = index[:, i] * n + index[:, j]
-                    half = np.bincount(at, coefficients * q[others].prod(axis=1), minlength=n * n).reshape(n, n)
-                    total += half + half.T
+        (linear, square), slopes = self._by_pairs, self._slopes(q)
+        once = linear @ slopes
+        total = np.diag(self.stiffness) + once + once.T + slopes.T @ (square @ slopes)
+        i, j = self._pairs.T
+        # of the products themselves
+        forces = linear.T @ q + square @ q[self._pairs].prod(axis=1)
+        total[i, j] += forces
+        total[j, i] += forces
         return total
+
+    def _slopes(self, q: FloatArray) -> FloatArray:
+        """(m, n) derivatives of the products."""
+        i, j = self._pairs.T
+        rows, slopes = np.arange(len(i)), np.zeros((len(i), len(q)))
+        slopes[rows, i] += q[j]
+        slopes[rows, j] += q[i]
+        return slopes
 
     def equilibrium(
         self, force: FloatArray, *, start: FloatArray | None = None, directions: FloatArray | None = None

@@ -124,4 +124,4 @@ def _in_body_axes(R: FloatArray, faces: FloatArray) -> tuple[FloatArray, FloatAr
     for axis, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
         rows[:, 3 + axis] = 0.5 * (turned[:, b, a] - turned[:, a, b])
     strain = np.stack([0.5 * (turned[:, a, b] + turned[:, b, a]) for a, b in _SYMMETRIC], axis=1)
-    return rows.reshape(-1, faces.shape[3]), strain
+    return rows.reshape(6 * len(faces), faces.shape[3]), strain

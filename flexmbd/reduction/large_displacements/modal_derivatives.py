@@ -39,9 +39,11 @@ from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads
 # Of the largest strain energy among the candidates: what is left of it by round-off.
 _ROUND_OFF = 1e-13
 # How often what is lacking at the sampled loads is added to the candidates.
-_ROUNDS = 4
+_ROUNDS = 8
+# Of the tolerated error: strain energy of a shape that is not looked at.
+_NEGLIGIBLE = 1e-2
 # Relative change of the forces by the turn of the faces, at which an equilibrium is found, and in how many steps.
-_SAME = 1e-10
+_SAME = 1e-7
 _TURNS = 60
 
 
@@ -169,7 +171,9 @@ def modal_derivatives(
     found = series[1]
     for more in series[2:]:
         found = found.joined(more)
-    search = _Search(statics, derivatives, known, ranges.both_signs(), choice)
+    size = np.einsum("ij,ij->j", series[0].u, multiply(statics.model.K, series[0].u))
+    least = _NEGLIGIBLE * choice.tol * float(total(statics.model.comm, size).max())
+    search = _Search(statics, derivatives, known, ranges.both_signs(), choice, least)
     return search.chosen(found)
 
 
@@ -240,8 +244,16 @@ def _unit_energies(statics: Statics, fields: Fields) -> Fields:
     return fields.combined(scale[:, None] * np.linalg.inv(factor).T)
 
 
-def _further(statics: Statics, known: Fields, candidates: Fields, most: int) -> Fields:
-    """What candidates have beside known fields of unit energy: unit energies, none in common, most needed first."""
+def _further(statics: Statics, known: Fields, candidates: Fields, *, most: int, least: float) -> Fields:
+    """What candidates have beside known fields of unit energy: unit energies, none in common, most needed first.
+
+    Args:
+        statics: of the body.
+        known: the fields.
+        candidates: more.
+        most: how many are taken.
+        least: twice the energy that is not looked at.
+    """
     model = statics.model
     for _ in range(2):
         part = inner(model.comm, known.u, multiply(model.K, candidates.u))
@@ -250,7 +262,7 @@ def _further(statics: Statics, known: Fields, candidates: Fields, most: int) -> 
 
     def change() -> FloatArray:
         values, vectors = np.linalg.eigh(k)
-        own = np.flatnonzero(values > _ROUND_OFF * values[-1])[::-1][:most]
+        own = np.flatnonzero(values > max(least, _ROUND_OFF * values[-1]))[::-1][:most]
         found: FloatArray = vectors[:, own] / np.sqrt(values[own])
         return found
 
@@ -282,6 +294,7 @@ class _Search:
         known: the basis there is, of unit energies.
         loads: sampled, r of them.
         choice: the tolerance.
+        least: J, twice the energy of shapes that are not looked at.
     """
 
     statics: Statics
@@ -289,10 +302,11 @@ class _Search:
     known: Fields
     loads: _Range
     choice: ModalDerivatives
+    least: float
 
     def chosen(self, candidates: Fields) -> Derivatives:
         """As few of the candidates as reach the tolerance, and more candidates where all do not. Collective."""
-        shapes = _further(self.statics, self.known, candidates, self.choice.most)
+        shapes = _further(self.statics, self.known, candidates, most=self.choice.most, least=self.least)
         for _ in range(_ROUNDS):
             basis = self.known.joined(shapes)
             polynomial, local = self._polynomial(basis)
@@ -301,7 +315,9 @@ class _Search:
                 break
             room = self.choice.most - shapes.u.shape[1]
             lacking = Fields(whole.lacking, np.zeros((*shapes.faces.shape[:3], whole.lacking.shape[1])))
-            more = _further(self.statics, basis, lacking, room)
+            more = _further(self.statics, basis, lacking, most=room, least=self.least)
+            if more.u.shape[1] == 0:
+                break
             shapes = shapes.joined(more)
         if whole.error > self.choice.tol:
             self._refuse(whole, shapes.u.shape[1])
@@ -393,4 +409,4 @@ def _frame_rows(faces: FloatArray) -> FloatArray:
     """(6 b, n) translations and small rotations of faces [d | A] (b, 3, 4, n), and no strain of theirs."""
     A = faces[:, :, 1:]
     skew = [A[:, b, a] - A[:, a, b] for a, b in ((1, 2), (2, 0), (0, 1))]
-    return np.concatenate([faces[:, :, 0], *(row[:, None] for row in skew)], axis=1).reshape(-1, faces.shape[3])
+    return np.concatenate([faces[:, :, 0], *(row[:, None] for row in skew)], axis=1).reshape(6 * len(faces), faces.shape[3])
