@@ -41,6 +41,7 @@ from flexmbd.export.superelements.full_matrices import Sparse as Sparse
 from flexmbd.export.superelements.full_matrices import read_matrix_market as read_matrix_market
 from flexmbd.export.superelements.full_matrices import read_triplets as read_triplets
 from flexmbd.export.superelements.full_matrices import reduce_matrices as reduce_matrices
+from flexmbd.export.superelements.matrix_storage import read_matrix_storage as read_matrix_storage
 from flexmbd.export.superelements.op4_file import op4 as op4
 from flexmbd.export.superelements.op4_file import read_op4 as read_op4
 from flexmbd.export.superelements.simscape_file import read_simscape as read_simscape

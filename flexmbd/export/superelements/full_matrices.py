@@ -83,7 +83,7 @@ def reduce_matrices(
         ExportError: no such units; sizes that do not fit, unknown or shared nodes, a supported or singular stiffness.
     """
     system = unit_system(units)
-    numbers, x = _table(nodes)
+    numbers, x = node_table(nodes)
     x = system.length * x
     refuse_no_truth(ExportError, keep_modes=keep_modes)
     K, M = (_symmetric(matrix, name, 3 * len(x)) for matrix, name in ((K, "K"), (M, "M")))
@@ -206,7 +206,7 @@ def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
     """
     import scipy.sparse
 
-    numbers, x = _table(nodes)
+    numbers, x = node_table(nodes)
     rows = {int(number): 3 * i - 1 for i, number in enumerate(numbers)}
     try:
         entries = triplets(next(blocks(read_text(path))).lines)
@@ -227,7 +227,12 @@ class _Frame:
     rows: NDArray[np.int64]
 
 
-def _table(nodes: ArrayLike) -> tuple[NDArray[np.int64], FloatArray]:
+def node_table(nodes: ArrayLike) -> tuple[NDArray[np.int64], FloatArray]:
+    """Numbers (k,) and places (k, 3) of a node table.
+
+    Raises:
+        ExportError: it is none.
+    """
     table = np.asarray(nodes, dtype=np.float64)
     if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():
         raise ExportError(f"the node table has the shape {table.shape}; rows of number, x, y, z are needed")
