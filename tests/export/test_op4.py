@@ -84,8 +84,8 @@ def test_damaged_files(tmp_path):
     assert bodies < 1000
 
 
-def binary(tmp_path, *, order="<", kind="f8", changes=()):
-    """A file of binary records, written from the layout: length, content, length."""
+def binary(tmp_path, *, order="<", kind="f8", word=4, changes=()):
+    """A file of binary records, written from the layout: length, content, length; words of four or eight bytes."""
     element = fm.export.superelement(small_body())
 
     def record(*parts):
@@ -94,15 +94,15 @@ def binary(tmp_path, *, order="<", kind="f8", changes=()):
         return length + content + length
 
     def whole(*numbers):
-        return np.array(numbers, f"{order}i4").tobytes()
+        return np.array(numbers, f"{order}i{word}").tobytes()
 
     data = b""
     for name, matrix in (("KAAX", element.K), ("MAAX", element.M), ("BAAX", element.D)):
         n = len(matrix)
-        data += record(whole(n, n, 6, 1 if kind == "f4" else 2), name.ljust(8).encode())
+        data += record(whole(n, n, 6, 1 if kind == "f4" else 2), name.ljust(2 * word).encode())
         for column in range(n):
             words = matrix[:, column].astype(order + kind).tobytes()
-            data += record(whole(column + 1, 1, len(words) // 4), words)
+            data += record(whole(column + 1, 1, len(words) // word), words)
         data += record(whole(n + 1, 1, 1), np.ones(1, order + kind).tobytes())
     for old, new in changes:
         assert old in data
@@ -114,10 +114,14 @@ def binary(tmp_path, *, order="<", kind="f8", changes=()):
 NODE = {"a": InterfaceNode((0.0, 0.0, 0.0))}
 
 
-@pytest.mark.parametrize(("order", "kind", "rtol"), [("<", "f8", 1e-12), (">", "f8", 1e-12), ("<", "f4", 1e-4)])
-def test_binary_files(tmp_path, order, kind, rtol):
-    """Little and big ends, double and single precision, damping included."""
-    found, wanted = fm.export.read_op4(binary(tmp_path, order=order, kind=kind), interfaces=NODE), small_body()
+@pytest.mark.parametrize(
+    ("order", "kind", "word", "rtol"),
+    [("<", "f8", 4, 1e-12), (">", "f8", 4, 1e-12), ("<", "f4", 4, 1e-4), ("<", "f8", 8, 1e-12), (">", "f8", 8, 1e-12)],
+)
+def test_binary_files(tmp_path, order, kind, word, rtol):
+    """Little and big ends, double and single precision, words of 32 and 64 bits, damping included."""
+    path, wanted = binary(tmp_path, order=order, kind=kind, word=word), small_body()
+    found = fm.export.read_op4(path, interfaces=NODE)
     np.testing.assert_allclose(found.stiffness, wanted.stiffness, rtol=max(rtol, 1e-9))
     np.testing.assert_allclose(np.diag(found.damping), np.diag(wanted.damping), rtol=max(rtol, 1e-6))
 
@@ -130,6 +134,16 @@ def test_pynastran_reads_these_binary_files(tmp_path, order):
     element = fm.export.superelement(small_body())
     for name, matrix in (("KAAX", element.K), ("MAAX", element.M), ("BAAX", element.D)):
         np.testing.assert_array_equal(matrices[name].data, matrix)
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_pyyeti_reads_words_of_64_bits(tmp_path, order):
+    """Which pyNastran does not: the layout is that of Nastran's 64-bit builds."""
+    op4 = pytest.importorskip("pyyeti.nastran.op4", reason="no pyyeti: pip install pyyeti")
+    matrices = op4.OP4().dctload(str(binary(tmp_path, order=order, word=8)))
+    element = fm.export.superelement(small_body())
+    for name, matrix in (("kaax", element.K), ("maax", element.M), ("baax", element.D)):
+        np.testing.assert_array_equal(matrices[name][0], matrix)
 
 
 @pytest.mark.parametrize(
@@ -149,8 +163,9 @@ def test_binary_files_that_do_not_fit(tmp_path, old, new, match):
         fm.export.read_op4(binary(tmp_path, changes=[(old, new)]), interfaces=NODE)
 
 
-def test_damaged_binary_files(tmp_path):
-    data = binary(tmp_path).read_bytes()
+@pytest.mark.parametrize("word", [4, 8])
+def test_damaged_binary_files(tmp_path, word):
+    data = binary(tmp_path, word=word).read_bytes()
     for cut in (5, 30, len(data) // 2, len(data) - 3):
         (tmp_path / "cut.op4").write_bytes(data[:cut])
         with pytest.raises(ExportError, match=r"cut\.op4"):

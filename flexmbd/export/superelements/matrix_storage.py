@@ -61,8 +61,9 @@ def _places(text: str, numbers: NDArray[np.int64], path: Path) -> NDArray[np.int
     if missing:
         place = min(missing)
         raise ExportError(
-            f"{path} has no row for component {place % 3 + 1} of node {numbers[place // 3]}: what is held in CalculiX is "
-            "left out; store the matrices without supports and constraints, and leave nodes of no element out of the table"
+            f"{path} has no row for component {place % 3 + 1} of node {numbers[place // 3]}: what is held in CalculiX "
+            "is left out; store the matrices without supports and constraints, and leave nodes of no element out of "
+            "the table"
         )
     if len(found) != 3 * len(numbers):
         raise ExportError(f"{path}: {len(found)} rows for {3 * len(numbers)} displacements; one is there twice")
