@@ -9,10 +9,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.stress_predictor import StressPredictor
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
 from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
@@ -23,6 +25,9 @@ FloatArray = NDArray[np.float64]
 # Line search: largest ratio of the work that the residual does on the step, at its end to at its begin; trials.
 _WORK_RATIO, _MAX_HALVINGS = 0.8, 6
 
+# Relative residual of linear systems with predicted stresses; units in the last place of rounded displacements.
+_ACCURATE, _LAST_PLACES = 1e-10, 4.0
+
 
 @dataclass(frozen=True)
 class Convergence:
@@ -32,7 +37,8 @@ class Convergence:
         tolerance: largest residual over the largest force at hand (loads, reactions, inertia), in the
             2-norm over all dofs.
         max_iterations: it fails after so many.
-        round_off: a residual below this that a step no longer halves is taken for round-off, and good.
+        round_off: a residual below this that a step no longer halves is taken for round-off, and good; so is one
+            below what rounding of the displacements makes of the tangent's diagonal, in slender bodies more.
     """
 
     tolerance: float = 1e-9
@@ -98,6 +104,7 @@ class Newton:
         *,
         solver: LinearSolver = DEFAULT_SOLVER,
         convergence: Convergence = DEFAULT_CONVERGENCE,
+        predicts: bool = False,
     ) -> None:
         """Allocate.
 
@@ -106,6 +113,7 @@ class Newton:
             prescribed: owned dofs whose displacement is given.
             solver: of the linear systems.
             convergence: when to end.
+            predicts: whether stresses become unknowns of their own (`StressPredictor`) once a step creeps.
         """
         self._body, self._prescribed = body, np.asarray(prescribed, dtype=np.int32)
         self._reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
@@ -113,6 +121,8 @@ class Newton:
         self._free = np.setdiff1d(np.arange(body.n_owned), self._prescribed)
         self.linear = TangentSolver(body, self._prescribed, solver)
         self._ghosted = body.vector()
+        self._predictor: StressPredictor | None = None
+        self._may_predict = predicts
 
     def solve(
         self,
@@ -137,19 +147,24 @@ class Newton:
         increment, residuals, rule = start.copy(), [], self._convergence
         gap = target - increment[self._prescribed]
         open_constraints = constraints
+        noise_force = 0.0
         balance = forces(increment)
+        if self._predictor is not None:
+            self._predict(self._predictor, np.zeros_like(increment), increment)
         for step in range(rule.max_iterations + 1):
             left = self._without_constraint_forces(balance.residual, constraints)
             residuals.append(self._norm(left[self._free]) / balance.size if balance.size else 0.0)
             closed = open_constraints is None or not open_constraints.gap.any()
             jumps = step == 0 and not (closed and self._norm(gap) == 0.0)
-            stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= rule.round_off
+            noise = max(rule.round_off, noise_force / balance.size if balance.size else 0.0)
+            stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= noise
             if (residuals[-1] <= rule.tolerance or stalled) and not jumps:
                 return Solution(increment, tuple(residuals), balance)
             if step == rule.max_iterations:
                 break
             if step < 2 or residuals[-1] > self._reuse_below * residuals[-2]:
                 matrix, reused = tangent(increment), False
+                noise_force = self._noise(matrix, increment)
             change = self._direction(matrix, left, gap, residuals, reused=reused, constraints=open_constraints)
             reused = True
             gap = np.zeros_like(gap)
@@ -216,10 +231,12 @@ class Newton:
         right.array[self._prescribed] = gap
         if not reused:
             self.linear.constrain(matrix)
-            if constraints is not None:
+            if constraints is not None or self._predictor is not None:
                 self.linear.renew_preconditioner()
         self.linear.set_operator(matrix)
         loose = min(self._forcing_term, 0.1 * residuals[-1]) if len(residuals) > 1 else self._forcing_term
+        if self._predictor is not None:
+            loose = _ACCURATE  # beside forces that stretch a slender body those that bend it are small
         step = self.linear.solve(right.array, loose)
         step[self._prescribed] = gap  # exact, whatever Krylov's method left
         if constraints is not None:
@@ -277,6 +294,11 @@ class Newton:
             if full:
                 return increment + change, balance
             left = self._work(change, balance.residual)
+            if self._may_predict and abs(left) > _WORK_RATIO * abs(work):
+                self._predictor, self._may_predict = self._body.stress_predictor(), False
+            if self._predictor is not None:
+                excess = self._predict(self._predictor, increment, increment + share * change)
+                left = self._work(change, balance.residual + excess)
             if best is None or abs(left) < best[0]:
                 best = abs(left), share, balance
             if abs(left) <= _WORK_RATIO * abs(work):
@@ -286,7 +308,26 @@ class Newton:
             share = min(max(guess, 0.1 * share), 0.5 * share) if left * work < 0.0 else 0.5 * share
         if best is None:
             raise failed
+        if self._predictor is not None and best[1] != share:
+            self._predict(self._predictor, increment, increment + best[1] * change)
         return increment + best[1] * change, best[2]
+
+    def _predict(self, predictor: StressPredictor, before: FloatArray, after: FloatArray) -> FloatArray:
+        """(owned dofs,) N, forces by the excess of stresses predicted from one increment to another. Collective."""
+        whole = self._body.displacement
+        return predictor.predict(whole + before, whole + after)
+
+    @property
+    def predicted(self) -> list[fem.Form]:
+        """Bilinear forms of predicted stresses, to be added to the tangent."""
+        return [] if self._predictor is None else self._predictor.tangent_forms
+
+    def _noise(self, matrix: PETSc.Mat, increment: FloatArray) -> float:
+        """N, 2-norm of the forces that rounding of the displacements makes on free dofs. Collective."""
+        diagonal = matrix.getDiagonal()
+        n = self._body.n_owned
+        forces = diagonal.array_r * (self._body.displacement[:n] + increment[:n])
+        return _LAST_PLACES * float(np.finfo(float).eps) * self._norm(forces[self._free])
 
     def _work(self, change: FloatArray, residual: FloatArray) -> float:
         mine = change[self._free] @ residual[self._free]

@@ -76,11 +76,11 @@ class MeanTangent:
         self._couplings = [_coupling(history, u, v) for history in histories if history.mean is not None]
         self._petsc = assembly.PetscCopy(self._space.mesh.comm, self._blocks)
 
-    def assemble(self) -> PETSc.Mat:
-        """Assemble at the present values. Collective."""
+    def assemble(self, more: Sequence[fem.Form] = ()) -> PETSc.Mat:
+        """Assemble at the present values, with more bilinear forms. Collective."""
         blocks = self._blocks
         blocks.set_value(0.0)
-        for form in self._forms:
+        for form in (*self._forms, *more):
             fem.assemble_matrix(blocks, form)
         for coupling in self._couplings:
             self._add(coupling)

@@ -37,6 +37,7 @@ from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
+from flexmbd.continuum.history.stress_predictor import StressPredictor, can_be_predicted
 from flexmbd.continuum.history.surface_springs import SurfaceSprings
 from flexmbd.continuum.history.trial_errors import (
     check_references,
@@ -235,7 +236,14 @@ class NonlinearModel(DiscretisedBody):
             refuse_infinite_force(self.forms, force)
         return force
 
-    def tangent(self, increment: FloatArray, *, dt: float | None = None) -> PETSc.Mat:
+    def stress_predictor(self) -> StressPredictor | None:
+        """Predicts stresses from one of Newton's iterates to the next; None where history takes part. Collective."""
+        elastic = not self.has_rotations and any(can_be_predicted(history) for history in self._histories)
+        return StressPredictor(self._histories, self._u) if elastic else None
+
+    def tangent(
+        self, increment: FloatArray, *, dt: float | None = None, more: Sequence[fem.Form] = ()
+    ) -> PETSc.Mat:
         """Derivative of the internal forces by the displacement, at a trial displacement. Collective.
 
         Compiles at the first call. The matrix is the body's own and is filled anew at each call.
@@ -243,6 +251,7 @@ class NonlinearModel(DiscretisedBody):
         Args:
             increment: as for `force`.
             dt: as for `force`.
+            more: bilinear forms to be added.
 
         Raises:
             ConvergenceError: as `force`.
@@ -250,7 +259,7 @@ class NonlinearModel(DiscretisedBody):
         """
         self._require(increment, dt)
         with self.present_mesh():
-            matrix = self._tangent.assemble()
+            matrix = self._tangent.assemble(more)
         if self.springs is not None:
             springs = self.springs.tangent(self.displacement + increment)
             matrix.axpy(1.0, springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)

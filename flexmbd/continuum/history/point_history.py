@@ -38,6 +38,7 @@ class History:
         accepted: (points, components) on all cells of this rank; empty without history.
         terms: the internal forces' virtual work as forms, linear in the test function.
         mean: the function of cell means, or None.
+        rule: at whose points it lies.
         points: (points, 3) of the rule, in reference coordinates.
     """
 
@@ -58,11 +59,11 @@ class History:
         form: Any = group.formulation
         p = group.symbols
         self._has_state = group.optional.state is not None
-        self._rule = _rule_of_history(group, u, v)
+        self.rule = _rule_of_history(group, u, v)
         self.points, self._weights = basix.make_quadrature(
             basix.CellType[self._mesh.topology.cell_name()],
-            self._rule.degree,
-            rule=basix.quadrature.string_to_type(self._rule.scheme),
+            self.rule.degree,
+            rule=basix.quadrature.string_to_type(self.rule.scheme),
         )
         self._dt = fem.Constant(self._mesh, 0.0)
         self._is_rate_dependent = is_rate_dependent(form)
@@ -93,7 +94,7 @@ class History:
             CellForms(
                 lambda v: work(v, self._z), update, equations, None if self.mean is None else self._averaged
             ),
-            rule=self._rule,
+            rule=self.rule,
             weights=self._weights,
             law=self._law(p),
         )
@@ -113,7 +114,7 @@ class History:
     def mean_forms(self) -> tuple[ufl.Form, ufl.Form]:
         """What is averaged, and the measure of the cells, against test functions of the means."""
         w = ufl.TestFunction(self.mean.function_space)
-        rule = self._rule
+        rule = self.rule
         averaged = assembly.integral((self._averaged * w, rule), self.group, self._mesh)
         return averaged, assembly.integral((ufl.as_ufl(1.0) * w, rule), self.group, self._mesh)
 
@@ -251,8 +252,8 @@ class History:
         element = basix.ufl.quadrature_element(
             self._mesh.topology.cell_name(),
             value_shape=(shape,) if isinstance(shape, int) else shape,
-            scheme=self._rule.scheme,
-            degree=self._rule.degree,
+            scheme=self.rule.scheme,
+            degree=self.rule.degree,
         )
         return fem.Function(fem.functionspace(self._mesh, element))
 

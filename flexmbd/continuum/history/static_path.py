@@ -145,7 +145,7 @@ def follow(
             it well; says where, and why. Or `times` do not ascend from above `reached`.
     """
     pace = _pace(body, seconds)
-    newton, path = Newton(body, prescribed, solver=solver, convergence=convergence), StaticPath()
+    newton, path = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True), StaticPath()
     applied = AppliedLoads(body, loads)
     before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
@@ -232,7 +232,7 @@ def _equilibrium(
     goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
 
     def tangent(increment: FloatArray) -> PETSc.Mat:
-        return outer.subtract_slopes(body.tangent(increment, dt=dt), increment)
+        return outer.subtract_slopes(body.tangent(increment, dt=dt, more=newton.predicted), increment)
 
     def forces(increment: FloatArray) -> Balance:
         internal = body.force(increment, dt=dt)
