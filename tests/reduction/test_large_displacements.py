@@ -32,11 +32,9 @@ STIFFNESS = MODULUS * SIDE**4 / 12.0
 FORCE = STIFFNESS / LENGTH**2
 
 
-def beam(form=st_venant_kirchhoff, *, cells=20, nu=0.0, coupling=Coupling.RIGID, material=None):
-    mesh = meshes.block(
-        LENGTH, SIDE, SIDE, divisions=(cells, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF
-    )
-    own = form.Parameters(E=MODULUS, nu=nu, rho=1000.0) if material is None else material
+def beam(form=st_venant_kirchhoff, *, cells=20, nu=0.0, coupling=Coupling.RIGID, comm=MPI.COMM_SELF):
+    mesh = meshes.block(LENGTH, SIDE, SIDE, divisions=(cells, 1, 1), cell="hexahedron", degree=1, comm=comm)
+    own = form.Parameters(E=MODULUS, nu=nu, rho=1000.0)
     ends = [Interface("x_min"), Interface("x_max", coupling=coupling)]
     return ContinuumModel(mesh, form, own, degree=2, interfaces=ends)
 
@@ -214,6 +212,27 @@ def test_moments_at_the_ends_bend_a_circle(frame, signs):
     first, last = (turned(face(body, q, name)[1]) for name in ("x_min", "x_max"))
     assert Rotation.from_matrix(first.T @ last).as_rotvec()[2] == pytest.approx(angle, rel=1e-3)
     assert polynomial(body).energy(q) == pytest.approx(0.5 * STIFFNESS / LENGTH * angle**2, rel=2e-3)
+
+
+def test_small_loads_need_no_derivatives():
+    body = craig_bampton(beam(cells=2), modes=2, frame="x_min", nonlinear=ModalDerivatives({"x_max.y": 1e-4}))
+    assert body.n_modes == 8
+    assert body.provenance["modal derivatives"] == "0"
+
+
+@pytest.mark.mpi
+def test_ranks_make_the_same_body():
+    comm = MPI.COMM_WORLD
+    bodies = [
+        craig_bampton(beam(cells=6, comm=one), modes=2, frame="x_min", nonlinear=ModalDerivatives({"x_max.y": FORCE}))
+        for one in (comm, MPI.COMM_SELF)
+    ]
+    assert len(set(comm.allgather(bodies[0].fingerprint()))) == 1
+    tips = []
+    for body in bodies:
+        q = polynomial(body).equilibrium(FORCE * body.interface("x_max").modes[1])
+        tips.append(np.concatenate([part.ravel() for part in face(body, q)]))
+    np.testing.assert_allclose(*tips, atol=1e-7)
 
 
 def bad(frame="x_min", **options):

@@ -333,6 +333,7 @@ class _Search:
             "modal derivatives": str(count),
             "loads of the modal derivatives": ", ".join(f"{one}: {size:g}" for one, size in self.choice.loads.items()),
             "error of the strain energy at these loads": f"{state.error:.1e}",
+            **({"held under these loads": ", ".join(self.choice.held)} if self.choice.held else {}),
         }
         return Derivatives(shapes.combined(np.eye(shapes.u.shape[1])[:, :count]), state.energy, notes)
 
@@ -406,7 +407,8 @@ def _equilibrium(
 
 
 def _frame_rows(faces: FloatArray) -> FloatArray:
-    """(6 b, n) translations and small rotations of faces [d | A] (b, 3, 4, n), and no strain of theirs."""
+    """(6 b, n) translations and twice the small rotations of faces [d | A] (b, 3, 4, n)."""
     A = faces[:, :, 1:]
     skew = [A[:, b, a] - A[:, a, b] for a, b in ((1, 2), (2, 0), (0, 1))]
-    return np.concatenate([faces[:, :, 0], *(row[:, None] for row in skew)], axis=1).reshape(6 * len(faces), faces.shape[3])
+    rows = np.concatenate([faces[:, :, 0], *(row[:, None] for row in skew)], axis=1)
+    return rows.reshape(6 * len(faces), faces.shape[3])
