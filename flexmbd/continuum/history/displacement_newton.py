@@ -9,12 +9,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.stress_predictor import StressPredictor
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
 from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
@@ -95,6 +93,7 @@ class Newton:
 
     Attributes:
         linear: solves the linear systems, keeping factors.
+        predicts: whether stresses are unknowns of their own by now: tangents are to be taken with predicted ones.
     """
 
     def __init__(
@@ -113,7 +112,7 @@ class Newton:
             prescribed: owned dofs whose displacement is given.
             solver: of the linear systems.
             convergence: when to end.
-            predicts: whether stresses become unknowns of their own (`StressPredictor`) once a step creeps.
+            predicts: whether stresses become unknowns of their own (`stress_predictor`) once a step creeps.
         """
         self._body, self._prescribed = body, np.asarray(prescribed, dtype=np.int32)
         self._reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
@@ -121,8 +120,7 @@ class Newton:
         self._free = np.setdiff1d(np.arange(body.n_owned), self._prescribed)
         self.linear = TangentSolver(body, self._prescribed, solver)
         self._ghosted = body.vector()
-        self._predictor: StressPredictor | None = None
-        self._may_predict = predicts
+        self.predicts, self._may_predict = False, predicts and body.predicts_stress
 
     def solve(
         self,
@@ -149,8 +147,8 @@ class Newton:
         open_constraints = constraints
         noise_force = 0.0
         balance = forces(increment)
-        if self._predictor is not None:
-            self._predict(self._predictor, np.zeros_like(increment), increment)
+        if self.predicts:
+            self._body.predict_stress(np.zeros_like(increment), increment)
         for step in range(rule.max_iterations + 1):
             left = self._without_constraint_forces(balance.residual, constraints)
             residuals.append(self._norm(left[self._free]) / balance.size if balance.size else 0.0)
@@ -231,11 +229,11 @@ class Newton:
         right.array[self._prescribed] = gap
         if not reused:
             self.linear.constrain(matrix)
-            if constraints is not None or self._predictor is not None:
+            if constraints is not None or self.predicts:
                 self.linear.renew_preconditioner()
         self.linear.set_operator(matrix)
         loose = min(self._forcing_term, 0.1 * residuals[-1]) if len(residuals) > 1 else self._forcing_term
-        if self._predictor is not None:
+        if self.predicts:
             loose = _ACCURATE  # beside forces that stretch a slender body those that bend it are small
         step = self.linear.solve(right.array, loose)
         step[self._prescribed] = gap  # exact, whatever Krylov's method left
@@ -295,9 +293,9 @@ class Newton:
                 return increment + change, balance
             left = self._work(change, balance.residual)
             if self._may_predict and abs(left) > _WORK_RATIO * abs(work):
-                self._predictor, self._may_predict = self._body.stress_predictor(), False
-            if self._predictor is not None:
-                excess = self._predict(self._predictor, increment, increment + share * change)
+                self.predicts, self._may_predict = True, False
+            if self.predicts:
+                excess = self._body.predict_stress(increment, increment + share * change)
                 left = self._work(change, balance.residual + excess)
             if best is None or abs(left) < best[0]:
                 best = abs(left), share, balance
@@ -308,19 +306,9 @@ class Newton:
             share = min(max(guess, 0.1 * share), 0.5 * share) if left * work < 0.0 else 0.5 * share
         if best is None:
             raise failed
-        if self._predictor is not None and best[1] != share:
-            self._predict(self._predictor, increment, increment + best[1] * change)
+        if self.predicts and best[1] != share:
+            self._body.predict_stress(increment, increment + best[1] * change)
         return increment + best[1] * change, best[2]
-
-    def _predict(self, predictor: StressPredictor, before: FloatArray, after: FloatArray) -> FloatArray:
-        """(owned dofs,) N, forces by the excess of stresses predicted from one increment to another. Collective."""
-        whole = self._body.displacement
-        return predictor.predict(whole + before, whole + after)
-
-    @property
-    def predicted(self) -> list[fem.Form]:
-        """Bilinear forms of predicted stresses, to be added to the tangent."""
-        return [] if self._predictor is None else self._predictor.tangent_forms
 
     def _noise(self, matrix: PETSc.Mat, increment: FloatArray) -> float:
         """N, 2-norm of the forces that rounding of the displacements makes on free dofs. Collective."""

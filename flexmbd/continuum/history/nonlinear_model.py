@@ -236,14 +236,29 @@ class NonlinearModel(DiscretisedBody):
             refuse_infinite_force(self.forms, force)
         return force
 
-    def stress_predictor(self) -> StressPredictor | None:
-        """Predicts stresses from one of Newton's iterates to the next; None where history takes part. Collective."""
-        elastic = not self.has_rotations and any(can_be_predicted(history) for history in self._histories)
-        return StressPredictor(self._histories, self._u) if elastic else None
+    @property
+    def predicts_stress(self) -> bool:
+        """Whether stresses follow from where the body is alone, in a group at least, so that a step predicts them."""
+        return not self.has_rotations and any(can_be_predicted(history) for history in self._histories)
 
-    def tangent(
-        self, increment: FloatArray, *, dt: float | None = None, more: Sequence[fem.Form] = ()
-    ) -> PETSc.Mat:
+    def predict_stress(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Predict stresses from one of Newton's iterates to the next, for `tangent`. Collective, may compile.
+
+        Args:
+            before: (local dofs including ghosts,) m, since the last accepted step.
+            after: the same, of the next iterate.
+
+        Returns:
+            (owned dofs,) N, forces by what is predicted beside the stresses there.
+        """
+        self._evaluated = None
+        return self._predictor.predict(self.displacement + before, self.displacement + after)
+
+    @cached_property
+    def _predictor(self) -> StressPredictor:
+        return StressPredictor(self._histories, self._u)
+
+    def tangent(self, increment: FloatArray, *, dt: float | None = None, predicted: bool = False) -> PETSc.Mat:
         """Derivative of the internal forces by the displacement, at a trial displacement. Collective.
 
         Compiles at the first call. The matrix is the body's own and is filled anew at each call.
@@ -251,7 +266,7 @@ class NonlinearModel(DiscretisedBody):
         Args:
             increment: as for `force`.
             dt: as for `force`.
-            more: bilinear forms to be added.
+            predicted: with the stresses that `predict_stress` predicted last in the place of those at hand.
 
         Raises:
             ConvergenceError: as `force`.
@@ -259,7 +274,7 @@ class NonlinearModel(DiscretisedBody):
         """
         self._require(increment, dt)
         with self.present_mesh():
-            matrix = self._tangent.assemble(more)
+            matrix = self._tangent.assemble(self._predictor.tangent_forms if predicted else ())
         if self.springs is not None:
             springs = self.springs.tangent(self.displacement + increment)
             matrix.axpy(1.0, springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)

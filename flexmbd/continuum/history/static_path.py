@@ -232,7 +232,7 @@ def _equilibrium(
     goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
 
     def tangent(increment: FloatArray) -> PETSc.Mat:
-        return outer.subtract_slopes(body.tangent(increment, dt=dt, more=newton.predicted), increment)
+        return outer.subtract_slopes(body.tangent(increment, dt=dt, predicted=newton.predicts), increment)
 
     def forces(increment: FloatArray) -> Balance:
         internal = body.force(increment, dt=dt)
