@@ -19,7 +19,7 @@ from flexmbd.libraries import OF_THE_CONTINUUM, require
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from flexmbd.continuum import Interface, SurfaceSupport
+    from flexmbd.continuum import Interface, NodalInterface, SurfaceSupport
     from flexmbd.record.reduced_body import ReducedBody
     from flexmbd.reduction import InterfaceModes
 
@@ -92,7 +92,8 @@ def _describe_model(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME[:COUPLING]",
-        help="a named group of faces that becomes a frame, rigid (the default) or averaged; repeat it",
+        help="a named group of faces that becomes a frame, rigid (the default) or averaged, or whose nodes keep their "
+        "own dofs, nodal; repeat it",
     )
     model.add_argument(
         "--symmetry",
@@ -163,7 +164,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     from mpi4py import MPI
 
     from flexmbd.command.part_file import list_part, mesh_part
-    from flexmbd.continuum import ContinuumModel, parallel
+    from flexmbd.continuum import ContinuumModel, NodalInterface, parallel
     from flexmbd.continuum.contract.formulation import load_form
     from flexmbd.reduction import Keep, Truncation, craig_bampton
     from flexmbd.reduction.modes.truncation import chosen_truncation
@@ -195,7 +196,8 @@ def reduce(arguments: argparse.Namespace) -> int:
         degree=arguments.degree,
         comm=comm,
     )
-    frame = None if arguments.floating or not interfaces else arguments.frame or interfaces[0].name
+    frames = [one.name for one in interfaces if not isinstance(one, NodalInterface)]
+    frame = None if arguments.floating else arguments.frame or next(iter(frames), None)
     print_progress("assembling")
     model = ContinuumModel(
         mesh, form, parameters, degree=arguments.degree, interfaces=interfaces, supports=supports
@@ -263,20 +265,22 @@ def _report(path: Path, body: ReducedBody, size: float | None, *, as_json: bool)
     print_line(f"{path}: {body.n_modes} modes{frequency}{cells}; `flexmbd inspect {path}` shows it")
 
 
-def parse_interface(text: str) -> Interface:
-    """The interface `NAME`, `NAME:rigid` or `NAME:averaged`.
+def parse_interface(text: str) -> Interface | NodalInterface:
+    """The interface `NAME`, `NAME:rigid`, `NAME:averaged` or `NAME:nodal`.
 
     Raises:
         InterfaceError: another coupling, or no name.
     """
-    from flexmbd.continuum import Interface
+    from flexmbd.continuum import Interface, NodalInterface
 
     name, colon, coupling = text.rpartition(":")
     if not colon:
         name, coupling = text, "rigid"
     known = {one.name.lower(): one for one in Coupling}
+    if coupling == "nodal" and name:
+        return NodalInterface(name)
     if coupling not in known or not name:
-        raise InterfaceError(f"--interface {text}: write NAME, or NAME:COUPLING with {' or '.join(known)}")
+        raise InterfaceError(f"--interface {text}: write NAME, or NAME:COUPLING with {', '.join(known)} or nodal")
     return Interface(name, coupling=known[coupling])
 
 

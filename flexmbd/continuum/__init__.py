@@ -43,7 +43,7 @@ from flexmbd.continuum.finite_elements.mass_moments import rigid_body_of as rigi
 from flexmbd.continuum.finite_elements.mass_moments import solid_of as solid_of
 from flexmbd.continuum.finite_elements.model import ContinuumModel as ContinuumModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalGroup as NodalGroup
-from flexmbd.continuum.finite_elements.nodal_interface import NodalInterface as NodalInterface
+from flexmbd.continuum.finite_elements.nodal_group import NodalInterface as NodalInterface
 from flexmbd.continuum.finite_elements.nodes import node_numbers as node_numbers
 from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup as SurfaceGroup
 from flexmbd.continuum.finite_elements.surface_group import Surfaces as Surfaces

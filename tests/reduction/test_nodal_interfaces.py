@@ -12,7 +12,7 @@ from full_model import FullModel
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, NodalInterface, SymmetryPlane
+from flexmbd.continuum import ContinuumModel, Interface, NodalInterface, NonlinearModel, SymmetryPlane
 from flexmbd.errors import ExportError, InterfaceError, ReductionError
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.forms import solid_linear
@@ -227,6 +227,9 @@ def test_what_knows_no_nodal_interfaces():
         prestressed(model, frame="x_min", forces={"x_min": (0.0,) * 6})
     with pytest.raises(ReductionError, match="buckling knows no nodal interfaces"):
         linear_buckling(model, clamped=["x_min"], acceleration=(1.0, 0, 0))
+    mesh = meshes.block(HALF, 0.05, 0.04, divisions=(1, 1, 1))
+    with pytest.raises(InterfaceError, match=r"for reductions of a ContinuumModel.*write Interface\('x_max'\)"):
+        NonlinearModel(mesh, solid_linear, STEEL, degree=1, interfaces=[NodalInterface("x_max")])
     with pytest.raises(InterfaceError, match="interface 'x_max' is nodal and carries no frame"):
         craig_bampton(model, modes=2, frame="x_max")
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements.averaging import THIN, Group, average_columns
+from flexmbd.continuum.finite_elements.nodal_group import NodalInterface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
@@ -154,6 +155,11 @@ def _is_finite(value: ArrayLike, shape: tuple[int, ...]) -> bool:
 
 def _check_names(interfaces: Sequence[Interface], mesh: TaggedMesh) -> None:
     for interface in interfaces:
+        if isinstance(interface, NodalInterface):
+            raise InterfaceError(
+                f"nodal interfaces, as {interface.name!r}, are for reductions of a ContinuumModel; a body with history "
+                f"has frames: write Interface({interface.name!r})"
+            )
         if not isinstance(interface, Interface):
             raise InterfaceError(f"write Interface({interface!r}) rather than {interface!r}")
     names = [interface.name for interface in interfaces]

@@ -17,7 +17,8 @@ from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
-from flexmbd.continuum.finite_elements.nodal_interface import NodalInterface, find_nodal_groups
+from flexmbd.continuum.finite_elements.nodal_group import NodalInterface
+from flexmbd.continuum.finite_elements.nodal_interface import find_nodal_groups
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 

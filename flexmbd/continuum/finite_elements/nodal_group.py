@@ -1,4 +1,4 @@
-"""The nodes of a nodal interface on a mesh."""
+"""A nodal interface as it is asked for, and its nodes on a mesh."""
 
 from __future__ import annotations
 
@@ -6,6 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class NodalInterface:
+    """A group of the mesh whose nodes keep all their displacements, for coupling with other finite element models.
+
+    Attributes:
+        name: the group of facets, edges or vertices of the mesh.
+    """
+
+    name: str
 
 
 @dataclass(frozen=True, eq=False)

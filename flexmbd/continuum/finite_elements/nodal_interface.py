@@ -19,23 +19,12 @@ from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
-from flexmbd.continuum.finite_elements.nodal_group import NodalGroup
+from flexmbd.continuum.finite_elements.nodal_group import NodalGroup, NodalInterface
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import InterfaceError
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class NodalInterface:
-    """A group of the mesh whose nodes keep all their displacements, for coupling with other finite element models.
-
-    Attributes:
-        name: the group of facets, edges or vertices of the mesh.
-    """
-
-    name: str
 
 
 @dataclass(frozen=True, eq=False)
