@@ -104,7 +104,10 @@ def _run(
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
-    watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, bodies.values())
+    watch, ranges = (
+        StretchWatch(start.scene, bodies.values()),
+        RangeWatch(start.scene, bodies.values() if team.is_root else ()),
+    )
     creep = CreepWatch(integration)
     shown = settings.progress and team.is_root
     with (
@@ -116,7 +119,7 @@ def _run(
             before = integration.t
             try:
                 _make_room(integration, search, stream, team)
-                code = _advance(integration, search, stops[0], recorder)
+                code = _advance(integration, search, stops[0], recorder, ranges)
                 if stream is not None:
                     stream.take(_occurred(search))
             except (FlexmbdError, KeyboardInterrupt) as reason:  # of an event's function or action, or Ctrl-C
@@ -126,8 +129,6 @@ def _run(
                 stops = []
             if compiled == began:
                 compiled = time.perf_counter()
-            if team.is_root:
-                ranges.look(integration.stored)
                 creep.look(t_end)
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
@@ -208,7 +209,9 @@ def _make_room(integration: Integration, search: EventSearch | None, stream: Run
     team.fail(error)
 
 
-def _advance(integration: Integration, search: EventSearch | None, stop: float, recorder: Recorder | None) -> int:
+def _advance(
+    integration: Integration, search: EventSearch | None, stop: float, recorder: Recorder | None, ranges: RangeWatch
+) -> int:
     """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
     try:
         if search is not None:
@@ -218,6 +221,7 @@ def _advance(integration: Integration, search: EventSearch | None, stop: float, 
         finally:  # what comes before a break that cannot be left is kept
             integration.keep_rows()
     finally:
+        ranges.look(integration.stored)
         if recorder is not None:
             recorder.write()
 
