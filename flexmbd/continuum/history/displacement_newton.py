@@ -290,6 +290,8 @@ class Newton:
                 share, failed = 0.5 * share, error
                 continue
             if full:
+                if self.predicts:
+                    self._body.predict_stress(increment, increment + change)
                 return increment + change, balance
             left = self._work(change, balance.residual)
             if self._may_predict and abs(left) > _WORK_RATIO * abs(work):

@@ -17,7 +17,7 @@ from flexmbd.multibody.linear.balance import Balance, balance, motion_sizes, mov
 from flexmbd.multibody.linear.path.corrector import PathSpace
 from flexmbd.multibody.linear.path.follow import Bounds, follow, station
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
-from flexmbd.multibody.linear.stability import has_potential
+from flexmbd.multibody.linear.stability import has_potential, spectrum
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -66,8 +66,9 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     found but one that the machine would settle in. An unstable one that is met on the way is left along its most
     unstable motion; a start that is one is kept.
 
-    Forces that follow what they act on have no potential, so that there is no downhill: then the forces that the start
-    lacks are let go along a path of equilibria (Newton's homotopy), whose end may be unstable, and flutter.
+    Forces that follow what they act on have no potential.  What the symmetric part of the stiffness calls downhill
+    leads to an equilibrium where they are small; where it does not, the forces that the start lacks are let go along a
+    path of equilibria (Newton's homotopy), whose end may be unstable.  What grows is counted by the whole stiffness.
 
     Args:
         start: the consistent start.
@@ -80,8 +81,19 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     sizes = motion_sizes(scene, work, start.x)
     machine = _Machine(scene, work, strain_predictor(scene.plan, work, scene.nv), sizes)
     here = balance(scene, work, start.x, start.v)
-    if scene.interiors is None and not scene.state_mask.any() and not start.v.any() and not has_potential(scene, here):
+    plain = scene.interiors is None and not scene.state_mask.any() and not start.v.any()
+    if not plain or has_potential(scene, here):
+        return _downhill(machine, here)
+    try:
+        found = _downhill(machine, here)
+    except SceneError:
         return _without_potential(machine, here)
+    return replace(found, unstable=spectrum(scene, balance(scene, work, found.x, found.v)).unstable)
+
+
+def _downhill(machine: _Machine, here: Balance) -> WorkingPoint:
+    """The equilibrium downhill of a state, as ``find_equilibrium`` says."""
+    scene, work = machine.scene, machine.work
     predicted = machine.strains.at(here.x)
     for i in range(_ITERATIONS):
         step = _newton_step(scene, here, machine.strains.stiffness(here.x, predicted - machine.strains.at(here.x)))

@@ -168,6 +168,24 @@ def test_a_bar_that_a_spring_guides_buckles_and_bears_less():
     assert (bent.unstable[1:] == 1).all()
 
 
+def test_a_small_follower_leaves_a_machine_where_it_settles():
+    """A double pendulum that starts nearly upright hangs in the end, a little aside: not at an unstable equilibrium."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    below, joints = scene.ground.frame(), []
+    for name in ("upper", "lower"):
+        rod = scene.add(fm.RigidBody(1.0, (0.1,) * 3, com=(0.0, -0.5, 0.0)), name=name)
+        joints.append(scene.connect(fm.joint.Revolute("z"), below, rod.frame(), name=f"{name} hinge"))
+        below = rod.frame(p=(0.0, -1.0, 0.0))
+    joints[0].position, joints[1].position = 2.5, 0.3
+    scene.add_force(fm.force.FrameForce(below, (1.0, 0.0, 0.0), axes=fm.force.Axes.FRAME))
+    hangs = scene.equilibrium()
+    assert hangs.unstable == 0
+    # about the lower hinge: the force at 1 m, the weight at half a metre; about the upper one with the upper weight
+    upper, lower = float(hangs.beta(joints[0])), float(hangs.beta(joints[0]) + hangs.beta(joints[1]))
+    assert np.sin(lower) == pytest.approx(1.0 / (9.81 * 0.5), rel=1e-9)
+    assert 9.81 * 1.5 * np.sin(upper) == pytest.approx(np.cos(upper - lower), rel=1e-9)
+
+
 # --- what is refused
 
 
