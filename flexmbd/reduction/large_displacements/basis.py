@@ -12,7 +12,7 @@ from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.record.groups import NonlinearStiffness
 from flexmbd.reduction.large_displacements.energy_polynomial import energy_polynomial
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives, force_derivatives
-from flexmbd.reduction.large_displacements.load_series import Fields, face_motions
+from flexmbd.reduction.large_displacements.load_series import FaceFields, face_motions
 from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives, modal_derivatives
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, unit_loads
@@ -93,7 +93,7 @@ def nonlinear_shapes(
         base = statics.rigid.deformation(base)
     derivatives = force_derivatives(model)
     every = joined(unit_loads(statics, statics.interfaces), _named(statics, loads), _of_modes(statics, fixed))
-    known = Fields(np.asfortranarray(base), face_motions(statics, base))
+    known = FaceFields(np.asfortranarray(base), face_motions(statics, base))
     found = modal_derivatives(statics, known, derivatives, loads=every, choice=choice)
     rows, strain = _in_body_axes(statics.R, found.shapes.faces)
     return NonlinearShapes(found.shapes.u, rows, strain, derivatives, found.energy, found.notes)

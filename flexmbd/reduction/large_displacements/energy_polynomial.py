@@ -30,7 +30,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, total
 from flexmbd.record.strain_polynomial import StrainPolynomial, monomials, places
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives
-from flexmbd.reduction.stiffening.point_gradients import Points, by_node, field_gradients, point_gradients
+from flexmbd.reduction.stiffening.point_gradients import RulePoints, by_node, field_gradients, point_gradients
 from flexmbd.reduction.stiffening.stress_stiffness import gradient_tensor
 
 # Strains xx yy zz and twice yz xz xy, by their entries of the gradient.
@@ -128,7 +128,7 @@ def of_green_strain(model: LinearModel, modes: FloatArray) -> tuple[FloatArray, 
             tensor = gradient_tensor(term, u)
             if tensor is None or not _is_of_strain(tensor):
                 return None
-            _add_products(Points(model, group.cells, term[1]), tensor, modes, linear=linear, square=square)
+            _add_products(RulePoints(model, group.cells, term[1]), tensor, modes, linear=linear, square=square)
     # h_ij of a pair i != j stands for two
     weights = np.where(pairs[:, 0] == pairs[:, 1], 0.5, 1.0)
     cubic, quartic = (len(monomials(n, degree)) for degree in (3, 4))
@@ -148,7 +148,7 @@ def _is_of_strain(tensor: FloatArray) -> bool:
 
 
 def _add_products(
-    points: Points, tensor: FloatArray, modes: FloatArray, *, linear: FloatArray, square: FloatArray
+    points: RulePoints, tensor: FloatArray, modes: FloatArray, *, linear: FloatArray, square: FloatArray
 ) -> None:
     """Add the integrals of e_i : C : h_jk and h_ij : C : h_kl over this rank's cells."""
     elastic = np.array([[tensor[3 * a + b, 3 * c + d] for c, d in _VOIGT] for a, b in _VOIGT])

@@ -28,7 +28,7 @@ from flexmbd.reduction.static_shapes.statics import Statics
 
 
 @dataclass(frozen=True, eq=False)
-class Fields:
+class FaceFields:
     """Displacements with affine motions of the rigid faces.
 
     Attributes:
@@ -40,23 +40,23 @@ class Fields:
     u: FloatArray
     faces: FloatArray
 
-    def joined(self, other: Fields) -> Fields:
+    def joined(self, other: FaceFields) -> FaceFields:
         """These and more."""
         u = np.asfortranarray(np.hstack([self.u, other.u]))
-        return Fields(u, np.concatenate([self.faces, other.faces], axis=3))
+        return FaceFields(u, np.concatenate([self.faces, other.faces], axis=3))
 
-    def combined(self, change: FloatArray) -> Fields:
+    def combined(self, change: FloatArray) -> FaceFields:
         """Combinations, change (k, m)."""
-        return Fields(np.asfortranarray(self.u @ change), self.faces @ change)
+        return FaceFields(np.asfortranarray(self.u @ change), self.faces @ change)
 
-    def less(self, other: Fields, part: FloatArray) -> Fields:
+    def less(self, other: FaceFields, part: FloatArray) -> FaceFields:
         """Without combinations of others."""
-        return Fields(np.asfortranarray(self.u - other.u @ part), self.faces - other.faces @ part)
+        return FaceFields(np.asfortranarray(self.u - other.u @ part), self.faces - other.faces @ part)
 
 
 def load_series(
     statics: Statics, derivatives: ForceDerivatives, loads: FloatArray, *, order: int, held: Sequence[str] = ()
-) -> list[Fields]:
+) -> list[FaceFields]:
     """u_1 .. u_order under each of several loads. Collective.
 
     Args:
@@ -69,7 +69,7 @@ def load_series(
     model = statics.model
     numbers = range(0 if statics.floating else 1, len(statics.interfaces))
     moving = [i for i in numbers if statics.interfaces[i].name not in held]
-    series: list[Fields] = []
+    series: list[FaceFields] = []
     local: list[FloatArray] = []
     turns: list[FloatArray] = []
     for k in range(1, order + 1):
@@ -92,7 +92,7 @@ def load_series(
             faces[i, :, 0], turn[i] = motion[:3], motion[3:]
             faces[i, :, 1:] = _cross_matrices(turn[i]) + finite[i]
         turns.append(turn)
-        series.append(Fields(u, faces))
+        series.append(FaceFields(u, faces))
         local.append(with_ghosts(model, u))
     return series
 

@@ -32,7 +32,7 @@ from flexmbd.record.strain_polynomial import StrainPolynomial
 from flexmbd.record.turned_face import turned_face
 from flexmbd.reduction.large_displacements.energy_polynomial import energy_polynomial
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives
-from flexmbd.reduction.large_displacements.load_series import Fields, load_series
+from flexmbd.reduction.large_displacements.load_series import FaceFields, load_series
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads
 
@@ -88,7 +88,7 @@ class ModalDerivatives:
 
 
 @dataclass(frozen=True, eq=False)
-class Derivatives:
+class ChosenDerivatives:
     """The shapes that were chosen.
 
     Attributes:
@@ -97,7 +97,7 @@ class Derivatives:
         notes: for the provenance.
     """
 
-    shapes: Fields
+    shapes: FaceFields
     energy: float
     notes: dict[str, str]
 
@@ -138,8 +138,8 @@ def check_nonlinear(model: LinearModel, frame: str | None) -> None:
 
 
 def modal_derivatives(
-    statics: Statics, base: Fields, derivatives: ForceDerivatives, *, loads: UnitLoads, choice: ModalDerivatives
-) -> Derivatives:
+    statics: Statics, base: FaceFields, derivatives: ForceDerivatives, *, loads: UnitLoads, choice: ModalDerivatives
+) -> ChosenDerivatives:
     """Choose the derivatives beside a basis. Collective.
 
     Args:
@@ -235,7 +235,7 @@ def _wrenches(statics: Statics, loads: UnitLoads, samples: FloatArray) -> FloatA
     return np.asarray(np.einsum("ij,bjr->bir", turn, found))
 
 
-def _unit_energies(statics: Statics, fields: Fields) -> Fields:
+def _unit_energies(statics: Statics, fields: FaceFields) -> FaceFields:
     """The same span, orthonormal in the strain energy. Collective."""
     model = statics.model
     k = symmetric(inner(model.comm, fields.u, multiply(model.K, fields.u)))
@@ -244,7 +244,7 @@ def _unit_energies(statics: Statics, fields: Fields) -> Fields:
     return fields.combined(scale[:, None] * np.linalg.inv(factor).T)
 
 
-def _further(statics: Statics, known: Fields, candidates: Fields, *, most: int, least: float) -> Fields:
+def _further(statics: Statics, known: FaceFields, candidates: FaceFields, *, most: int, least: float) -> FaceFields:
     """What candidates have beside known fields of unit energy: unit energies, none in common, most needed first.
 
     Args:
@@ -299,12 +299,12 @@ class _Search:
 
     statics: Statics
     derivatives: ForceDerivatives
-    known: Fields
+    known: FaceFields
     loads: _Range
     choice: ModalDerivatives
     least: float
 
-    def chosen(self, candidates: Fields) -> Derivatives:
+    def chosen(self, candidates: FaceFields) -> ChosenDerivatives:
         """As few of the candidates as reach the tolerance, and more candidates where all do not. Collective."""
         shapes = _further(self.statics, self.known, candidates, most=self.choice.most, least=self.least)
         for _ in range(_ROUNDS):
@@ -314,7 +314,7 @@ class _Search:
             if whole.error <= self.choice.tol or shapes.u.shape[1] >= self.choice.most:
                 break
             room = self.choice.most - shapes.u.shape[1]
-            lacking = Fields(whole.lacking, np.zeros((*shapes.faces.shape[:3], whole.lacking.shape[1])))
+            lacking = FaceFields(whole.lacking, np.zeros((*shapes.faces.shape[:3], whole.lacking.shape[1])))
             more = _further(self.statics, basis, lacking, most=room, least=self.least)
             if more.u.shape[1] == 0:
                 break
@@ -335,16 +335,16 @@ class _Search:
             "error of the strain energy at these loads": f"{state.error:.1e}",
             **({"held under these loads": ", ".join(self.choice.held)} if self.choice.held else {}),
         }
-        return Derivatives(shapes.combined(np.eye(shapes.u.shape[1])[:, :count]), state.energy, notes)
+        return ChosenDerivatives(shapes.combined(np.eye(shapes.u.shape[1])[:, :count]), state.energy, notes)
 
-    def _polynomial(self, basis: Fields) -> tuple[StrainPolynomial, FloatArray]:
+    def _polynomial(self, basis: FaceFields) -> tuple[StrainPolynomial, FloatArray]:
         """The strain energy on the basis and all shapes, and these on the local dofs. Collective."""
         local = with_ghosts(self.statics.model, basis.u)
         found = energy_polynomial(self.derivatives, local)
         return StrainPolynomial(np.ones(local.shape[1]), found.cubic, found.quartic), local
 
     def _state(
-        self, polynomial: StrainPolynomial, basis: Fields, local: FloatArray, count: int | None = None
+        self, polynomial: StrainPolynomial, basis: FaceFields, local: FloatArray, count: int | None = None
     ) -> _State:
         """The error with the first so many derivatives. Collective."""
         n = local.shape[1] if count is None else self.known.u.shape[1] + count

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class RulePoints:
     """The points of a rule in some cells.
 
     Attributes:
@@ -49,7 +49,7 @@ def field_gradients(operator: FloatArray, field: FloatArray, nodes: NDArray[np.i
 
 
 def point_gradients(
-    points: Points, *, chunk: int
+    points: RulePoints, *, chunk: int
 ) -> Iterator[tuple[NDArray[np.int32], FloatArray, FloatArray]]:
     """By chunks of the cells: from nodal values to gradients, and the points' weights.
 

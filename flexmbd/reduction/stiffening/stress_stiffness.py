@@ -40,7 +40,13 @@ from ufl.corealg.traversal import unique_pre_traversal
 from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.finite_elements.assembly import assemble, integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
-from flexmbd.reduction.stiffening.point_gradients import Points, by_node, cell_type, field_gradients, point_gradients
+from flexmbd.reduction.stiffening.point_gradients import (
+    RulePoints,
+    by_node,
+    cell_type,
+    field_gradients,
+    point_gradients,
+)
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -84,7 +90,7 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
                 form, field = _directional(term, group, u)
                 total += _assembled(form, field, fields=fields, modes=modes)
             else:
-                points = Points(model, group.cells, term[1])
+                points = RulePoints(model, group.cells, term[1])
                 total += _contracted(points, tensor, fields=fields, modes=modes)
     if not known:
         return None
@@ -196,7 +202,7 @@ def _is_of_gradient(density: ufl.core.expr.Expr, u: fem.Function) -> bool:
 
 
 def _contracted(
-    points: Points, tensor: FloatArray, *, fields: FloatArray, modes: FloatArray
+    points: RulePoints, tensor: FloatArray, *, fields: FloatArray, modes: FloatArray
 ) -> FloatArray:
     """The sum over the cells, (l, n, n), by gradients in the points."""
     # gradients come with the derivative's direction first
