@@ -35,6 +35,7 @@ from flexmbd.export.superelements.calculix_file import read_calculix as read_cal
 from flexmbd.export.superelements.dmig_file import dmig as dmig
 from flexmbd.export.superelements.dmig_file import read_dmig as read_dmig
 from flexmbd.export.superelements.extptfm_file import openfast as openfast
+from flexmbd.export.superelements.extptfm_file import openfast_connections as openfast_connections
 from flexmbd.export.superelements.extptfm_file import read_openfast as read_openfast
 from flexmbd.export.superelements.full_matrices import NodeSet as NodeSet
 from flexmbd.export.superelements.full_matrices import Sparse as Sparse

@@ -133,3 +133,43 @@ def test_a_file_without_our_comment(tmp_path):
 def test_damaged_files(tmp_path):
     data = written(tmp_path).read_bytes()
     assert survive(fm.export.read_openfast, tmp_path / "x", data, count=2000) < 1000
+
+
+def connections(path):
+    """Places and displacements as ExtPtfm's ReadConnFile takes them: each matrix follows its keyword's line."""
+    lines = path.read_text().splitlines()
+    at = {line.upper().split(":")[0].split()[0]: k for k, line in enumerate(lines) if line.startswith("!") and k > 0}
+    count = int(lines[at["!NCONN"]][7:])
+    matrices = []
+    for keyword, rows in (("!CONNECTIONS", count), ("!DISPLACEMENT", 3 * count)):
+        first = at[keyword] + 1
+        matrices.append(np.array([[float(word) for word in line.split()] for line in lines[first : first + rows]]))
+    return matrices
+
+
+@pytest.mark.parametrize(("make", "chosen"), [(soft_bar, "x_min"), (damped_rod, "small_end"), (floating_bar, "x_max")])
+def test_connection_points(tmp_path, make, chosen):
+    """Rigid columns as ExtPtfm checks them; pulled there, the platform held, it moves as the body's modes say."""
+    body, reference = make(), np.array([0.0, 1.0, -20.0])
+    names = fm.export.openfast_connections(body, tmp_path / "c.dat", interface=chosen, reference=reference)
+    fm.export.openfast(body, tmp_path / "se.dat", interface=chosen, lossy=True)
+    held, (point,) = body.interface(chosen), [frame for frame in body.interfaces if frame.name != chosen]
+    assert names == (point.name,)
+    places, moved = connections(tmp_path / "c.dat")
+    x, y, z = places[0] - reference
+    np.testing.assert_allclose(held.R_BI @ (x, y, z), point.p_BI_B - held.p_BI_B, atol=1e-12)
+    rigid = np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])
+    np.testing.assert_allclose(moved[:, :6], rigid, atol=1e-9)
+    element = fm.export.superelement(fm.export.read_openfast(tmp_path / "se.dat"))
+    flexible = moved[:, 6:] @ np.linalg.solve(element.K[6:, 6:], moved[:, 6:].T)
+    # the same flexibility from the record, both interfaces free: minus the rigid motion that brings the held one back
+    both = fm.export.superelement(body, interfaces=[chosen, point.name])
+    wanted = held.R_BI.T @ np.linalg.inv(both.K[6:12, 6:12])[:3, :3] @ held.R_BI
+    np.testing.assert_allclose(flexible, wanted, rtol=0.0, atol=1e-8 * abs(wanted).max())
+    with pytest.raises(ExportError, match="reference"):
+        fm.export.openfast_connections(body, tmp_path / "d.dat", reference=(0.0, 1.0))
+
+
+def test_connection_points_are_other_interfaces(tmp_path):
+    with pytest.raises(ExportError, match="beside the one at the platform"):
+        fm.export.openfast_connections(small_body(), tmp_path / "c.dat")

@@ -6,14 +6,15 @@ that interface fixed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_losses
-from flexmbd.export.superelements.superelement import Superelement, superelement
+from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.export.superelements.superelement import Superelement, rigid_motion, superelement
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
     ReadMatrices,
@@ -79,6 +80,61 @@ def openfast(
         lines += [title, *("".join(f"{float(value):25.16E}" for value in row) for row in matrix), ""]
     write_file(path, "\n".join(lines))
     return left
+
+
+def openfast_connections(
+    body: ReducedBody,
+    path: str | Path,
+    *,
+    interface: str | None = None,
+    reference: Sequence[float] = (0.0, 0.0, 0.0),
+) -> tuple[str, ...]:
+    """Write the other interfaces as connection points of ExtPtfm, its Conn_FileName (OpenFAST 5). Not collective.
+
+    Moorings hold the body there. The columns are those of the superelement that `openfast` writes with the same
+    ``interface``: ExtPtfm reads both.
+
+    Args:
+        body: with several interfaces.
+        path: destination.
+        interface: the one at the platform reference point, as of `openfast`.
+        reference: (3,) m, the platform reference point in OpenFAST's axes, PtfmRefxt, PtfmRefyt and PtfmRefzt.
+
+    Returns:
+        Names of the connection points, in the file's order.
+
+    Raises:
+        ExportError: there is no other interface; ``reference`` is no point; the destination cannot be written.
+        InterfaceError: the body has no such interface.
+    """
+    check_body(body)
+    chosen = body.interface(interface or body.frame or body.interfaces[0].name) if body.interfaces else None
+    points = [frame for frame in body.interfaces if chosen is not None and frame.name != chosen.name]
+    if chosen is None or not points:
+        raise ExportError("connection points are interfaces beside the one at the platform, and the body has none")
+    origin = np.asarray(reference, dtype=np.float64)
+    if origin.shape != (3,) or not np.isfinite(origin).all():
+        raise ExportError(f"reference is {reference!r}; it is the platform reference point, three finite numbers (m)")
+    element = superelement(body, interfaces=[chosen.name])
+    R = chosen.R_BI
+    motion = element.motion.copy()
+    motion[:, :6] = motion[:, :6] @ np.kron(np.eye(2), R)
+    places = [origin + R.T @ (frame.p_BI_B - chosen.p_BI_B) for frame in points]
+    moved = [R.T @ (np.hstack([rigid_motion(frame.p_BI_B)[:3], frame.modes[:3]]) @ motion) for frame in points]
+    names = tuple(frame.name for frame in points)
+    lines = [
+        f"! connection points of a reduced body for ExtPtfm: {json.dumps(names)}",
+        f"!nConn: {len(points)}",
+        "",
+        "!Connections (m)",
+        *("".join(f"{float(value):25.16E}" for value in place) for place in places),
+        "",
+        "!Displacement (m)",
+        *("".join(f"{float(value):25.16E}" for value in row) for row in np.vstack(moved)),
+        "",
+    ]
+    write_file(path, "\n".join(lines))
+    return names
 
 
 def _in_own_axes(element: Superelement) -> Superelement:

@@ -42,6 +42,8 @@ class Superelement:
         node: (k,) numbers of the nodes of nodal interfaces in the mesh.
         x: (k, 3) m, their positions in the common axes.
         node_interface: (k,) names of their interfaces.
+        motion: (6 + n, 6 b + 3 k + m) motion of B (m, rad, in its axes) and modal coordinates per coordinate; (0, 0)
+            where the body is not known.
     """
 
     names: tuple[str, ...]
@@ -54,6 +56,7 @@ class Superelement:
     node: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     x: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     node_interface: tuple[str, ...] = ()
+    motion: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def n_modes(self) -> int:
@@ -146,6 +149,7 @@ def superelement(
         node=nodal.node,
         x=nodal.x,
         node_interface=tuple(nodal.names[i] for i in nodal.interface),
+        motion=signs * motion,
     )
 
 
