@@ -9,7 +9,7 @@ power of an element's length.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from flexmbd.beams.arc import Arc
 from flexmbd.beams.castigliano import Section
 from flexmbd.beams.frame_mesh import FrameMesh
 from flexmbd.beams.pose_logarithm import logarithm_change, pose_logarithm
+from flexmbd.errors import SceneError
 
 FloatArray = NDArray[np.float64]
 
@@ -73,6 +74,20 @@ def _element(arc: Arc, section: Section, name: str, place: tuple[int, int, int])
     scale = _scale(arc.length)
     stiffness = stiffness * np.outer(scale, scale)
     return ElementAtRest(*place, first, last, arc.length, 0.5 * (stiffness + stiffness.T), rest)
+
+
+def strained(element: ElementAtRest, strain: FloatArray, group: str) -> ElementAtRest:
+    """The element, slack at a strain (6,) beside that of its shape: stretch and shears, twist and curvatures (rad/m).
+
+    Raises:
+        SceneError: its sections would be half a revolution apart.
+    """
+    rest = element.rest + element.length * strain
+    if np.linalg.norm(rest[3:]) >= np.pi:
+        raise SceneError(
+            f"strain of {group!r}: an element of {element.length:.4g} m turns by half a revolution; take more divisions"
+        )
+    return replace(element, rest=rest)
 
 
 def _scale(length: float) -> FloatArray:

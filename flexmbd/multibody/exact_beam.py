@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.beams.castigliano import Section, check_section
-from flexmbd.beams.exact_elements import ElementAtRest, elements_at_rest, node_weights, section_spread
+from flexmbd.beams.exact_elements import ElementAtRest, elements_at_rest, node_weights, section_spread, strained
 from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.beams.pose_logarithm import pose_logarithm
 from flexmbd.errors import SceneError
@@ -50,11 +50,14 @@ class ExactBeam:
         divisions: elements a beam; one number, or one by group.
         viscosity: s, Kelvin and Voigt's: stresses E eps + E viscosity eps', one number or one by group.
         rotary_inertia: (rho Iy, rho Iz), kg m, by group, instead of what E's own Iy and Iz give.
+        strain: by group, that at which beams are slack, beside their shape: (6,) or one for each element (n, 6);
+            stretch and shears along y and z (1), twist and curvatures about y and z (rad/m), in the section's axes.
         name: given by ``System.add``.
 
     Raises:
         MeshError: the points and beams are no frame.
-        SceneError: sections that are none or do not fit the groups; viscosities or inertias that are negative.
+        SceneError: sections that are none or do not fit the groups; viscosities or inertias that are negative; strains
+            that are no numbers, or turn an element by half a revolution.
     """
 
     points: Mapping[str, Point]
@@ -63,10 +66,11 @@ class ExactBeam:
     divisions: int | Mapping[str, int]
     viscosity: float | Mapping[str, float] = field(default=0.0, kw_only=True)
     rotary_inertia: Mapping[str, tuple[float, float]] = field(default_factory=dict, kw_only=True)
+    strain: Mapping[str, ArrayLike] = field(default_factory=dict, kw_only=True)
     name: str = field(default="", kw_only=True)
 
     def __setattr__(self, name: str, value: object) -> None:
-        refuse_change(self, name, ("points", "beams", "sections", "divisions", "viscosity", "rotary_inertia"))
+        refuse_change(self, name, ("points", "beams", "sections", "divisions", "viscosity", "rotary_inertia", "strain"))
         super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
@@ -89,7 +93,10 @@ class ExactBeam:
                 raise SceneError(f"rotary_inertia of {name!r}: the groups are {', '.join(map(repr, groups))}")
             if np.shape(pair) != (2,) or not all(is_number(one) and one > 0.0 for one in pair):
                 raise SceneError(f"rotary_inertia of {name!r} must be two positive numbers, kg m, got {pair!r}")
-        _ = self.elements  # refuses orientations along beams
+        for name in self.strain:
+            if name not in groups:
+                raise SceneError(f"strain of {name!r}: the groups are {', '.join(map(repr, groups))}")
+        _ = self.elements  # refuses orientations along beams, and strains
 
     def __repr__(self) -> str:
         """Its name and how much of it there is."""
@@ -103,7 +110,15 @@ class ExactBeam:
     @cached_property
     def elements(self) -> tuple[ElementAtRest, ...]:
         """What lies between the sections, in the order of ``mesh.elements``."""
-        return elements_at_rest(self.mesh, self.sections)
+        elements = list(elements_at_rest(self.mesh, self.sections))
+        for name, given in self.strain.items():
+            rows = [row for row, one in enumerate(elements) if self.mesh.groups[one.group] == name]
+            what = f"strain of {name!r}, for each of {len(rows)} elements or for all,"
+            size = (6,) if np.ndim(given) == 1 else (len(rows), 6)
+            each = np.broadcast_to(vector(given, size, what), (len(rows), 6))
+            for row, own in zip(rows, each, strict=True):
+                elements[row] = strained(elements[row], own, name)
+        return tuple(elements)
 
     @cached_property
     def parts(self) -> tuple[RigidBody, ...]:

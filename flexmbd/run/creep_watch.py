@@ -15,18 +15,18 @@ _STRETCH, _MANY, _LEFT = 1000, 30.0, 1e5
 class CreepWatch:
     """Looks at the steps of each stretch of a run."""
 
-    def __init__(self, integration: Integration) -> None:
-        self._integration = integration
+    def __init__(self, integration: Integration, t_end: float) -> None:
+        self._integration, self._t_end = integration, t_end
         self._ask = integration.steps_a_radian
         self._begin()
 
-    def look(self, t_end: float) -> None:
+    def look(self) -> None:
         """Warn where the steps of a stretch, a thousand or more, are far too many for the motion."""
         state = self._integration.state
         steps, time = int(state.counts[st.STEPS]) - self._steps, self._integration.t - self._t
         if steps < max(_STRETCH, _MANY * self._ask) or not time > 0.0:
             return
-        radians, left = float(state.numbers[st.RATE]) * time, steps * (t_end - self._integration.t) / time
+        radians, left = float(state.numbers[st.RATE]) * time, steps * (self._t_end - self._integration.t) / time
         if steps > _MANY * self._ask * radians and left > _LEFT:
             warn(
                 f"at t = {self._integration.t:.4g} s {self._integration.method.name} takes steps of "

@@ -104,11 +104,11 @@ def _run(
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
-    watch, ranges = (
+    watch, ranges, creep = (
         StretchWatch(start.scene, bodies.values()),
         RangeWatch(start.scene, bodies.values() if team.is_root else ()),
+        CreepWatch(integration, t_end),
     )
-    creep = CreepWatch(integration)
     shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
@@ -127,9 +127,9 @@ def _run(
                 break
             if search is not None and search.stopped:
                 stops = []
-            if compiled == began:
-                compiled = time.perf_counter()
-                creep.look(t_end)
+            compiled = time.perf_counter() if compiled == began else compiled
+            if team.is_root:
+                creep.look()
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cantilever import rod_tips
-from exact_beam import PlanarBeam, clamped_tip
+from exact_beam import PlanarBeam, bent_frequencies, clamped_tip
+from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -58,6 +59,36 @@ def test_a_moment_bends_it_to_an_arc_exactly(n):
     assert bent.position(beam.frame("tip")) == pytest.approx(circle, abs=1e-9)
     R = bent.rotation(beam.frame("tip"))
     assert Rotation.from_matrix(R).as_rotvec() == pytest.approx([0.0, 0.0, angle], abs=1e-9)
+
+
+@pytest.mark.parametrize("each", [False, True], ids=["all alike", "each element its own"])
+def test_a_prescribed_twist_and_curvature_make_a_helix(each):
+    """Without loads: the clamped beam follows exp(s [tangent; twist and curvature]), and bears no stress."""
+    strain = np.array([0.01, 0.0, 0.0, 0.4, 0.0, 0.9])
+    given = np.tile(strain, (3, 1)) if each else strain
+    scene, beam = cantilever(STEEL, 3, strain={"rod": given})
+    bent = scene.equilibrium()
+    screw = np.zeros((4, 4))
+    screw[:3, :3] = [[0.0, -0.9, 0.0], [0.9, 0.0, -0.4], [0.0, 0.4, 0.0]]
+    screw[:3, 3] = strain[:3] + [1.0, 0.0, 0.0]
+    exact = expm(screw)
+    assert bent.position(beam.frame("tip")) == pytest.approx(exact[:3, 3], abs=1e-9)
+    assert bent.rotation(beam.frame("tip")) == pytest.approx(exact[:3, :3], abs=1e-9)
+    stress = scene.simulate(1e-6, about=bent).resultants(beam, t=np.zeros(1))
+    assert np.abs(stress).max() < 1e-8 * STEEL.E * STEEL.A
+
+
+def test_bad_strains():
+    for given, text in (
+        ((0.0,) * 5, r"shape \(6,\)"),
+        (np.zeros((2, 6)), r"shape \(3, 6\)"),
+        ((0.0, 0.0, 0.0, 0.0, 0.0, 10.0), "half a revolution"),
+        ((np.nan,) * 6, "finite"),
+    ):
+        with pytest.raises(SceneError, match=text):
+            cantilever(STEEL, 3, strain={"rod": given})
+    with pytest.raises(SceneError, match="the groups are 'rod'"):
+        cantilever(STEEL, 3, strain={"bar": (0.0,) * 6})
 
 
 PRINCETON = Parameters.rectangle(71.7e9, 0.31, 2700.0, width=12.3777e-3, height=3.2024e-3, orientation=(0, 1, 0))
@@ -217,6 +248,26 @@ def test_frequencies_of_a_cantilever():
     assert errors[2][0] < 1e-5
     assert errors[2][1] < 1.2e-4
     assert errors[1][1] < errors[0][1] / 15
+
+
+def test_frequencies_of_the_princeton_beam_bent_by_its_load():
+    """`linearize` about the bent state, in the weak plane, against Simo's and Vu-Quoc's element, extrapolated."""
+    p, force = PRINCETON, 13.345
+    shear = p.kz * p.E / (2 * (1 + p.nu)) * p.A
+    other = PlanarBeam(p.E * p.A, shear, p.E * p.Iy, p.rho * p.A, p.rho * p.Iy, 0.508)
+    coarse, fine = (bent_frequencies(other, force, elements=n)[:2] for n in (64, 128))
+    exact = fine + (fine - coarse) / 3
+    straight = bent_frequencies(other, 0.0, elements=64)[:2]
+    assert abs(exact / straight - 1).max() > 0.03
+    about = None
+    for share in (0.5, 1.0):
+        scene, beam = cantilever(PRINCETON, 16, length=0.508)
+        scene.add_force(fm.force.FrameForce(beam.frame("tip"), (0.0, 0.0, share * force)))
+        about = scene.equilibrium(about=about)
+    values = scene.linearize(about=about).eigenvalues()
+    found = np.sort(values.imag[values.imag > 0.0])
+    for one in exact:
+        assert abs(found / one - 1).min() < 2e-4
 
 
 def test_rotary_inertia_slows_bending():

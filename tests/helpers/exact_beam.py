@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 
 _RHO = 0.9
 
@@ -46,6 +47,35 @@ def clamped_tip(
     return _march(beam, force, place=-2, held=3, tip=tip, elements=elements, h=h, end=end)
 
 
+def bent_frequencies(beam: PlanarBeam, force: float, *, elements: int) -> np.ndarray:
+    """(n,) rad/s, of the beam clamped at the origin and bent by a dead force (N) along y at its tip, ascending."""
+    q = np.zeros(3 * (elements + 1))
+    q[::3] = np.linspace(0.0, beam.length, elements + 1)
+    load = np.zeros(len(q))
+    for share in np.linspace(0.1, 1.0, 10):
+        load[-2] = share * force
+        for _ in range(30):
+            internal, tangent = _internal(beam, q)
+            change = np.linalg.solve(tangent[3:, 3:], (load - internal)[3:])
+            q[3:] += change
+            if abs(change).max() < 1e-11 * beam.length:
+                break
+        else:
+            raise AssertionError(f"no equilibrium at {share:.1f} of the load")
+    _, tangent = _internal(beam, q)
+    return np.sqrt(eigh(tangent[3:, 3:], _mass(beam, elements)[3:, 3:], eigvals_only=True))
+
+
+def _mass(beam: PlanarBeam, elements: int) -> np.ndarray:
+    size = beam.length / elements
+    mass = np.zeros((3 * (elements + 1),) * 2)
+    for e in range(elements):
+        for dof, line in enumerate((beam.rho_A, beam.rho_A, beam.rho_I)):
+            rows = [3 * e + dof, 3 * e + 3 + dof]
+            mass[np.ix_(rows, rows)] += line * size / 6 * np.array([[2, 1], [1, 2]])
+    return mass
+
+
 def _march(
     beam: PlanarBeam,
     action: Callable[[float], float],
@@ -57,13 +87,8 @@ def _march(
     h: float,
     end: float,
 ) -> np.ndarray:
-    size = beam.length / elements
     n = 3 * (elements + 1)
-    mass = np.zeros((n, n))
-    for e in range(elements):
-        for dof, line in enumerate((beam.rho_A, beam.rho_A, beam.rho_I)):
-            rows = [3 * e + dof, 3 * e + 3 + dof]
-            mass[np.ix_(rows, rows)] += line * size / 6 * np.array([[2, 1], [1, 2]])
+    mass = _mass(beam, elements)
     mass[[-3, -2, -1], [-3, -2, -1]] += tip[0], tip[0], tip[1]
     alpha_m, alpha_f = (2 * _RHO - 1) / (1 + _RHO), _RHO / (1 + _RHO)
     beta, gamma = 0.25 * (1 - alpha_m + alpha_f) ** 2, 0.5 - alpha_m + alpha_f
