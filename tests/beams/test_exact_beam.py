@@ -70,7 +70,7 @@ def test_a_prescribed_twist_and_curvature_make_a_helix(each):
     bent = scene.equilibrium()
     screw = np.zeros((4, 4))
     screw[:3, :3] = [[0.0, -0.9, 0.0], [0.9, 0.0, -0.4], [0.0, 0.4, 0.0]]
-    screw[:3, 3] = strain[:3] + [1.0, 0.0, 0.0]
+    screw[:3, 3] = strain[:3] + np.eye(3)[0]
     exact = expm(screw)
     assert bent.position(beam.frame("tip")) == pytest.approx(exact[:3, 3], abs=1e-9)
     assert bent.rotation(beam.frame("tip")) == pytest.approx(exact[:3, :3], abs=1e-9)
