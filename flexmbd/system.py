@@ -40,6 +40,7 @@ from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
+from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.team import Team, on_every_rank
@@ -225,6 +226,9 @@ class System(MachineAssembly):
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
                 a body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing,
                 the machine is a mechanism, moves, or holds bodies with history; or it cannot be followed.
+
+        Warns:
+            RangeWarning: a reduced body with nonlinear stiffness is bent beyond what it was compared for.
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
         refuse_other(path, (Continuation, NoneType), "path", wanted="fm.Continuation(to=...)")
@@ -238,8 +242,11 @@ class System(MachineAssembly):
         start = self._start(self._compile(()), t, about)
         work = new_work(start.scene.plan)
         evaluate_inputs(start.scene, work, t)
+        ranges = RangeWatch(start.scene, self._bodies if self.team.is_root else ())
         if path is None:
-            return find_equilibrium(start, work)
+            found = find_equilibrium(start, work)
+            ranges.judge(np.array([found.t]), found.x[None])
+            return found
         for connection in self._connections:
             if connection.velocity is not None and np.any(connection.velocity):
                 raise SceneError(
@@ -247,7 +254,9 @@ class System(MachineAssembly):
                     "take it away"
                 )
         begin = equilibrium_at_rest(start, work) if about is None else replace(about, scene=start.scene)
-        return equilibrium_path(begin, path, work, evaluate_inputs)
+        whole = equilibrium_path(begin, path, work, evaluate_inputs)
+        ranges.judge(whole.factors, np.array([one.x for one in whole.points]))
+        return whole
 
     def linearize(
         self,

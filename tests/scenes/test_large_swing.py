@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 from mpi4py import MPI
 
 import numpy as np
@@ -57,3 +59,18 @@ def test_bent_by_a_third_of_its_length(record):
 def test_more_than_it_was_reduced_for_is_told(record):
     with pytest.warns(fm.RangeWarning, match=r"'blade' stores .* more than the .* J up to which it was compared"):
         swing(fm.FlexibleBody(record), "x_min", "x_max", share=1.5)
+
+
+def test_equilibria_beyond_what_it_was_reduced_for_are_told(record):
+    """One of them, and a path whose end is."""
+    scene = fm.System()
+    blade = scene.add(fm.FlexibleBody(record), name="blade")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), blade.frame("x_min"))
+    scene.add_force(fm.force.FrameForce(blade.frame("x_max"), force=(0.0, lambda t: t * FORCE, 0.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", fm.RangeWarning)
+        scene.equilibrium(t=1.0)
+    with pytest.warns(fm.RangeWarning, match=r"'blade' stores .* more than the .* J up to which it was compared"):
+        scene.equilibrium(t=1.5)
+    with pytest.warns(fm.RangeWarning, match=r"'blade' stores"):
+        scene.equilibrium(path=fm.Continuation(to=1.5))

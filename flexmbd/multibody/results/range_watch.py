@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import RangeWarning, warn
 from flexmbd.multibody.bodies.body import Body
@@ -12,6 +13,8 @@ from flexmbd.multibody.kernels.physics.elasticity import strain_energies
 from flexmbd.multibody.kernels.reading.tree import flexible_row
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.stretch_watch import StoredRows
+
+FloatArray = NDArray[np.float64]
 
 
 class RangeWatch:
@@ -37,6 +40,10 @@ class RangeWatch:
             return
         t, x, *_ = stored.since(self._rows)
         self._rows += len(t)
+        self.judge(t, x)
+
+    def judge(self, t: FloatArray, x: FloatArray) -> None:
+        """The same of states that are no run's, as equilibria: times or load factors (k,), configurations (k, nx)."""
         for body, most in tuple(self._inside.items()):
             energy = np.zeros(len(t))
             flex = flexible_row(self._scene.plan, self._scene.index.bodies[body])
