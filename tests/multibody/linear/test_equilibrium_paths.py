@@ -5,6 +5,9 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.linear.balance import balance
+from flexmbd.multibody.linear.stability import has_potential
 
 STIFFNESS, HEIGHT = 1000.0, 0.3
 SLANT = np.hypot(1.0, HEIGHT)
@@ -184,6 +187,23 @@ def test_a_small_follower_leaves_a_machine_where_it_settles():
     upper, lower = float(hangs.beta(joints[0])), float(hangs.beta(joints[0]) + hangs.beta(joints[1]))
     assert np.sin(lower) == pytest.approx(1.0 / (9.81 * 0.5), rel=1e-9)
     assert 9.81 * 1.5 * np.sin(upper) == pytest.approx(np.cos(upper - lower), rel=1e-9)
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_what_has_a_potential_out_of_balance(follows):
+    """Along rotations second derivatives commute up to the moment that is out of balance."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    top = scene.add(fm.RigidBody(2.0, (0.1, 0.2, 0.3), (0.1, 0.2, 0.4)), name="top")
+    ball = scene.connect(fm.joint.Spherical(), scene.ground.frame(), top.frame(), name="ball")
+    ball.position = [0.8, 0.36, 0.48, 0.0]
+    hook = top.frame(p=(0.3, 0.1, 0.5))
+    scene.add_force(fm.force.SpringDamper(scene.ground.frame(p=(1.0, 2.0, 0.5)), hook, 300.0, 1.0))
+    if follows:
+        scene.add_force(fm.force.FrameForce(hook, (5.0, 0.0, 0.0), axes=fm.force.Axes.FRAME))
+    start = scene.start()
+    there = balance(start.scene, new_work(start.scene.plan), start.x, start.v)
+    assert abs(there.lacking).max() > 1.0
+    assert has_potential(start.scene, there) is not follows
 
 
 # --- what is refused
