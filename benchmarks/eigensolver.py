@@ -36,7 +36,7 @@ from flexmbd.reduction.modes.slepc_search import slepc_search
 from flexmbd.reduction.modes.sturm import count_below
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics
 
-COUNT = case.FIXED_INTERFACE_MODES + 2
+COUNT = 16
 REPEATS = 5
 MINUTES = 3.0
 PEERS: tuple[str, ...] = ()

@@ -17,7 +17,8 @@ import numpy as np
 LENGTH, WIDTH = 1.0, 0.05
 E, NU, RHO = 2.1e9, 0.3, 7850.0
 # Six static shapes of the face x = 1 beside these; the face x = 0 carries the body frame.
-FIXED_INTERFACE_MODES = 14
+# The 14th and 15th have equal frequencies, and a reduction keeps both of a pair or none.
+FIXED_INTERFACE_MODES = 13
 
 # Size of the tetrahedra (m) by roughly how many dofs they give with a quadratic displacement.
 CELL_SIZE = {

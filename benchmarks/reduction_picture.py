@@ -39,7 +39,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         _line(stages, there, lambda row, stage=stage: row["seconds"][stage], stage, f"C{i}", "o-")
     more = [row for row in ours if row["seconds"].get("geometric")]
     _line(stages, more, lambda row: row["seconds"]["geometric"], "geometric stiffness, on top", "0.4", "d--")
-    gmsh.set(ylabel="s", title="time from mesh to 20 modes, meshes by gmsh")
+    gmsh.set(ylabel="s", title="time from mesh to 19 modes, meshes by gmsh")
     netgen.set(ylabel="s", title="the same, meshes by NETGEN")
     memory.set(ylabel="MB", title="peak memory, libraries included, by gmsh")
     stages.set(ylabel="s", title="flexmbd on one rank, by stage, by gmsh")
