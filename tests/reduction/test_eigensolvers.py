@@ -280,7 +280,7 @@ def test_without_a_factor_nothing_is_counted():
     exact = reduced(model, modes=2)
     for method in METHODS[:2]:
         body = reduced(model, modes=2, solver=Solver.ITERATIVE, eigensolver=method)
-        assert body.provenance["completeness"] == "not counted, for there is no factor"
+        assert body.provenance["completeness"].startswith("not counted, for there is no factor; searched again")
         assert body.stiffness == pytest.approx(exact.stiffness, rel=1e-9)
     with pytest.raises(ReductionError, match="spectrum slicing takes"):
         reduced(model, solver=Solver.ITERATIVE, eigensolver=SpectrumSlicing())

@@ -169,6 +169,15 @@ class BlockLanczos:
                 self._fail(number)
             self._advance()
 
+    def search_again(self) -> None:
+        """Continue with fresh directions until two more modes have converged, or there are no more. Collective.
+
+        Raises:
+            ConvergenceError: on all ranks: the limit was reached first.
+        """
+        self._saturated = True
+        self.find(0, spare=len(self.eigenvalues) + 2)
+
     @property
     def is_definite(self) -> bool:
         """Whether K has shown no negative direction, which would be among the first to be seen if it is nearly none."""

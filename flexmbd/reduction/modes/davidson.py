@@ -92,6 +92,11 @@ class DavidsonSearch:
             self._fresh = np.hstack([self._fresh, self._random()])
             self._advance(number)
 
+    def search_again(self) -> None:
+        """As in `ModeSearch`."""
+        self._fresh = np.hstack([self._fresh, self._random()])
+        self.find(0, spare=min(len(self.eigenvalues) + 2, self._size))
+
     def count_below(self, eigenvalue: float) -> int:
         """As in `ModeSearch`: Ritz values are not below the eigenvalues they stand for (Cauchy)."""
         return int(np.sum(self._values < eigenvalue))

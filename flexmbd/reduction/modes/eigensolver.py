@@ -97,6 +97,13 @@ class ModeSearch(Protocol):
             ConvergenceError: as `find`.
         """
 
+    def search_again(self) -> None:
+        """Go on from generic directions until two more modes are found, and with them what had been missed below.
+
+        Raises:
+            ConvergenceError: as `find`.
+        """
+
     def count_below(self, eigenvalue: float) -> int:
         """A lower bound on the number of eigenvalues below one."""
 

@@ -36,6 +36,8 @@ GUARD = 2
 # Relative distance below which neighbouring eigenvalues count as equal: as equal as a mesh leaves those of a body whose
 # shape has them so. Half a pair is a body that bends more easily one way than another.
 _EQUAL = 1e-4
+# Relative change of eigenvalues that have converged, as long as none was missing among them.
+_SAME = 1e-9
 #: Basis vectors, enough for MOST modes.
 SEARCH_LIMIT = 10 * MOST + 100
 
@@ -110,7 +112,8 @@ def fixed_interface_modes(
             break
         before = search.eigenvalues[:whole].copy()
         provenance["completeness"] = confirmed(statics, search, whole)
-        if np.array_equal(search.eigenvalues[:whole], before):
+        moved = abs(search.eigenvalues[:whole] - before) > _SAME * before
+        if not np.any(moved) and _whole_clusters(search.eigenvalues, whole) == whole:
             break  # else a mode was missing, and with it the number below a frequency or the end of a cluster changes
     found = search.modes(min(whole + GUARD, len(search.eigenvalues)))
     return FoundModes(whole, found, {**provenance, **_note_of_added(statics, found.eigenvalues, count, whole)})

@@ -78,8 +78,7 @@ class KrylovSchurSearch:
         for time in range(_TIMES):
             if self.count_below(eigenvalue) >= number:
                 return
-            rng = np.random.default_rng((time, self._comm.rank))
-            self._start = np.asfortranarray(self._solve(multiply(self._mass, rng.normal(size=(len(self._start), 1)))))
+            self._start_anew(time)
             basis *= 2
             self._basis = min(basis, int(self._mass.getSize()[0]))
             self._take(*self._search(min(number + _BESIDE, self._size)))
@@ -89,6 +88,16 @@ class KrylovSchurSearch:
                 f"fixed-interface modes that are counted below {np.sqrt(eigenvalue) / (2.0 * np.pi):.6g} Hz, with "
                 f"{self._basis} basis vectors as well; take eigensolver=BlockMethod()"
             )
+
+    def search_again(self) -> None:
+        """As in `ModeSearch`."""
+        self._start_anew(_TIMES)
+        self._take(*self._search(min(len(self.eigenvalues) + 2, self._size)))
+
+    def _start_anew(self, seed: int) -> None:
+        """From a generic vector. Collective."""
+        rng = np.random.default_rng((seed, self._comm.rank))
+        self._start = np.asfortranarray(self._solve(multiply(self._mass, rng.normal(size=(len(self._start), 1)))))
 
     def count_below(self, eigenvalue: float) -> int:
         """As in `ModeSearch`."""

@@ -111,10 +111,11 @@ def confirmed(statics: Statics, search: ModeSearch, count: int) -> str:
     Raises:
         ConvergenceError: on all ranks: modes are missing that the search does not find.
     """
-    if not statics.has_factor:
-        return "not counted, for there is no factor"
     if count == 0:
         return "none"
+    if not statics.has_factor:
+        search.search_again()
+        return "not counted, for there is no factor; searched again from generic directions"
     for _ in range(_TIMES):
         shift, below = _shift(search, count)
         if below == 0:

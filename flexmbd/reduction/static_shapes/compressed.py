@@ -53,6 +53,10 @@ class CompressedInverse:
         """
         return self._iteration.solve(block)
 
+    def refine(self, block: FloatArray) -> FloatArray:
+        """As in `Inverse`."""
+        return self._iteration.refine(block)
+
     def approximate(self, block: FloatArray) -> FloatArray:
         """The compressed factor alone in the place of K_II^-1. Collective."""
         return self._factor.solve(block)

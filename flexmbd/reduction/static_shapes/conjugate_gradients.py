@@ -21,8 +21,14 @@ from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_of
 # Residual, relative to the load and in the norm of the multigrid cycle, about that of the strain energy: at which the
 # iteration stops, and which the solution must fulfil where round-off does not let the first be true.
 _TOLERANCE, _BOUND = 1e-12, 1e-10
+# The same of a correction of what the solution left.
+_REFINED = 1e-3
+# The same of a trial, and within how many iterations it is to be reached: a third of those of a solution.
+_TRIED, _QUICK = 1e-4, 15
 # Most iterations, and most times that one starts again from the residual that is there.
 _ITERATIONS, _STARTS = 400, 4
+# Iterations after which one looks whether the most will do at the rate of these.
+_PATIENCE = 60
 # Columns that are solved for together: more are no quicker, and need more memory.
 _TOGETHER = 8
 
@@ -49,16 +55,25 @@ class ConjugateGradients:
         Raises:
             ConvergenceError: on all ranks: a column does not converge.
         """
-        result = np.empty(block.shape, order="F")
-        for first in range(0, block.shape[1], _TOGETHER):
-            some = slice(first, first + _TOGETHER)
-            result[:, some] = self._solve(np.asfortranarray(block[:, some]))
-        return result
+        return _by_panels(self._solve, block)
+
+    def refine(self, block: FloatArray) -> FloatArray:
+        """K^-1 times what a solution left of its load, to a few digits. Collective."""
+        return _by_panels(self._refine, block)
+
+    def is_quick(self, load: FloatArray) -> bool:
+        """Whether a load (rows of this rank, 1) that is generic converges as good preconditioners let it. Collective."""
+        image = self.precondition(load)
+        return self._iterate(load, _TRIED**2 * self._dots(load, image), image, most=_QUICK)[1] < _QUICK
+
+    def _refine(self, loads: FloatArray) -> FloatArray:
+        image = self.precondition(loads)
+        return self._iterate(loads, _REFINED**2 * self._dots(loads, image), image)[0]
 
     def _solve(self, loads: FloatArray) -> FloatArray:
         image = self.precondition(loads)
         size = self._dots(loads, image)
-        x: FloatArray = np.zeros(loads.shape, order="F")
+        x: FloatArray = np.zeros_like(loads)
         rest, iterations, worst = loads, 0, np.inf
         goal = _TOLERANCE**2 * size
         for _ in range(_STARTS):
@@ -75,7 +90,8 @@ class ConjugateGradients:
             if np.all(left <= np.maximum(_BOUND**2 * size, MARGIN**2 * noise)):
                 return x
             goal = np.maximum(goal, noise)
-            if not worst < 0.5 * last:
+            # from recurrences that round-off ended one starts again, and not where they did not come far
+            if not worst < min(0.5 * last, np.sqrt(_BOUND)):
                 break
         raise ConvergenceError(
             f"conjugate gradients left a residual of {worst:.1e} of a load after "
@@ -87,24 +103,38 @@ class ConjugateGradients:
     def _round_off(self, x: FloatArray) -> FloatArray:
         """(k,) squares of the norms of residuals that are round-off alone, of any signs. Collective."""
         signs = np.random.default_rng(self.comm.rank).choice([-1.0, 1.0], size=x.shape)
-        noise = np.asfortranarray(signs * self.noise(x))
+        noise = self.noise(x)
+        noise *= signs
         return self._dots(noise, self.precondition(noise))
 
-    def _iterate(self, loads: FloatArray, goal: FloatArray, image: FloatArray) -> tuple[FloatArray, int]:
+    def _iterate(
+        self,
+        loads: FloatArray,
+        goal: FloatArray,
+        image: FloatArray,
+        *,
+        most: int | None = None,
+    ) -> tuple[FloatArray, int]:
         """A solution by recurrences, and the number of iterations (Hestenes & Stiefel 1952). Collective.
 
         Args:
             loads: (rows of this rank, k).
             goal: (k,) squares of the norms of residuals at which it ends.
             image: (rows of this rank, k), preconditioned loads.
+            most: iterations; default: `_ITERATIONS`. It ends before where it does not come on at the rate that they want.
         """
-        x: FloatArray = np.zeros(loads.shape, order="F")
-        rest = loads.copy(order="F")
-        direction = image.copy(order="F")
-        left = self._dots(rest, image)
-        for iteration in range(_ITERATIONS):
+        most = _ITERATIONS if most is None else most
+        x: FloatArray = np.zeros_like(loads)
+        rest = loads.copy(order="K")
+        direction = image.copy(order="K")
+        size = left = self._dots(rest, image)
+        for iteration in range(most):
             if np.all(left <= goal):
                 return x, iteration
+            if iteration > 0 and iteration % _PATIENCE == 0:
+                if np.any(left > np.maximum(goal, _TOLERANCE ** (2.0 * _PATIENCE / _ITERATIONS) * size)):
+                    return x, iteration
+                size = left
             force = self.product(direction)
             step = _ratio(left, self._dots(direction, force))
             x += direction * step
@@ -114,11 +144,20 @@ class ConjugateGradients:
             last, left = left, self._dots(rest, image)
             direction *= _ratio(left, last)
             direction += image
-        return x, _ITERATIONS
+        return x, most
 
     def _dots(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """(k,) products of the columns of two blocks. Collective."""
         return total(self.comm, np.einsum("ij,ij->j", left, right))
+
+
+def _by_panels(solve: BlockOperator, block: FloatArray) -> FloatArray:
+    """Some columns after the others. Collective."""
+    result = np.empty(block.shape, order="F")
+    for first in range(0, block.shape[1], _TOGETHER):
+        some = slice(first, first + _TOGETHER)
+        result[:, some] = solve(np.asfortranarray(block[:, some]))
+    return result
 
 
 class MultigridInverse:
@@ -152,15 +191,20 @@ class MultigridInverse:
         Raises:
             ConvergenceError: on all ranks: a column does not converge.
         """
-        loads = np.zeros((len(self._mask), block.shape[1]), order="F")
-        loads[self._mask] = self._scale * block
-        return np.asfortranarray(self._scale * self._iteration.solve(loads)[self._mask])
+        return self._scaled(self._iteration.solve, block)
+
+    def refine(self, block: FloatArray) -> FloatArray:
+        """As in `Inverse`."""
+        return self._scaled(self._iteration.refine, block)
 
     def approximate(self, block: FloatArray) -> FloatArray:
         """One multigrid cycle in the place of K_II^-1. Collective."""
+        return self._scaled(self._iteration.precondition, block)
+
+    def _scaled(self, operator: BlockOperator, block: FloatArray) -> FloatArray:
         loads = np.zeros((len(self._mask), block.shape[1]), order="F")
         loads[self._mask] = self._scale * block
-        return np.asfortranarray(self._scale * self._iteration.precondition(loads)[self._mask])
+        return np.asfortranarray(self._scale * operator(loads)[self._mask])
 
 
 @contextmanager

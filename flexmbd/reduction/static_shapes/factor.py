@@ -21,6 +21,8 @@ _COMPRESSION, _TOLERANCE = 35, 7
 # MUMPS: which part of the factor's entries it expects to be left (per mille), by which it judges the memory. On blocks
 # of 80 000 to 317 000 dofs 0.77 to 0.58 were left at 1e-4, which falls with the power 0.2 of the dofs.
 _EXPECTED, _LEFT, _DOFS, _FALL = 38, 650, 317e3, 0.2
+# MUMPS: operations of a factor, by its estimate.
+_OPERATIONS = 1
 # MUMPS: whether ScaLAPACK factorises the root; number of negative pivots.
 _ROOT, _NEGATIVE = 13, 12
 
@@ -99,6 +101,10 @@ class Factor:
         right.destroy()
         return solution
 
+    def refine(self, block: FloatArray) -> FloatArray:
+        """The same as `solve`. Collective."""
+        return self.solve(block)
+
     def approximate(self, block: FloatArray) -> FloatArray:
         """The same as `solve`. Collective."""
         return self.solve(block)
@@ -136,3 +142,24 @@ class Factor:
         memory = failed == PETSc.PC.FailedReason.FACTOR_OUTMEMORY
         remedy = "take a coarser mesh or more memory" if memory else SINGULAR
         raise ReductionError(f"the stiffness of the interior could not be factorised: {remedy}")
+
+
+def operations(matrix: PETSc.Mat) -> float:
+    """How many operations the factor of a positive definite matrix (AIJ) takes, by an analysis of its pattern. Collective.
+
+    MUMPS is kept from going on by a memory that is too small; after that PETSc makes no factor of the same analysis.
+    """
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    solver = PETSc.KSP().create(matrix.comm)
+    try:
+        solver.setOperators(matrix)
+        solver.setType(PETSc.KSP.Type.PREONLY)
+        pc = solver.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(_LARGEST_MEMORY, 1)
+        solver.setUp()
+        return float(pc.getFactorMatrix().getMumpsRinfog(_OPERATIONS))
+    finally:
+        solver.destroy()

@@ -22,17 +22,26 @@ from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.compressed import TOLERANCE, CompressedInverse
 from flexmbd.reduction.static_shapes.conjugate_gradients import conjugate_gradients
-from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor, TooLargeError
+from flexmbd.reduction.static_shapes.degree_inverse import DegreeInverse, by_degrees
+from flexmbd.reduction.static_shapes.degree_multigrid import has_lower_degree
+from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor, TooLargeError, operations
 from flexmbd.reduction.static_shapes.memory import memory_limit, multigrid_memory
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_off
+
+
+# Operations of a factor for each dof from which on multigrid of the degrees is quicker: on blocks of bricks from some
+# 220 000 dofs on. At most so many times the square of the dofs a factor takes, that of a compact solid.
+_WORTH, _COMPACT = 4e6, 20.0
 
 
 class Solver(Enum):
     """How the interior's stiffness is inverted.
 
-    A factor is the quickest; its memory grows with about the power 1.4 of the dofs of a bulky body. A compressed
-    factor with a few conjugate gradients takes half of that at 10^6 dofs. Conjugate gradients with multigrid need
-    memory in proportion to the dofs, and a positive definite stiffness, as the compressed factor does.
+    A factor is the quickest up to some 200 000 dofs of a bulky body, and to more of a thin one; its memory grows with
+    about the power 1.4 of the dofs. A compressed factor with a few conjugate gradients takes half of that at 10^6 dofs.
+    Conjugate gradients with multigrid need time and memory in proportion to the dofs, and a positive definite
+    stiffness, as the compressed factor does. The multigrid is over the degrees of the elements
+    (`flexmbd.reduction.static_shapes.degree_multigrid`), or algebraic where these are linear.
     """
 
     DIRECT = "direct"
@@ -47,6 +56,9 @@ class Inverse(Protocol):
 
     def solve(self, block: FloatArray) -> FloatArray:
         """K_II^-1 times a block (interior dofs of this rank, k), N or what K_II is to be solved for. Collective."""
+
+    def refine(self, block: FloatArray) -> FloatArray:
+        """K_II^-1 times what `solve` left of a load, to three digits at least. Collective."""
 
     def approximate(self, block: FloatArray) -> FloatArray:
         """Nearly that, at the least cost: symmetric, positive definite where K_II is. Collective."""
@@ -70,15 +82,21 @@ class HeldFactor:
 
     def solve(self, block: FloatArray) -> FloatArray:
         """As in `Inverse`."""
-        if self._factor is None:
-            self._factor = self._make()
-        return self._factor.solve(block)
+        return self._made.solve(block)
+
+    def refine(self, block: FloatArray) -> FloatArray:
+        """As in `Inverse`."""
+        return self._made.refine(block)
 
     def approximate(self, block: FloatArray) -> FloatArray:
         """As in `Inverse`."""
+        return self._made.approximate(block)
+
+    @property
+    def _made(self) -> Factor | CompressedInverse:
         if self._factor is None:
             self._factor = self._make()
-        return self._factor.approximate(block)
+        return self._factor
 
     def release(self) -> None:
         """Give the memory back. Collective."""
@@ -153,9 +171,13 @@ def _inverse(
     solver: Solver | None,
     limit: int | None,
 ) -> Inverse:
-    """By the solver, or by the first that fits in so many bytes a rank. Collective."""
+    """By the solver, or by the quickest that fits in so many bytes a rank. Collective."""
     if solver in (Solver.COMPRESSED, Solver.ITERATIVE):
         _check_definite(model, solver)
+    if solver is None and model.is_definite:
+        iteration = _quick_iteration(model, mask, rows, stack, limit=limit)
+        if iteration is not None:
+            return iteration
     chosen = [solver] if solver is not None else list(Solver) if model.is_definite else [Solver.DIRECT]
     for one in chosen:
         if one is Solver.ITERATIVE:
@@ -167,6 +189,30 @@ def _inverse(
             if one is chosen[-1]:
                 raise
     raise AssertionError
+
+
+def _quick_iteration(
+    model: LinearModel, mask: NDArray[np.bool_], rows: PETSc.IS, stack: ExitStack, *, limit: int | None
+) -> DegreeInverse | None:
+    """Multigrid of the degrees, where it is quicker than a factor and fits in so many bytes a rank. Collective."""
+    dofs = int(rows.getSize())
+    if not has_lower_degree(model.layout) or _COMPACT * dofs < _WORTH:
+        return None
+    try:
+        _check_room(model, limit)
+    except TooLargeError:
+        return None
+    part = model.K.createSubMatrix(rows, rows)
+    needed = operations(part)
+    part.destroy()
+    if needed < _WORTH * dofs:
+        return None
+    with ExitStack() as trial:
+        inverse = trial.enter_context(by_degrees(model.K, mask, layout=model.layout))
+        if inverse.is_quick():
+            stack.push(trial.pop_all())
+            return inverse
+    return None
 
 
 def _factor(
@@ -217,7 +263,9 @@ def _check_room(model: LinearModel, limit: int | None) -> None:
 
 
 def _iteration(model: LinearModel, mask: NDArray[np.bool_], stack: ExitStack) -> Inverse:
-    """Collective."""
+    """By the degrees of the elements where there is a lower one. Collective."""
+    if has_lower_degree(model.layout):
+        return stack.enter_context(by_degrees(model.K, mask, layout=model.layout))
     motions = model.rigid_motions(np.zeros(3), np.eye(3))
     size = model.space.dofmap.index_map_bs
     return stack.enter_context(conjugate_gradients(model.K, mask, motions=motions, block_size=size))
@@ -242,12 +290,12 @@ def continued(
     load = multiply(model.K, boundary)
     shapes = boundary.copy(order="F")
     shapes[interior.mask] = -interior.solve(np.asfortranarray(load[interior.mask]))
-    return equilibrated(model, interior.solve, shapes, mask=interior.mask)
+    return equilibrated(model, interior.inverse.refine, shapes, mask=interior.mask)
 
 
 def equilibrated(
     model: LinearModel,
-    solve: Callable[[FloatArray], FloatArray],
+    refine: Callable[[FloatArray], FloatArray],
     shapes: FloatArray,
     *,
     mask: NDArray[np.bool_],
@@ -259,7 +307,7 @@ def equilibrated(
 
     Args:
         model: the body.
-        solve: displacements under loads (rows of `mask`, k), in which the shapes stay what they are.
+        refine: displacements under loads (rows of `mask`, k), in which the shapes stay what they are, to a few digits.
         shapes: (owned dofs, k).
         mask: (owned dofs,) where K u = f is to hold.
         load: (owned dofs, k), f; default: none.
@@ -276,7 +324,7 @@ def equilibrated(
         excess = measure.excess(residual(forces), shapes, rows=mask, load=load)
         if excess > 1.0:
             shapes = shapes.copy(order="F")
-            shapes[mask] -= solve(np.asfortranarray(residual(forces)[mask]))
+            shapes[mask] -= refine(np.asfortranarray(residual(forces)[mask]))
             forces = multiply(model.K, shapes)
             excess = measure.excess(residual(forces), shapes, rows=mask, load=load)
     if not excess <= MARGIN:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -19,6 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.continuum.matrices.eigen import BlockOperator
 from flexmbd.continuum.matrices.near_null_space import near_null_space
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.factor import Factor
@@ -29,8 +31,10 @@ _THRESHOLD = 0.05
 _PREFIX = "flexmbd_coarsen_"
 # The smoother damps eigenvalues from this part of the largest on.
 _DAMPED = 0.1
-# Steps of the estimate of the largest eigenvalue, and what is added to that.
-_STEPS, _MARGIN = 12, 1.1
+# Steps of the estimate of the largest eigenvalue.
+_STEPS = 12
+#: What is added to that.
+MARGIN = 1.1
 # Size of a direction, beside the eigenvalue, that is round-off.
 _NOISE = 1e-10
 
@@ -108,10 +112,12 @@ def multigrid(matrix: PETSc.Mat, motions: FloatArray) -> Iterator[Multigrid]:
         matrices = [pc.getMGSmoother(i).getOperators()[0] for i in reversed(range(pc.getMGLevels()))]
         interpolations = [pc.getMGInterpolation(i) for i in reversed(range(1, pc.getMGLevels()))]
         _scale(matrices, interpolations)
-        levels = []
+        levels, comm = [], matrix.comm.tompi4py()
         for operator, interpolation in zip(matrices[:-1], interpolations, strict=True):
             made.append(interpolation.transpose(PETSc.Mat()))
-            smoother = _smoother(_MARGIN * _largest_eigenvalue(operator))
+            (rows, _), (size, _) = operator.getLocalSize(), operator.getSize()
+            largest = largest_eigenvalue(comm, partial(multiply, operator), rows=rows, size=size)
+            smoother = smoothing_polynomial(MARGIN * largest)
             levels.append(Level(operator, smoother, interpolation, made[-1]))
         coarsest = Factor(matrices[-1], definite=True)
         made.append(coarsest)
@@ -135,7 +141,7 @@ def _scale(matrices: list[PETSc.Mat], interpolations: list[PETSc.Mat]) -> None:
         root.destroy()
 
 
-def _smoother(largest: float) -> tuple[float, float]:
+def smoothing_polynomial(largest: float) -> tuple[float, float]:
     """(a, b): 1 - x (a + b x) is Chebyshev's polynomial that is small from a part of the largest eigenvalue on."""
     radius = 0.5 * (1.0 - _DAMPED) * largest
     centre = 0.5 * (1.0 + _DAMPED) * largest / radius
@@ -161,17 +167,23 @@ def _coarsen(solver: PETSc.KSP) -> None:
         ) from error
 
 
-def _largest_eigenvalue(matrix: PETSc.Mat) -> float:
-    """Estimate of the largest eigenvalue, by Lanczos' process. Collective."""
-    comm = matrix.comm.tompi4py()
-    rest: FloatArray = np.random.default_rng(comm.rank).normal(size=(matrix.getLocalSize()[0], 1))
+def largest_eigenvalue(comm: MPI.Comm, product: BlockOperator, *, rows: int, size: int) -> float:
+    """Estimate of the largest eigenvalue of a symmetric matrix, by Lanczos' process. Collective.
+
+    Args:
+        comm: the ranks.
+        product: the matrix times a column (rows, 1).
+        rows: of this rank.
+        size: rows of all ranks.
+    """
+    rest: FloatArray = np.random.default_rng(comm.rank).normal(size=(rows, 1))
     vector: FloatArray = np.zeros_like(rest)
     diagonal: list[float] = []
     beside = [_norm(comm, rest)]
-    for _ in range(min(_STEPS, matrix.getSize()[0])):
+    for _ in range(min(_STEPS, size)):
         before, vector = vector, rest
         vector /= beside[-1]
-        rest = multiply(matrix, vector)
+        rest = product(vector)
         if diagonal:
             rest -= beside[-1] * before
         diagonal.append(float(inner(comm, vector, rest)[0, 0]))
