@@ -110,7 +110,7 @@ def test_thin_cells_are_told_early():
 
 
 def test_modes_that_a_start_does_not_see():
-    """Of a diagonal matrix, from vectors with every second entry alone; a search from generic ones brings the others."""
+    """Of a diagonal matrix, from vectors with every second entry; a search from generic ones brings the others."""
     mass = PETSc.Mat().createConstantDiagonal((60, 60), 1.0, comm=COMM).convert("aij")
     first, end = mass.getOwnershipRange()
     values = np.arange(first, end)[:, None] + 1.0

@@ -62,7 +62,7 @@ class ConjugateGradients:
         return _by_panels(self._refine, block)
 
     def is_quick(self, load: FloatArray) -> bool:
-        """Whether a load (rows of this rank, 1) that is generic converges as good preconditioners let it. Collective."""
+        """Whether a generic load (rows of this rank, 1) converges as good preconditioners let it. Collective."""
         image = self.precondition(load)
         return self._iterate(load, _TRIED**2 * self._dots(load, image), image, most=_QUICK)[1] < _QUICK
 
@@ -121,7 +121,7 @@ class ConjugateGradients:
             loads: (rows of this rank, k).
             goal: (k,) squares of the norms of residuals at which it ends.
             image: (rows of this rank, k), preconditioned loads.
-            most: iterations; default: `_ITERATIONS`. It ends before where it does not come on at the rate that they want.
+            most: iterations; default: `_ITERATIONS`. It ends earlier where it is too slow for them to do.
         """
         most = _ITERATIONS if most is None else most
         x: FloatArray = np.zeros_like(loads)

@@ -145,7 +145,7 @@ class Factor:
 
 
 def operations(matrix: PETSc.Mat) -> float:
-    """How many operations the factor of a positive definite matrix (AIJ) takes, by an analysis of its pattern. Collective.
+    """Operations that the factor of a positive definite matrix (AIJ) takes, by an analysis of its pattern. Collective.
 
     MUMPS is kept from going on by a memory that is too small; after that PETSc makes no factor of the same analysis.
     """

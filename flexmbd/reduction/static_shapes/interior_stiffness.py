@@ -28,9 +28,8 @@ from flexmbd.reduction.static_shapes.factor import SINGULAR, Factor, TooLargeErr
 from flexmbd.reduction.static_shapes.memory import memory_limit, multigrid_memory
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, round_off
 
-
 # Operations of a factor for each dof from which on multigrid of the degrees is quicker: on blocks of bricks from some
-# 220 000 dofs on. At most so many times the square of the dofs a factor takes, that of a compact solid.
+# 240 000 dofs on. At most so many times the square of the dofs a factor takes, that of a compact solid.
 _WORTH, _COMPACT = 4e6, 20.0
 
 
