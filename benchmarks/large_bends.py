@@ -22,7 +22,7 @@ from benchmark import Report
 
 import flexmbd as fm
 
-MINUTES = 1.5
+MINUTES = 4.0
 PEERS = ("exudyn",)
 _TURN = 2.0 * np.pi * scenes.ROLLED.EI / scenes.ROLLED_LENGTH  # N m
 
