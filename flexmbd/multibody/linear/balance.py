@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
+class ForceBalance:
     """What is out of balance at a state.
 
     Attributes:
@@ -73,7 +73,7 @@ def balance(
     *,
     given: Prescribed | None = None,
     further: FloatArray | float = 0.0,
-) -> Balance:
+) -> ForceBalance:
     """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them.
 
     Args:
@@ -109,7 +109,7 @@ def balance(
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
-    return Balance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+    return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
 
 
 def moved(

@@ -13,7 +13,7 @@ from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSn
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.linear.balance import Balance, balance, motion_sizes, moved, step_size
+from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.path.corrector import PathSpace
 from flexmbd.multibody.linear.path.follow import Bounds, follow, station
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
@@ -91,7 +91,7 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     return replace(found, unstable=spectrum(scene, balance(scene, work, found.x, found.v)).unstable)
 
 
-def _downhill(machine: _Machine, here: Balance) -> WorkingPoint:
+def _downhill(machine: _Machine, here: ForceBalance) -> WorkingPoint:
     """The equilibrium downhill of a state, as ``find_equilibrium`` says."""
     scene, work = machine.scene, machine.work
     predicted = machine.strains.at(here.x)
@@ -130,8 +130,8 @@ def equilibrium_at_rest(start: Start, work: Work) -> WorkingPoint:
 
 
 def _take_step(
-    machine: _Machine, here: Balance, step: FloatArray, predicted: FloatArray, *, searches: bool
-) -> tuple[Balance, FloatArray]:
+    machine: _Machine, here: ForceBalance, step: FloatArray, predicted: FloatArray, *, searches: bool
+) -> tuple[ForceBalance, FloatArray]:
     """Where a step leads, and the strains there by the step's linear equations.
 
     It is halved until interiors find their balance there and, if it searches, the forces no longer push back.
@@ -172,7 +172,7 @@ def _committed(scene: CompiledScene) -> InteriorSnapshot:
     return scene.interiors.snapshot(scene.plan)
 
 
-def _without_potential(machine: _Machine, start: Balance) -> WorkingPoint:
+def _without_potential(machine: _Machine, start: ForceBalance) -> WorkingPoint:
     """The equilibrium that a path leads to on which the forces that a start lacks are let go."""
     scene, work, strains = machine.scene, machine.work, machine.strains
     space = PathSpace(scene, work, strains, LackingTakenAway(start.open_force()), 1.0, start.v, machine.sizes)
@@ -192,7 +192,7 @@ def _without_potential(machine: _Machine, start: Balance) -> WorkingPoint:
     return WorkingPoint(scene, t, point.x, point.at.v, point.at.multipliers, NO_INTERIORS, here.spectrum.unstable)
 
 
-def _newton_step(scene: CompiledScene, here: Balance, more: FloatArray) -> _Step:
+def _newton_step(scene: CompiledScene, here: ForceBalance, more: FloatArray) -> _Step:
     """Newton's own step where nothing is unstable.
 
     Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
@@ -222,7 +222,7 @@ def _newton_step(scene: CompiledScene, here: Balance, more: FloatArray) -> _Step
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])
 
 
-def _full_newton_step(scene: CompiledScene, here: Balance, more: FloatArray) -> FloatArray:
+def _full_newton_step(scene: CompiledScene, here: ForceBalance, more: FloatArray) -> FloatArray:
     """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them."""
     slopes, states = here.of.stiffness + more, scene.state_mask
     slopes[:, states] = here.of.damping[:, states]

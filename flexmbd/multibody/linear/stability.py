@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.reading.tree import tree_joints
-from flexmbd.multibody.linear.balance import Balance
+from flexmbd.multibody.linear.balance import ForceBalance
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
@@ -28,7 +28,7 @@ _PAIR = 1e-6  # imaginary part over size, below which round-off may have parted 
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class MotionSpectrum:
     """Eigenvalues of the stiffness at an equilibrium, ascending by their real parts.
 
     Attributes:
@@ -50,19 +50,19 @@ class Spectrum:
         return self.shapes[:, k]
 
 
-def spectrum(scene: CompiledScene, at: Balance, more: FloatArray | float = 0.0) -> Spectrum:
+def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 0.0) -> MotionSpectrum:
     """Of the tangent stiffness of a balance, with ``more`` (nv, nv) beside it."""
     Vz, stiffness = at.by.Vz, at.stiffness(more)
     if not len(stiffness):
         nothing = np.zeros(0)
-        return Spectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True)
+        return MotionSpectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True)
     own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
     scaled = stiffness / np.outer(own, own)
     if has_potential(scene, at):
         values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         idle = np.abs(values) <= len(values) * _ROUND_OFF
         unstable = int((values < 0.0)[~idle].sum())
-        return Spectrum(values.astype(complex), Vz @ (shapes / own[:, None]), unstable, idle, True)
+        return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), unstable, idle, True)
     factor = scipy.linalg.cholesky(at.mass, lower=True)
     half = scipy.linalg.solve_triangular(factor, stiffness, lower=True)
     whole = scipy.linalg.solve_triangular(factor, half.T, lower=True).T
@@ -73,10 +73,10 @@ def spectrum(scene: CompiledScene, at: Balance, more: FloatArray | float = 0.0) 
     idle = np.abs(values) <= len(values) * _ROUND_OFF * np.abs(values).max()
     flutters = np.abs(values.imag) > _PAIR * np.abs(values)
     grows = (flutters | (values.real < 0.0)) & ~idle
-    return Spectrum(values, Vz @ shapes, int(grows.sum()), idle, False)
+    return MotionSpectrum(values, Vz @ shapes, int(grows.sum()), idle, False)
 
 
-def has_potential(scene: CompiledScene, at: Balance) -> bool:
+def has_potential(scene: CompiledScene, at: ForceBalance) -> bool:
     """Whether the forces at a state have a potential, as far as their derivatives there tell.
 
     Along rotations, in axes that turn with them, second derivatives of a potential commute up to the moment that is

@@ -11,8 +11,8 @@ from flexmbd.errors import ConvergenceError, PathWarning, SceneError, warn
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import motion_sizes
-from flexmbd.multibody.linear.path.corrector import Direction, PathPoint, PathSpace, until
-from flexmbd.multibody.linear.path.critical import CriticalKind, Crossing, crossings
+from flexmbd.multibody.linear.path.corrector import PathDirection, PathPoint, PathSpace, until
+from flexmbd.multibody.linear.path.critical import CriticalKind, PathCrossing, crossings
 from flexmbd.multibody.linear.path.equilibrium_path import Continuation, CriticalPoint, EquilibriumPath
 from flexmbd.multibody.linear.path.follow import Bounds, PathEnd, Station, Stretch, follow, station
 from flexmbd.multibody.linear.path.loading import Inputs, TimeAsFactor
@@ -126,8 +126,8 @@ def _does_anything(space: PathSpace, there: PathPoint, to: float) -> bool:
 
 def _beside(space: PathSpace, begin: CriticalPoint, path: Continuation) -> Station:
     """A station on the other path through a bifurcation, or on the same beyond a limit point."""
-    there, tangent = space.at(begin.x, begin.t), Direction(begin.tangent[:-1], float(begin.tangent[-1]))
-    mode = Direction(begin.mode, 0.0)
+    there, tangent = space.at(begin.x, begin.t), PathDirection(begin.tangent[:-1], float(begin.tangent[-1]))
+    mode = PathDirection(begin.mode, 0.0)
     if begin.kind is CriticalKind.BIFURCATION:
         mode = mode.plus(tangent.times(-space.product(mode, tangent)))
     else:
@@ -147,7 +147,7 @@ def _beside(space: PathSpace, begin: CriticalPoint, path: Continuation) -> Stati
     )
 
 
-def _found(space: PathSpace, stretch: Stretch) -> list[Crossing]:
+def _found(space: PathSpace, stretch: Stretch) -> list[PathCrossing]:
     try:
         return crossings(space, stretch)
     except ConvergenceError as reason:
@@ -183,7 +183,7 @@ def _working_point(scene: CompiledScene, here: Station) -> WorkingPoint:
     return WorkingPoint(scene, *state, here.spectrum.unstable)
 
 
-def _critical_point(scene: CompiledScene, one: Crossing) -> CriticalPoint:
+def _critical_point(scene: CompiledScene, one: PathCrossing) -> CriticalPoint:
     point = one.point
     state = (point.factor, point.x, point.at.v, point.at.multipliers, NO_INTERIORS)
     tangent = np.append(one.tangent.xi, one.tangent.factor)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.linear.balance import Balance, balance, moved, step_size
+from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes, load_slopes
-from flexmbd.multibody.linear.stability import Spectrum, own_stiffness, spectrum
+from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness, spectrum
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -33,7 +33,7 @@ _ASTRAY = 0.7  # of the step: a larger correction leads to another path
 
 
 @dataclass(frozen=True, eq=False)
-class Direction:
+class PathDirection:
     """A direction in configurations and factors.
 
     Attributes:
@@ -44,13 +44,13 @@ class Direction:
     xi: FloatArray
     factor: float
 
-    def times(self, share: float) -> Direction:
+    def times(self, share: float) -> PathDirection:
         """Scaled."""
-        return Direction(share * self.xi, share * self.factor)
+        return PathDirection(share * self.xi, share * self.factor)
 
-    def plus(self, other: Direction) -> Direction:
+    def plus(self, other: PathDirection) -> PathDirection:
         """The sum."""
-        return Direction(self.xi + other.xi, self.factor + other.factor)
+        return PathDirection(self.xi + other.xi, self.factor + other.factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class PathPoint:
 
     x: FloatArray
     factor: float
-    at: Balance
+    at: ForceBalance
     slopes: LoadSlopes
     iterations: int
 
@@ -94,15 +94,15 @@ class PathSpace:
     v: FloatArray
     size: FloatArray
 
-    def product(self, a: Direction, b: Direction) -> float:
+    def product(self, a: PathDirection, b: PathDirection) -> float:
         """<a, b>."""
         return float((a.xi / self.size) @ (b.xi / self.size)) + a.factor * b.factor / self.width**2
 
-    def unit(self, a: Direction) -> Direction:
+    def unit(self, a: PathDirection) -> PathDirection:
         """``a`` over its length."""
         return a.times(1.0 / np.sqrt(self.product(a, a)))
 
-    def largest(self, a: Direction) -> float:
+    def largest(self, a: PathDirection) -> float:
         """Largest part: rad, of the extent, or of the range of factors."""
         return max(step_size(self.size, a.xi), abs(a.factor) / self.width)
 
@@ -117,23 +117,25 @@ class PathSpace:
         found = balance(self.scene, self.work, x, self.v, given=slopes.given, further=further)
         return PathPoint(x, factor, found, slopes, iterations)
 
-    def spectrum(self, here: PathPoint) -> Spectrum:
+    def spectrum(self, here: PathPoint) -> MotionSpectrum:
         """Of its stiffness."""
         return spectrum(self.scene, here.at)
 
-    def along_factor(self, sign: float) -> Direction:
+    def along_factor(self, sign: float) -> PathDirection:
         """The factor's own direction."""
-        return Direction(np.zeros(self.scene.nv), sign * self.width)
+        return PathDirection(np.zeros(self.scene.nv), sign * self.width)
 
-    def tangent(self, here: PathPoint, onwards: Direction) -> Direction:
+    def tangent(self, here: PathPoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
         return self.unit(self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
 
-    def newton_step(self, here: PathPoint, across: Direction) -> Direction:
+    def newton_step(self, here: PathPoint, across: PathDirection) -> PathDirection:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
         return self._solution(here, across, here.at.lacking, 0.0, 0.0)
 
-    def correct(self, start: PathPoint, step: Direction, across: Direction, *, undetermined: int = 0) -> PathPoint:
+    def correct(
+        self, start: PathPoint, step: PathDirection, across: PathDirection, *, undetermined: int = 0
+    ) -> PathPoint:
         """The equilibrium in the plane through the end of a step that is normal to ``across``.
 
         Strains of slender bodies are unknowns of their own, as in ``find_equilibrium``.  So near to a bifurcation that
@@ -169,7 +171,7 @@ class PathSpace:
         remember(self.scene.plan, self.work, x, here.at.v, here.factor)
         return replace(here, x=x)
 
-    def _moved(self, x: FloatArray, factor: float, change: Direction) -> tuple[FloatArray, float]:
+    def _moved(self, x: FloatArray, factor: float, change: PathDirection) -> tuple[FloatArray, float]:
         """After a change."""
         factor = factor + change.factor
         self.loading.apply(self.work, factor)
@@ -179,12 +181,12 @@ class PathSpace:
     def _solution(
         self,
         here: PathPoint,
-        across: Direction,
+        across: PathDirection,
         lacking: FloatArray,
         along: float,
         more: FloatArray | float,
         undetermined: int = 0,
-    ) -> Direction:
+    ) -> PathDirection:
         """The change that the linear equations give: nothing lacks any longer, and <across, change> = along.
 
         K dz + r df = - lacking,  xi = Vz dz + xi_f df, in which K is taken with each coordinate in the unit of its own
@@ -208,7 +210,7 @@ class PathSpace:
         found = _least_squares(matrix, np.append(-unit * lacking, along / row), undetermined)
         found[n] /= column
         factor = float(found[n]) * self.width
-        return Direction(by.Vz @ (found[:n] * unit) + follows * factor, factor)
+        return PathDirection(by.Vz @ (found[:n] * unit) + follows * factor, factor)
 
 
 def _least_squares(matrix: FloatArray, right: FloatArray, undetermined: int) -> FloatArray:

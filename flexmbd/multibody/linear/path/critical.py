@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from flexmbd.errors import ConvergenceError
-from flexmbd.multibody.linear.path.corrector import Direction, PathPoint, PathSpace
+from flexmbd.multibody.linear.path.corrector import PathDirection, PathPoint, PathSpace
 from flexmbd.multibody.linear.path.follow import Stretch
-from flexmbd.multibody.linear.stability import Spectrum
+from flexmbd.multibody.linear.stability import MotionSpectrum
 
 FloatArray = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class CriticalKind(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class PathCrossing:
     """A critical point between two points of a path.
 
     Attributes:
@@ -59,17 +59,17 @@ class Crossing:
     share: float
     point: PathPoint
     mode: FloatArray
-    tangent: Direction
+    tangent: PathDirection
     unstable: int
 
 
-def crossings(space: PathSpace, stretch: Stretch) -> list[Crossing]:
+def crossings(space: PathSpace, stretch: Stretch) -> list[PathCrossing]:
     """The critical points of a stretch, in their order.
 
     Raises:
         ConvergenceError: Newton's method does not converge between points between which it did.
     """
-    search = _Search(space, stretch)
+    search = _Located(space, stretch)
     before, after = stretch.before.spectrum, stretch.after.spectrum
     low, high = sorted((before.unstable, after.unstable))
     if before.has_potential and after.has_potential:
@@ -86,11 +86,11 @@ def crossings(space: PathSpace, stretch: Stretch) -> list[Crossing]:
     return sorted(found, key=lambda one: one.share)
 
 
-def _eigenvalue(k: int, spectrum: Spectrum) -> float:
+def _eigenvalue(k: int, spectrum: MotionSpectrum) -> float:
     return float(spectrum.values[k].real)
 
 
-def _determinant(spectrum: Spectrum) -> float:
+def _determinant(spectrum: MotionSpectrum) -> float:
     """The smallest eigenvalue's size with the sign of the product of all."""
     real = np.abs(spectrum.values.imag) == 0.0
     sign = -1.0 if int((spectrum.values.real[real] < 0.0).sum()) % 2 else 1.0
@@ -98,11 +98,11 @@ def _determinant(spectrum: Spectrum) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _Located:
     space: PathSpace
     stretch: Stretch
 
-    def crossing(self, value: Callable[[Spectrum], float], k: int | None = None) -> Crossing:
+    def crossing(self, value: Callable[[MotionSpectrum], float], k: int | None = None) -> PathCrossing:
         """Where a value of the spectrum passes zero, which is eigenvalue k or the smallest one."""
         share = float(brentq(lambda share: value(self.space.spectrum(self._at(share))), 0.0, 1.0, xtol=_WITHIN))
         point = self._at(share)
@@ -110,7 +110,7 @@ class _Search:
         kind = CriticalKind.LIMIT if before.factor * after.factor < 0.0 else CriticalKind.BIFURCATION
         return self._crossing(kind, share, point, self.space.unit(before.plus(after)), k)
 
-    def flutter(self) -> Crossing:
+    def flutter(self) -> PathCrossing:
         """Where the number of unstable motions changes, by halving."""
         low, high = 0.0, 1.0
         stable = self.stretch.before.spectrum.unstable
@@ -122,7 +122,7 @@ class _Search:
                 high = middle
         return self._crossing(CriticalKind.FLUTTER, high, self._at(high), self._tangent(high))
 
-    def turning(self) -> Crossing:
+    def turning(self) -> PathCrossing:
         """Where the factor turns though no eigenvalue has changed its sign."""
         share = float(brentq(lambda share: self._tangent(share).factor, 0.0, 1.0, xtol=_WITHIN))
         return self._crossing(CriticalKind.LIMIT, share, self._at(share), self._tangent(share))
@@ -139,16 +139,16 @@ class _Search:
                 continue
         return self.space.correct(start, step, self.stretch.across, undetermined=_MOST_MODES)
 
-    def _tangent(self, share: float) -> Direction:
+    def _tangent(self, share: float) -> PathDirection:
         if share <= 0.0 or share >= 1.0:
             return (self.stretch.before if share <= 0.0 else self.stretch.after).tangent
         return self.space.tangent(self._at(share), self.stretch.before.tangent)
 
     def _crossing(
-        self, kind: CriticalKind, share: float, point: PathPoint, tangent: Direction, k: int | None = None
-    ) -> Crossing:
+        self, kind: CriticalKind, share: float, point: PathPoint, tangent: PathDirection, k: int | None = None
+    ) -> PathCrossing:
         spectrum = self.space.spectrum(point)
         mode = spectrum.mode(int(np.argmin(np.abs(spectrum.values))) if k is None else k)
         parts = mode / self.space.size
         mode = mode / parts[np.argmax(np.abs(parts))]
-        return Crossing(kind, share, point, mode, tangent, self.stretch.after.spectrum.unstable)
+        return PathCrossing(kind, share, point, mode, tangent, self.stretch.after.spectrum.unstable)

@@ -9,8 +9,8 @@ from enum import Enum
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.linear.path.corrector import Direction, PathPoint, PathSpace, until
-from flexmbd.multibody.linear.stability import Spectrum
+from flexmbd.multibody.linear.path.corrector import PathDirection, PathPoint, PathSpace, until
+from flexmbd.multibody.linear.stability import MotionSpectrum
 
 _FIRST = 0.25  # of the longest step: the first one
 _SHORTEST = 1e-8  # rad, of the extent or of the range
@@ -63,8 +63,8 @@ class Station:
     """A point of a path with its tangent and the spectrum of its stiffness."""
 
     point: PathPoint
-    tangent: Direction
-    spectrum: Spectrum
+    tangent: PathDirection
+    spectrum: MotionSpectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +79,11 @@ class Stretch:
 
     before: Station
     after: Station
-    step: Direction
-    across: Direction
+    step: PathDirection
+    across: PathDirection
 
 
-def station(space: PathSpace, point: PathPoint, onwards: Direction) -> Station:
+def station(space: PathSpace, point: PathPoint, onwards: PathDirection) -> Station:
     """A point with its tangent on the side of a direction."""
     return Station(point, space.tangent(point, onwards), space.spectrum(point))
 
