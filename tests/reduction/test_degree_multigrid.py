@@ -105,7 +105,7 @@ def test_taken_where_a_factor_takes_long_and_cells_are_not_thin(monkeypatch, thi
 def test_thin_cells_are_told_early():
     """Cells of 1 to 1e-2, of which multigrid would take thousands of iterations."""
     model = block((4, 2, 2), size=(0.4, 0.2, 0.002))
-    with pytest.raises(ConvergenceError, match="after (60|120|180) iterations.*thin"):
+    with pytest.raises(ConvergenceError, match=r"after (60|120|180) iterations.*thin"):
         guyan(model, frame="x_min", geometric_stiffness=False, solver=Solver.ITERATIVE)
 
 

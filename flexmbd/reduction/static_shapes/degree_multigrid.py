@@ -205,7 +205,7 @@ class SharedFactor:
             ReductionError: on all ranks: it is singular, or there was not enough memory.
         """
         self._comm = matrix.comm.tompi4py()
-        first, end = matrix.getOwnershipRange()
+        _, end = matrix.getOwnershipRange()
         self._edges = np.array([0, *self._comm.allgather(end)])
         whole = matrix.getRedundantMatrix(self._comm.size)
         try:
