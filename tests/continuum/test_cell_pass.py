@@ -58,8 +58,8 @@ def by_dolfinx(body):
     averaged, measure = (fem.assemble_vector(fem.form(form)).array for form in history.mean_forms())
     forces = sum(fem.assemble_vector(fem.form(term)).array for term in history.terms)
     points, _ = basix.make_quadrature(
-        basix.CellType[body.mesh.mesh.topology.cell_name()], history._rule.degree,
-        rule=basix.quadrature.string_to_type(history._rule.scheme),
+        basix.CellType[body.mesh.mesh.topology.cell_name()], history.rule.degree,
+        rule=basix.quadrature.string_to_type(history.rule.scheme),
     )
     update = fem.Expression(group.formulation.update(body._u, history._state, group.symbols, **given), points)
     return averaged / measure, forces, update.eval(body.mesh.mesh, group.cells).ravel()
