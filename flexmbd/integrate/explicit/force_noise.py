@@ -2,7 +2,7 @@
 
 An element of stiffness K between bodies of mass m knows their places to eps times the largest, and so their
 accelerations to eps K / m times that.  It is measured: the accelerations of the state at hand against those of states
-whose coordinates differ from it by what places are known to.
+whose coordinates differ from it by a thousand times what places are known to, over a thousand.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _EPS = sys.float_info.epsilon
 _FIRST = 8  # samples of the first estimate
 _RENEWAL = 20  # attempts from one sample to the next: less than a hundredth of the evaluations
 _KEPT = 0.95  # of an estimate at the next sample
+_MAGNIFIED = 2.0**10  # roundings that a sample moves by, and is divided by, so that its own rounding does not count
 _SPREAD = 4.0  # a sum of a few roundings over the largest of some samples of it
 
 
@@ -86,15 +87,16 @@ def _sample(plan, work, aw, loops, plain, quaternions, way, state, groups, scrat
         k = plan.free[j]
         g = groups.of[k]
         if groups.kind[g] == kinds.GROUP_LENGTH:
-            scratch.u[k] = _EPS * max(place, groups.full[g]) * _sign(k, sample)
+            scratch.u[k] = _MAGNIFIED * _EPS * max(place, groups.full[g]) * _sign(k, sample)
         elif groups.kind[g] == kinds.GROUP_ANGLE:
-            scratch.u[k] = _EPS * _sign(k, sample)
+            scratch.u[k] = _MAGNIFIED * _EPS * _sign(k, sample)
     from_local_coordinates(plain, quaternions, way, state.x, scratch.u, scratch.x)
     drive(plan, work, scratch.x, scratch.v, scratch.a)
     accelerate(plan, work, aw, loops, scratch.x, scratch.v, scratch.a, scratch.multipliers)
     state.counts[st.EVALUATIONS] += 1
     for k in range(noise.acceleration.shape[0]):
-        noise.acceleration[k] = max(_KEPT * noise.acceleration[k], abs(scratch.a[k] - state.a[k]))
+        change = abs(scratch.a[k] - state.a[k]) / _MAGNIFIED
+        noise.acceleration[k] = max(_KEPT * noise.acceleration[k], change)
     noise.count[1] += 1
 
 
