@@ -25,6 +25,8 @@ _WORK_RATIO, _MAX_HALVINGS = 0.8, 6
 
 # Relative residual of linear systems with predicted stresses; units in the last place of rounded displacements.
 _ACCURATE, _LAST_PLACES = 1e-10, 4.0
+# Relative residual above which no rounding of displacements excuses it: they have run away, as beyond a limit load.
+_UNBALANCED = 1e-5
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,8 @@ class Convergence:
             2-norm over all dofs.
         max_iterations: it fails after so many.
         round_off: a residual below this that a step no longer halves is taken for round-off, and good; so is one
-            below what rounding of the displacements makes of the tangent's diagonal, in slender bodies more.
+            below what rounding of the displacements makes of the tangent's diagonal, in slender bodies more, up to
+            1e-5.
     """
 
     tolerance: float = 1e-9
@@ -154,7 +157,7 @@ class Newton:
             residuals.append(self._norm(left[self._free]) / balance.size if balance.size else 0.0)
             closed = open_constraints is None or not open_constraints.gap.any()
             jumps = step == 0 and not (closed and self._norm(gap) == 0.0)
-            noise = max(rule.round_off, noise_force / balance.size if balance.size else 0.0)
+            noise = max(rule.round_off, min(noise_force / balance.size, _UNBALANCED) if balance.size else 0.0)
             stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= noise
             if (residuals[-1] <= rule.tolerance or stalled) and not jumps:
                 return Solution(increment, tuple(residuals), balance)
