@@ -106,8 +106,7 @@ def _tell(rows: list[Row], report: Report) -> None:
     if not rows:
         raise SystemExit("nothing was measured")
     for commit, same in itertools.groupby(sorted(rows, key=lambda row: row["commit"]), lambda row: row["commit"]):
-        machines = sorted({row["machine"] for row in same})
-        report.say(f"State {commit}: {'; '.join(machines)}")
+        report.say(f"State {commit}: {kept_rows.machines(same)}")
     report.say()
     report.table(*kept_rows.HEAD)
     for row in rows:

@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from reduction_rows import LARGE, power
 
 Row = dict[str, Any]
 
@@ -49,11 +50,18 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     plt.close(figure)
 
 
+def _short(value: float, _: object) -> str:
+    for unit, letter in ((1e6, "M"), (1e3, "k")):
+        if value >= max(unit, 1e4):
+            return f"{value / unit:g}{letter}"
+    return f"{value:g}"
+
+
 def _set_scales(axes: plt.Axes) -> None:
     axes.set(xlabel="dofs", xscale="log", yscale="log")
     for axis, marks in ((axes.xaxis, (1.0, 3.0)), (axes.yaxis, (1.0,))):
         axis.set_major_locator(LogLocator(subs=marks))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}" if value < 1e4 else f"{value / 1e3:g}k"))
+        axis.set_major_formatter(FuncFormatter(_short))
         axis.set_minor_formatter(NullFormatter())
     axes.grid(which="both", alpha=0.25)
     if axes.lines:
@@ -68,9 +76,10 @@ def _of(rows: Sequence[Row], mesher: str, code: str, ranks: int) -> list[Row]:
 def _line(
     axes: plt.Axes, rows: Sequence[Row], value: Callable[[Row], float], label: str, color: str, style: str
 ) -> None:
-    """One line; its label says the slope between the two largest sizes."""
+    """One line; its label says the power of the growth."""
     if not rows:
         return
     x, y = np.array([(row["dofs"], value(row)) for row in rows]).T
-    slope = f" ({np.log(y[-1] / y[-2]) / np.log(x[-1] / x[-2]):.2f})" if len(x) > 1 else ""
+    large = np.greater(x, LARGE)
+    slope = f" ({power(np.compress(large, x), np.compress(large, y)):.2f})" if large.sum() > 1 else ""
     axes.plot(x, y, style, color=color, label=f"{label}{slope}", markersize=4)

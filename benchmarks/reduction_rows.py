@@ -19,6 +19,8 @@ ITERATIVE = "flexmbd, iterative"
 CODES = {"exudyn, scipy": ("exudyn", "ngsolve"), "exudyn, NGSolve": ("exudyn", "ngsolve"), "NGSolve": ("ngsolve",)}
 CONVERGED = ("exudyn, scipy", "NGSolve")
 AGREEMENT = 1e-6
+# dofs from which on growth is told; below them what is fixed has a share
+LARGE = 15e3
 # columns of the table, and what they are called by us and by the peers' processes
 STAGES = {
     "K, M": ("assembly",), "factor": ("factor",), "static": ("static shapes", "static"),
@@ -61,6 +63,15 @@ def line(row: Row) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def machines(rows: Iterable[Row]) -> str:
+    """On which days and machines the rows were measured, and how loaded these were when each began."""
+    loads: dict[str, list[float]] = {}
+    for row in rows:
+        where, load = row["machine"].split(", load ")
+        loads.setdefault(where, []).append(float(load))
+    return "; ".join(f"{where}, load {min(found)} to {max(found)}" for where, found in sorted(loads.items()))
+
+
 def _stage(row: Row, column: str) -> float | None:
     found = [row["seconds"][name] for name in STAGES[column] if name in row["seconds"]]
     return sum(found) if found else None
@@ -81,7 +92,7 @@ def claims(rows: Sequence[Row]) -> Iterator[str]:
             mine = both[_mesh(row)]
             time = row["seconds"]["total"] / mine["seconds"]["total"]
             memory = row["memory"]["peak"] / mine["memory"]["peak"]
-            yield f"{where}: without a factor {time:.0f} times the time, {memory:.0%} of the memory"
+            yield f"{where}: without a factor {time:.1f} times the time, {memory:.0%} of the memory"
     for mesh, row in ours.items():
         if mesh in both:
             speedup = row["seconds"]["total"] / both[mesh]["seconds"]["total"]
@@ -92,10 +103,10 @@ def claims(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def growth(rows: Sequence[Row]) -> Iterator[str]:
-    """Powers p of a fit c n^p to all dofs n from 15 000 on, below which what is fixed has a share."""
+    """Powers p of a fit c n^p to the large meshes."""
     for mesher, code, ranks in sorted({(row["mesher"], row["code"], row["ranks"]) for row in rows}):
         mine = [row for row in rows if (row["mesher"], row["code"], row["ranks"]) == (mesher, code, ranks)]
-        mine = [row for row in mine if row["dofs"] > 15e3]
+        mine = [row for row in mine if row["dofs"] > LARGE]
         if len(mine) < 2:
             continue
         values = {"time": [row["seconds"]["total"] for row in mine], "memory": [row["memory"]["peak"] for row in mine]}
