@@ -65,6 +65,7 @@ def tell(report: Report, sizes: list[str]) -> None:
 
 def tell_parts(report: Report, names: list[str]) -> None:
     """Rows of blocks and Krylov-Schur, whose modes are the same, by the processor's time."""
+    report.say()
     report.table("part", "dofs", "modes", "blocks, ms", "Krylov-Schur over blocks")
     for name in names:
         model = PARTS[name]()
