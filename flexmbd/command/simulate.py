@@ -6,7 +6,7 @@ import argparse
 import signal
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from flexmbd.command.body_file import check_free, make_folder
 from flexmbd.command.interrupts import INTERRUPTED, exits_at_once
@@ -15,22 +15,23 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable, write_table
 from flexmbd.run.interrupts import interrupts_handled, interrupts_wait
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
+from flexmbd.run.trajectory import Trajectory
 from flexmbd.scene_file import Built, SceneFile, build, plan_columns, read_scene, tabulate
 from flexmbd.scene_file.scene_sweep import integrator_of, simulated
 from flexmbd.toml_file import toml_value
 
-if TYPE_CHECKING:
-    from flexmbd.run.trajectory import Trajectory
-
 Broken: TypeAlias = SimulationError | SimulationInterrupted
 
 _STOPPED = 1
+_STREAM = "run.h5"
 _MOST_EVENTS = 20  # told one by one
 _EXAMPLES = """\
 examples:
   flexmbd simulate pendulum.toml                     the tables go to the folder pendulum_results
   flexmbd simulate pendulum.toml -o run1 --force --quiet
   flexmbd simulate pendulum.toml --set bodies.bob.mass=2.3 --set simulate.t_end=5
+  flexmbd simulate pendulum.toml --stream            the trajectory too, in pendulum_results/run.h5, as it comes
+  flexmbd simulate pendulum.toml --from pendulum_results/run.h5 -o so_far       tables of what is there, also after kill
   flexmbd simulate pendulum.toml --explain           what would be computed, and by which integrator
   flexmbd plot pendulum_results/results.csv
 
@@ -47,6 +48,17 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder of results (default: SCENE_results)")
     parser.add_argument("--force", action="store_true", help="replace results that are there")
     add_settings(parser)
+    kept = parser.add_mutually_exclusive_group()
+    kept.add_argument(
+        "--stream", action="store_true", help=f"keep the trajectory too, in DIR/{_STREAM}, written while the machine runs"
+    )
+    kept.add_argument(
+        "--from",
+        type=Path,
+        metavar="FILE",
+        dest="kept",
+        help="do not simulate: make the tables and the film of this trajectory of the scene, of a --stream or run.save",
+    )
     parser.add_argument("--explain", action="store_true", help="say what would be computed, and stop")
     bar = parser.add_mutually_exclusive_group()
     bar.add_argument("--progress", action="store_true", help="a progress bar on stderr, even if it is not a terminal")
@@ -91,6 +103,7 @@ def simulate(arguments: argparse.Namespace) -> int:
         SceneError, AssemblyError: the file is not a scene, or the machine cannot be assembled.
         ExportError: results exist already, or cannot be written.
         PictureError: the film cannot be made; the tables are there then.
+        RecordError: the trajectory's file cannot be written, or read, or is of another machine.
     """
     with exits_at_once():
         scene = read_scene(arguments.scene, changes=settings_of(arguments.settings))
@@ -103,10 +116,15 @@ def simulate(arguments: argparse.Namespace) -> int:
         return 0
     columns = plan_columns(built, scene.output)
     make_folder(folder)
-    for path in [*files, *([] if film is None else [film])]:
-        check_free(path, force=arguments.force)
+    stream = folder / _STREAM if arguments.stream else None
+    for path in (*files, film, stream):
+        if path is not None:
+            check_free(path, force=arguments.force)
     with interrupts_wait() as late:
-        run, fault = _run(built, scene, progress=shows_bar(arguments))
+        if arguments.kept is None:
+            run, fault = _run(built, scene, progress=shows_bar(arguments), stream=stream)
+        else:
+            run, fault = Trajectory.load(arguments.kept, built.system), None
         table = tabulate(run, columns, every=scene.output.every)
         for path in files:
             write_table(table, path)
@@ -114,6 +132,8 @@ def simulate(arguments: argparse.Namespace) -> int:
     if film is not None and not is_interrupted:
         run.animate(film)
         files.append(film)
+    if stream is not None:
+        files.append(stream)
     _report(arguments, run, table, files, SimulationInterrupted("", run) if is_interrupted else fault)
     if is_interrupted:
         return INTERRUPTED
@@ -127,12 +147,14 @@ def shows_bar(arguments: argparse.Namespace) -> bool:
     return wants_bar()
 
 
-def _run(built: Built, scene: SceneFile, *, progress: bool) -> tuple[Trajectory, Broken | None]:
+def _run(
+    built: Built, scene: SceneFile, *, progress: bool, stream: Path | None
+) -> tuple[Trajectory, Broken | None]:
     """The trajectory; of a simulation that stopped early the part that there is, and the error."""
     run: Trajectory | None = None
     try:
         with interrupts_handled(signal.default_int_handler):
-            run = simulated(built, scene, progress=progress)
+            run = simulated(built, scene, progress=progress, stream=stream)
     except (SimulationError, SimulationInterrupted) as error:
         return error.trajectory, error
     except KeyboardInterrupt:

@@ -9,7 +9,7 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import SUFFIXES
 from flexmbd.scene_file import values as v
 from flexmbd.scene_file.changes import changed
-from flexmbd.scene_file.controller_entry import read_controller
+from flexmbd.scene_file.controllers_and_states import read_controller, read_states
 from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINTS, read_kind
 from flexmbd.scene_file.event_entry import read_event
 from flexmbd.scene_file.scene_description import (
@@ -28,6 +28,9 @@ from flexmbd.scene_file.shapes import read_shapes
 from flexmbd.scene_file.values import Names, nearest
 from flexmbd.toml_file import TomlSection, read_toml
 
+_TABLES = (
+    "gravity", "ground", "body", "joint", "force", "coupling", "event", "controller", "states", "simulate", "output",
+)  # fmt: skip
 _JOINT_KEYS = ("name", "parent", "child", "position", "velocity", "motion")
 FRAME_SERIES = ("positions", "velocities", "accelerations", "rotations", "angular_velocities")
 _FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
@@ -49,7 +52,7 @@ def read_scene(path: str | Path, *, changes: Mapping[str, object] | None = None)
             what was expected, and for a key or name that is not known the nearest one.
     """
     top = changed(read_toml(path, kind=SceneError), changes or {})
-    top.allow(("gravity", "ground", "body", "joint", "force", "coupling", "event", "controller", "simulate", "output"))
+    top.allow(_TABLES)
     sections = top.tables("body")
     if not sections:
         top.fail("body", "a scene needs at least one, headed [[body]]")
@@ -78,6 +81,7 @@ def read_scene(path: str | Path, *, changes: Mapping[str, object] | None = None)
         _output(output, names, run),
         _ground(top, folder),
         tuple(read_controller(one, names) for one in top.tables("controller")),
+        tuple(read_states(one, names) for one in top.tables("states")),
     )
 
 

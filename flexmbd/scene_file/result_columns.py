@@ -28,6 +28,7 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]
         *_of_modes(built, output),
         *(table.reaction_columns(built.joints[name.name]) for name in output.reactions),
         *_of_memories(built),
+        *(table.state_columns(states) for states in built.states.values()),
         *([table.energy_columns()] if output.energies else []),
     )
     table.refuse_equal_names(columns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +14,7 @@ from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.files.python_file import PythonFiles
 from flexmbd.force import Force
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.time_function import Piecewise
 from flexmbd.multibody.joint.connection import Connection
@@ -35,6 +36,7 @@ from flexmbd.scene_file.scene_description import (
     SceneFile,
     ShapedEntry,
     SignalName,
+    StatesEntry,
 )
 from flexmbd.scene_file.shapes import make_shape
 from flexmbd.scene_file.values import nearest
@@ -52,6 +54,7 @@ class Built:
         forces: by their places in the file.
         events: what to look for while it moves, in the file's order.
         signals: by their names.
+        states: the state equations, by their names.
     """
 
     system: System
@@ -60,6 +63,7 @@ class Built:
     forces: Mapping[str, Force]
     events: list[Event] = field(default_factory=list, init=False)
     signals: dict[str, Signal] = field(default_factory=dict, init=False)
+    states: dict[str, States] = field(default_factory=dict, init=False)
     _files: PythonFiles = field(default_factory=lambda: PythonFiles(SceneError), init=False)
 
     def frame(self, place: FramePlace) -> Frame:
@@ -72,7 +76,6 @@ class Built:
         if isinstance(body, FlexibleBody):
             return body.frame(place.interface)
         return body.frame((0.0, 0.0, 0.0) if place.p is None else place.p, R=place.R)
-
 
     def signal(self, place: SignalName) -> Signal:
         """The signal of a name, the same wherever it stands.
@@ -144,6 +147,9 @@ def build(scene: SceneFile) -> Built:
     for element in scene.couplings:
         with _at(scene, element.place, element.kind):
             system.couple(COUPLINGS[element.kind].make(**_resolved(built, element.arguments)))
+    for equations in scene.states:
+        with _at(scene, equations.place, equations.name):
+            built.states[equations.name] = _add_states(built, equations)
     for event in scene.events:
         with _at(scene, event.place, event.name):
             built.events.append(_event(built, event))
@@ -165,9 +171,7 @@ def _add_controller(built: Built, entry: ControllerEntry) -> None:
     Raises:
         SceneError: its law is no function, no load has a signal that it sets, or as ``System.add_controller``.
     """
-    for signal in entry.inputs:
-        if signal.name not in built.signals:
-            raise SceneError(f"no load has the signal {signal.name!r}; {nearest(signal.name, built.signals)}")
+    _refuse_unknown(built, entry.inputs)
     built.system.add_controller(
         built.function(entry.step),
         period=entry.period,
@@ -177,6 +181,31 @@ def _add_controller(built: Built, entry: ControllerEntry) -> None:
         state=entry.state,
         name=entry.name,
     )
+
+
+def _add_states(built: Built, entry: StatesEntry) -> States:
+    """Put state equations into the scene.
+
+    Raises:
+        SceneError: as ``_add_controller``, and ``System.add_states``.
+    """
+    _refuse_unknown(built, entry.inputs)
+    return built.system.add_states(
+        built.function(entry.rates),
+        scale=entry.scale,
+        initial=entry.initial,
+        measurements=[_resolved_value(built, one) for one in entry.measurements],
+        outputs=None if entry.outputs is None else built.function(entry.outputs),
+        inputs=[built.signal(signal) for signal in entry.inputs],
+        name=entry.name,
+        names=entry.names,
+    )
+
+
+def _refuse_unknown(built: Built, inputs: Iterable[SignalName]) -> None:
+    for signal in inputs:
+        if signal.name not in built.signals:
+            raise SceneError(f"no load has the signal {signal.name!r}; {nearest(signal.name, built.signals)}")
 
 
 def _crossing(built: Built, crossing: Crossing) -> Callable[[Moment], float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.run.event import Direction
@@ -162,9 +163,9 @@ class EventEntry:
 
 @dataclass(frozen=True)
 class Measured:
-    """The place (0), velocity (1) or acceleration (2) of a joint or a frame."""
+    """The place (0), velocity (1) or acceleration (2) of a joint, a frame or a flexible body's modes."""
 
-    of: JointName | FramePlace
+    of: JointName | FramePlace | BodyName
     order: int
 
 
@@ -180,6 +181,25 @@ class ControllerEntry:
     inputs: tuple[SignalName, ...]
     offset: float
     state: Vector | None
+
+
+#: What state equations follow; functions of time are data.
+FollowedEntry: TypeAlias = Measured | SignalName | FunctionPlace | TimeFunction
+
+
+@dataclass(frozen=True)
+class StatesEntry:
+    """State equations z' = rates(t, z, u), y = outputs(t, z, u): what they follow (u), the signals that y sets."""
+
+    name: str
+    place: str
+    rates: FunctionPlace
+    outputs: FunctionPlace | None
+    initial: Vector | None
+    scale: float | Vector
+    measurements: tuple[FollowedEntry, ...]
+    inputs: tuple[SignalName, ...]
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -236,3 +256,4 @@ class SceneFile:
     output: OutputEntry
     floor: tuple[ShapeEntry, ...] = ()
     controllers: tuple[ControllerEntry, ...] = ()
+    states: tuple[StatesEntry, ...] = ()

@@ -204,8 +204,11 @@ def sweep_results(path: Path, samples: ResultTable, quantities: Sequence[tuple[s
         raise RecordError(f"the sweep's file {path} cannot be read or written: {reason}") from reason
 
 
-def simulated(built: Built, scene: SceneFile, *, progress: bool = False) -> Any:
-    """The trajectory of a machine by the settings of its file; raises as ``System.simulate``."""
+def simulated(built: Built, scene: SceneFile, *, progress: bool = False, stream: Path | None = None) -> Any:
+    """The trajectory of a machine by the settings of its file; raises as ``System.simulate``.
+
+    ``stream``: a file that it goes to while the machine runs.
+    """
     settings = scene.run
     return built.system.simulate(
         settings.t_end,
@@ -217,6 +220,7 @@ def simulated(built: Built, scene: SceneFile, *, progress: bool = False) -> Any:
         max_step=settings.max_step,
         max_steps=settings.max_steps,
         max_seconds=settings.max_seconds,
+        stream=stream,
     )
 
 

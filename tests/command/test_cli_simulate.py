@@ -110,6 +110,25 @@ def test_a_pendulum(folder, capsys):
     np.testing.assert_array_equal(other.values, table.values)
 
 
+def test_a_stream_has_the_tables_again(folder, capsys):
+    """Of a trajectory kept while the machine ran, also where the file was cut off, and not of another machine's."""
+    (folder / "p.toml").write_text(PENDULUM)
+    assert main(["simulate", "p.toml", "--stream", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["files"][-1] == "p_results/run.h5"
+    whole = read_table(folder / "p_results/results.csv")
+    assert main(["simulate", "p.toml", "-o", "again", "--from", "p_results/run.h5"]) == 0
+    again = read_table(folder / "again/results.csv")
+    assert again.names == whole.names
+    np.testing.assert_array_equal(again.values, whole.values)
+    capsys.readouterr()
+    assert main(["simulate", "p.toml", "--stream", "-o", "again"]) == 2
+    assert "exists; give --force" in capsys.readouterr().err
+    assert main(["simulate", "p.toml", "--set", "body.bob.mass=3", "-o", "other", "--from", "p_results/run.h5"]) == 2
+    assert "another" in capsys.readouterr().err
+    assert main(["simulate", "p.toml", "-o", "none", "--from", "nothing.h5"]) == 2
+    assert "nothing.h5" in capsys.readouterr().err
+
+
 def test_what_plastic_springs_remember_stands_in_the_table(folder, capsys):
     curve = "deformation = [0, 0.1, 0.4]\nforce = [0, 4, 6]\n"
     forces = f"""\

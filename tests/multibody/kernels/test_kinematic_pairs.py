@@ -1,5 +1,7 @@
 """Joints of one kinematic pair that the package does not have, against the same joint made of several steps.
 
+Joints of steps alone, which put massless links between their bodies, against inverse dynamics.
+
 Each is what a user would write: one file, a pair and a joint that names it.  The coordinates are those of the steps, so
 that all of the machine's numbers must be the same: kinematics, dynamics both ways, tangent, momenta, loops, output and
 the runs of every integrator.
@@ -8,6 +10,7 @@ the runs of every integrator.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 from typing import ClassVar
 
 import numpy as np
@@ -168,6 +171,60 @@ def test_a_linearised_machine_is_that_of_the_steps(name):
         lin = scene.linearize(about=scene.equilibrium())
         found.append([lin.M, lin.C, lin.K])
     assert_same(found[0], found[1], 1e-7)
+
+
+SINGLE = {
+    **dict(zip(("slide x", "slide y", "slide z"), SLIDES, strict=True)),
+    "turn x": Step(REVOLUTE, "x"),
+    "turn z": Step(REVOLUTE),
+    "screw y": Step(screw(0.3), "y"),
+    "ball": Step(SPHERICAL),
+}
+TURNS = {"turn x", "turn z", "ball"}
+CHAINS = [
+    *(pair for pair in permutations(SINGLE, 2) if not ("ball" in pair and TURNS.issuperset(pair))),
+    ("slide x", "slide y", "ball"),
+    ("ball", "slide x", "slide y"),
+    ("slide x", "turn x", "slide z"),
+    ("turn z", "slide x", "turn x"),
+    ("slide x", "slide y", "slide z", "ball"),
+]
+NEAR_AND_FAR = [0.0, *(s * 10.0**e for e in (-300, -30, -17, -16, -15, -13, -10, -6, -3, 0, 3) for s in (1, -1))]
+
+
+def unbalanced(compiled, x, v, work):
+    """What inverse dynamics finds wanting at forward dynamics' accelerations, as a share of the terms' sum by row."""
+    plan, nv = compiled.plan, compiled.nv
+    a, none = np.zeros(nv), np.zeros(0)
+    forward_dynamics(plan, work, new_articulated_work(plan), x, v, a, none)
+    at_rest, left, terms = np.zeros((3, nv))
+    residual(plan, work, x, v, np.zeros(nv), none, at_rest)
+    residual(plan, work, x, v, a, none, left)
+    column = np.zeros(nv)
+    for k, unit in enumerate(np.eye(nv)):
+        residual(plan, work, x, v, unit, none, column)
+        terms += np.abs(column - at_rest) * abs(a[k])
+    return np.abs(left) / (terms + np.abs(at_rest))
+
+
+@pytest.mark.parametrize("names", CHAINS, ids=" ".join)
+def test_accelerations_keep_their_digits_wherever_the_steps_stand(names):
+    """Coordinates from 1e-300 to 1e3, all at once and one at a time: what is left over is round-off."""
+    scene, _, joints = machine([SINGLE[name] for name in names], loop=False)
+    compiled = scene.compile().scene
+    x0, v, work = somewhere(compiled, 1)
+    adding = []
+    for joint in joints:
+        first = compiled.index.joints[joint].x.start
+        for step in joint.joint.steps:
+            adding += range(first, first + len(step.pair.columns))
+            first += len(step.pair.start)
+    for size in NEAR_AND_FAR:
+        for moved in (adding, *([k] for k in adding)):
+            x = x0.copy()
+            x[adding] = 0.0
+            x[moved] = size
+            assert unbalanced(compiled, x, v, work).max() < 1e-11, (size, moved)
 
 
 @pytest.mark.parametrize(

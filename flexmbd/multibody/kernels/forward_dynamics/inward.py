@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, rotate, rotate_back, scale3, sub3
 from flexmbd.multibody.kernels.algebra.spatial import (
     add6,
     add9,
@@ -34,6 +34,7 @@ from flexmbd.multibody.kernels.forward_dynamics.hinge import eliminate_hinge
 from flexmbd.multibody.kernels.forward_dynamics.multi_dof_joints import (
     eliminate_joint_forces,
     eliminate_multi_dof_joint,
+    size_before_joint,
 )
 from flexmbd.multibody.kernels.physics.joint_elimination import eliminate_force, eliminate_inertia, screw_column
 
@@ -148,9 +149,9 @@ def _eliminate_joint(plan, aw, i, a, b, m, torque, force):
         a, b, m, torque, force = _condense_modes(plan, aw, i, a, b, m, torque, force)
     r = row3(aw.pose, i, to.P_P)
     if link[i, to.INTERFACE] >= 0:
-        mass = m[0] + m[3] + m[5]
-        aw.interface[link[i, to.INTERFACE], to.I_SCALE] = a[0] + a[3] + a[5] + mass * dot3(r, r)
-        aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = mass
+        angular_size, linear_size = size_before_joint(aw, i, a, m)
+        aw.interface[link[i, to.INTERFACE], to.I_SCALE] = angular_size
+        aw.interface[link[i, to.INTERFACE], to.I_SCALE + 1] = linear_size
     if link[i, to.FORM] == to.MULTI_DOF:
         a, b, m, torque, force = eliminate_multi_dof_joint(aw, link[i], a, b, m, torque, force)
     elif link[i, to.FREEDOMS] > 0:

@@ -1,9 +1,11 @@
-"""Joints of several coordinates in the articulated-body recursion: motion subspaces, and elimination one by one."""
+"""Joints of several coordinates or steps in the articulated-body recursion: motion subspaces, and elimination."""
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, rotate_back, scale3, store3
-from flexmbd.multibody.kernels.algebra.spatial import load6, store6
+import math
+
+from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, rotate_back, scale3, store3
+from flexmbd.multibody.kernels.algebra.spatial import load6, row3, row6, store6
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.physics.joint_elimination import (
@@ -112,4 +114,29 @@ def accelerate_multi_dof_joint(aw, link, angular, linear, out):
         t = _accelerate(aw, link, k, angular, linear, out)
         angular = add3(angular, scale3(t, (s[0], s[1], s[2])))
         linear = add3(linear, scale3(t, (s[3], s[4], s[5])))
+    return angular, linear
+
+
+@kernel
+def size_before_joint(aw, i, a, m):
+    """Sizes (kg m^2, kg) of rotation and translation of all that body i's joint carries, before it is eliminated.
+
+    Round-off is a share of them.  (a, m): of the articulated inertia about G, this step not yet eliminated.  Inner
+    links of a joint of several steps have no mass: what the steps after them took away, U D^-1 U^T each, is added
+    again, for what is left there may be nothing but its round-off.  About the inner side's origin.
+    """
+    link, far = aw.link, math.sqrt(dot3(row3(aw.pose, i, to.P_P), row3(aw.pose, i, to.P_P)))
+    linear = m[0] + m[3] + m[5]
+    angular = a[0] + a[3] + a[5] + far * far * linear
+    while link[i, to.FLEX] < 0 and aw.constant[i, to.C_MASS] == 0.0:
+        i += 1
+        r = row3(aw.constant, i, to.C_P) if link[i, to.FORM] == to.PLAIN else row3(aw.pose, i, to.P_P)
+        far += math.sqrt(dot3(r, r))
+        for k in range(link[i, to.FREEDOMS]):
+            u, over = row6(aw.row, i, to.R_U), aw.row[i, to.R_D]
+            if link[i, to.FORM] == to.MULTI_DOF:
+                u, over = load6(aw.subspace[link[i, to.SUBSPACE], 1, k], 0), aw.force[link[i, to.SUBSPACE], OVER, k]
+            taken = over * (u[3] * u[3] + u[4] * u[4] + u[5] * u[5])
+            linear += taken
+            angular += over * (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]) + far * far * taken
     return angular, linear
