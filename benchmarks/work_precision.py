@@ -41,7 +41,8 @@ from scenes import METHODS, Method, Scene
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
-from flexmbd.run.stepping import Integration, new_snapshot
+from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepping import Integration
 
 HERE = Path(__file__).resolve().parent
 PEER = importlib.util.find_spec("exudyn") is not None

@@ -34,7 +34,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.agreement import refuse_different, refuse_different_arguments
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.forces import refuse_misplaced_elements
+from flexmbd.multibody.plan.misplaced_elements import refuse_misplaced_elements
 from flexmbd.multibody.plan.variation import vary
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.start.consistent_start import Start, consistent_start
@@ -52,7 +52,8 @@ from flexmbd.run.run_on_root import run_on_root
 from flexmbd.run.sampling import code_of
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import prepared_trajectory, run
-from flexmbd.run.stepping import evaluate_inputs, new_snapshot
+from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]

@@ -24,7 +24,7 @@ from flexmbd.errors import InterfaceError, RecordError
 from flexmbd.files.tree_file import Tree, read_tree, write_tree
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
-from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group, group_faults
+from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
@@ -37,10 +37,8 @@ from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.pictured import PicturedRecord
+from flexmbd.record.record_faults import record_faults
 from flexmbd.record.summary import summary
-
-# Of the mass matrix in its own scales: files of other programs have eight digits.
-_ROUND_OFF = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +108,7 @@ class ReducedBody(PicturedRecord):
             value = getattr(self, group)
             if value is not None:
                 object.__setattr__(self, group, frozen_group(value))
-        faults = list(self._faults())
+        faults = list(record_faults(self))
         if faults:
             raise RecordError("this reduced body is not consistent: " + "; ".join(faults))
 
@@ -126,74 +124,6 @@ class ReducedBody(PicturedRecord):
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         values["provenance"] = dict(self.provenance)
         return type(self), tuple(values.values())
-
-    def _faults(self) -> Iterable[str]:
-        n = self.n_modes
-        shapes = {
-            "gram": (4 + 3 * n, 4 + 3 * n),
-            "stiffness": (n,),
-            "damping": (n, n),
-            "partition": (n, n),
-            "p_MB_M": (3,),
-            "R_MB": (3, 3),
-        }
-        for item, shape in shapes.items():
-            array = getattr(self, item)
-            if array.shape != shape:
-                yield f"{item} has shape {array.shape}, expected {shape}"
-            elif not np.isfinite(array).all():
-                yield f"{item} holds values that are not finite"
-            elif item == "gram":
-                yield from self._mass_faults()
-        if not (self.stiffness > 0.0).all() and np.isfinite(self.stiffness).all():
-            yield f"stiffness is not positive: {self.stiffness.min():.3e} 1/s^2 is its least value"
-        if len(self.partition_names) != n:
-            yield f"{len(self.partition_names)} partition names for {n} modes"
-        for frame in self.interfaces:
-            for item, shape in (("p_BI_B", (3,)), ("R_BI", (3, 3)), ("modes", (6, n))):
-                array = getattr(frame, item)
-                if array.shape != shape:
-                    yield f"interface {frame.name!r} has {item} {array.shape}, expected {shape}"
-                elif not np.isfinite(array).all():
-                    yield f"interface {frame.name!r}: {item} holds values that are not finite"
-        names = [frame.name for frame in self.interfaces]
-        if len(set(names)) != len(names):
-            yield f"two interfaces share a name: {names}"
-        if self.frame is not None and self.frame not in names:
-            yield f"the body frame's interface {self.frame!r} is not among {names}"
-        for attribute in GROUPS:
-            group = getattr(self, attribute)
-            if group is not None:
-                yield from group_faults(group, n=n)
-        yield from self._nonlinear_faults()
-
-    def _nonlinear_faults(self) -> Iterable[str]:
-        nonlinear = self.nonlinear
-        if nonlinear is None:
-            return
-        twice = [name for name in ("geometric", "stretch") if getattr(self, name) is not None]
-        if twice:
-            yield f"it has {' and '.join(twice)} beside nonlinear, which holds that stiffness already"
-        if self.stress is not None:
-            yield "it has stress modes, which are of small displacements, beside nonlinear"
-        if len(nonlinear.face_strain) != len(self.interfaces):
-            yield f"nonlinear has {len(nonlinear.face_strain)} faces for {len(self.interfaces)} interfaces"
-        if nonlinear.energy.size == 1 and not nonlinear.energy[0] >= 0.0:
-            yield f"nonlinear has an energy of {nonlinear.energy[0]} J"
-
-    def _mass_faults(self) -> Iterable[str]:
-        """What makes the Gram matrix no mass integrals of a body: kinetic energies below zero."""
-        if not self.mass > 0.0:
-            yield f"the mass is {self.mass} kg"
-            return
-        m = self.mass_matrix()
-        sizes = np.sqrt(np.abs(np.diag(m)))
-        sizes[sizes == 0.0] = 1.0
-        scaled = m / sizes / sizes[:, None]
-        if not np.isfinite(scaled).all():
-            yield "gram holds numbers beyond all bounds"
-        elif (least := float(np.linalg.eigvalsh(scaled)[0])) < -_ROUND_OFF:
-            yield f"the mass matrix is indefinite, {least:.1e} in its scale: some motions have negative kinetic energy"
 
     @property
     def n_modes(self) -> int:

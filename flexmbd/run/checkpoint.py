@@ -19,7 +19,7 @@ from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.kernels.base.array_struct import names_of
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.run.sampling import SamplingMemory
-from flexmbd.run.stepping import Snapshot, new_groups
+from flexmbd.run.snapshot import Snapshot, new_groups
 
 _VERSION = 8
 # Arrays of whole numbers; arrays (ne, 2).

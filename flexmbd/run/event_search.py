@@ -14,7 +14,8 @@ from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series,
 from flexmbd.multibody.start.consistent_start import match_motion
 from flexmbd.multibody.team import Team
 from flexmbd.run.event import Event, Moment, Occurrence
-from flexmbd.run.stepping import Integration, Snapshot, evaluate_inputs
+from flexmbd.run.snapshot import Snapshot
+from flexmbd.run.stepping import Integration, evaluate_inputs
 
 FloatArray = NDArray[np.float64]
 

@@ -26,12 +26,13 @@ from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.forces import misplaced_elements, placed_elements
+from flexmbd.multibody.plan.misplaced_elements import misplaced_elements, placed_elements
 from flexmbd.multibody.start.consistent_start import Start, is_dense_tree
 from flexmbd.multibody.start.energy_check import gives_energies
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.settings import RunSettings
-from flexmbd.run.stepping import evaluate_inputs, first_step, new_snapshot
+from flexmbd.run.snapshot import first_step, new_snapshot
+from flexmbd.run.stepping import evaluate_inputs
 
 FloatArray = NDArray[np.float64]
 

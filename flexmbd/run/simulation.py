@@ -15,24 +15,18 @@ from flexmbd.errors import FlexmbdError, RecordError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
-from flexmbd.multibody.joint.enforcement import AugmentedLagrangian
-from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
-from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.multibody.kernels.sampling.series import largest_residuals
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.scene_matrices import row_sizes
 from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.results.stretch_watch import StretchWatch
 from flexmbd.multibody.start.consistent_start import Start
-from flexmbd.multibody.start.loop_closing import CLOSED
-from flexmbd.multibody.start.redundancy import forbidden_drives
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.controller import Controller
 from flexmbd.run.creep_watch import CreepWatch
 from flexmbd.run.event import Occurrence
 from flexmbd.run.event_search import EventSearch
+from flexmbd.run.failures import interrupted, refuse_broken_off, refuse_stopped
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
@@ -42,14 +36,14 @@ from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
 from flexmbd.run.stats import spent
-from flexmbd.run.stepping import Integration, Snapshot
-from flexmbd.run.stopped import SimulationError, SimulationInterrupted
+from flexmbd.run.snapshot import Snapshot
+from flexmbd.run.stepping import Integration
+from flexmbd.run.stopped import SimulationError, rows_before
+from flexmbd.run.torn_loops import largest_gaps, refuse_torn_loops
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-_TORN = 10.0 * CLOSED  # of a row's size: more than what meshes leave open of overconstrained loops, however these turn
 
 
 def run(
@@ -149,11 +143,11 @@ def _run(
             recordings=() if recorder is None else recorder.recordings,
         )
     error = error or (KeyboardInterrupt() if early.seen or late.seen else None)
-    _refuse_torn_loops(start, trajectory)
+    refuse_torn_loops(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
-    _refuse_broken_off(error, trajectory)
+    refuse_broken_off(error, trajectory)
     budget.refuse_spent(trajectory)
-    _refuse_stopped(start.scene, integration, code, trajectory)
+    refuse_stopped(start.scene, integration, code, trajectory)
     return trajectory
 
 
@@ -226,61 +220,11 @@ def _advance(
             recorder.write()
 
 
-def _refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
-    """Raise what a stepper's code stands for, if it did not reach its end."""
-    if code == st.CALLBACK_FAILED or scene.callbacks.error is not None:
-        raise _callback_failure(scene, integration.work, trajectory)
-    if code == st.INTERIOR_FAILED and scene.interiors is not None:
-        failure = scene.interiors.failure[-1]
-        raise SimulationError(
-            f"{failure}; what was computed up to t = {integration.t:.6g} s is in the error's trajectory", trajectory
-        ) from failure
-    if code not in (st.OUTPUT, st.DONE):
-        raise SimulationError(_failure(scene, integration.state, code), trajectory)
-
-
-def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) -> BaseException:
-    """The error of a user's function, with the time and what was computed."""
-    message, error = scene.failure(work) or ("a user's function failed", SceneError("on another rank"))
-    if isinstance(error, KeyboardInterrupt):
-        return _interrupted(trajectory)
-    if not isinstance(error, Exception):
-        return error
-    failure = SimulationError(message, trajectory)
-    failure.__cause__ = error
-    return failure
-
-
-def _refuse_broken_off(error: FlexmbdError | KeyboardInterrupt | None, trajectory: Trajectory) -> None:
-    """Raise what an event's function or action, or Ctrl-C, raised between steps."""
-    if isinstance(error, KeyboardInterrupt):
-        raise _interrupted(trajectory) from error
-    if error is not None:
-        raise SimulationError(str(error), trajectory) from error
-
-
-def _interrupted(trajectory: Trajectory) -> SimulationInterrupted:
-    return SimulationInterrupted(
-        f"interrupted at t = {trajectory.t[-1]:.6g} s; what was computed up to then is in the exception's trajectory",
-        trajectory,
-    )
-
-
 def _refuse_flat(watch: StretchWatch, integration: Integration, trajectory: Trajectory) -> None:
     """Raise where a pseudo-rigid body was pressed flat, with the rows before."""
     if not watch.sees_nothing(integration.stored) and watch.fault is not None:
         row, what = watch.fault
-        raise SimulationError(what, _until(trajectory, row))
-
-
-def _until(trajectory: Trajectory, row: int) -> Trajectory:
-    """The trajectory's rows before ``row``."""
-    t = trajectory.t[:row]
-    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "row_multipliers", "interior_rows")}
-    kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
-    events = tuple(e for e in trajectory.events if e.row < row)
-    departures = tuple(d for d in trajectory.departures if d.row < row)
-    return replace(trajectory, t=t, events=events, checkpoints=kept, departures=departures, **parts)
+        raise SimulationError(what, rows_before(trajectory, row))
 
 
 def _finish(
@@ -297,7 +241,7 @@ def _finish(
         spent(integration.method.name, integration.state.counts, seconds=times[0], compile_seconds=times[1]),
         start_moved=start.moved,
         start_residual=start.residual,
-        constraint_residual=float(_largest_residuals(start.unreduced, t, x).max(initial=0.0)),
+        constraint_residual=float(largest_gaps(start.unreduced, t, x).max(initial=0.0)),
         start_elastic=start.strain.energy,
     )
     scene = start.unreduced
@@ -323,116 +267,8 @@ def prepared_trajectory(
     t, x, v, a = (part.copy() for part in (rows.t, rows.x, rows.v, rows.a))
     trajectory = Trajectory(scene, t, x, v, a, np.zeros((len(t), 0)), stats, bodies, team)
     if rows.interrupt is not None:
-        raise _interrupted(trajectory) from rows.interrupt
+        raise interrupted(trajectory) from rows.interrupt
     return trajectory
-
-
-def _largest_residuals(full: CompiledScene, t: FloatArray, x: FloatArray) -> FloatArray:
-    """(rows,) m or rad: the largest residual of each row, those left out as redundant included."""
-    residuals = np.zeros(len(full.plan.rows))
-    if len(residuals):
-        scratch = np.zeros((3, len(residuals)))
-        largest_residuals(full.plan, new_work(full.plan), t, x, np.zeros(full.nv), scratch, residuals)
-    return residuals
-
-
-def _refuse_torn_loops(start: Start, trajectory: Trajectory) -> None:
-    """Raise where rows that were left out as redundant have opened, with the rows of the trajectory before.
-
-    Nothing that is free could move them at the start: a prescribed motion has torn them open, or the start was a
-    singular position in which they say nothing new, and only there.  What depends on the kept rows is as open as these
-    are, which the tolerance says.
-    """
-    full, t, x = start.unreduced, trajectory.t, trajectory.x
-    sizes = row_sizes(full)
-    if not start.scene.redundant or trajectory.stats.constraint_residual <= _TORN * sizes.min():
-        return
-    kept = start.choice.rows
-    for k in range(len(t)):
-        gaps = _largest_residuals(full, t[k : k + 1], x[k : k + 1])
-        allowed = max(_TORN, float(np.sum(gaps[kept] / sizes[kept])))
-        left_out = gaps.copy()
-        left_out[kept] = 0.0
-        torn = int(np.argmax(left_out / sizes))
-        if left_out[torn] > allowed * sizes[torn]:
-            break
-    else:
-        return
-    work = new_work(full.plan)
-    evaluate_times(full.plan, t[0], work.time)
-    drives = forbidden_drives(full, work, x[0])
-    opened = f"{full.row_names[torn]} by {gaps[torn]:.3e} (m or rad)"
-    if drives:
-        why = (
-            f"the loops forbid the prescribed motion of {', '.join(map(repr, drives))}: at t = {t[k]:.6g} s it has "
-            f"torn them open, {opened}; leave out the motion, or a joint that holds what it moves"
-        )
-    else:
-        why = (
-            f"the loops were left at t = {t[k]:.6g} s, {opened}: the start is a singular position, in which rows say "
-            "nothing new that hold the machine beside it; start elsewhere, or leave out a joint that locks the others"
-        )
-    raise SimulationError(f"{why}; what was computed before is in the error's trajectory", _until(trajectory, k))
-
-
-_NAMED = 4  # joints that a message names
-
-#: Causes of a step's failure, and the remedies.
-_CAUSES = {
-    st.NOT_CONVERGED: (
-        "left equations that Newton's iteration does not solve",
-        "look for a force that changes abruptly with position or velocity, or a position that the machine cannot leave",
-    ),
-    st.RANK_LOST: (
-        "met constraints that are independent no longer, or a singular matrix",
-        "look for a singular position: bodies in one line or one plane, a joint turned to its limit",
-    ),
-    st.LOOPS_OPEN: (
-        "led to loops that do not close",
-        "look for the end of the mechanism's reach: a dead point that its motion or its loads drive it beyond",
-    ),
-    st.NOT_FINITE: (
-        "led to no finite state",
-        "look for a force without bound, or a body without mass in a direction in which it is pushed",
-    ),
-    st.INACCURATE: (
-        "left an error above rtol",
-        "look for a jump: of a force with time (declare it: breaks=), or with position or velocity (smooth it, or set "
-        "the velocities by an event); or for a force that grows without bound",
-    ),
-}
-
-
-def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
-    """Where, when and on what a simulation stopped."""
-    t, h = state.numbers[st.TIME], state.numbers[st.STEP]
-    if code == st.NOT_ENFORCED:
-        return _left_open(scene, t)
-    worst = scene.velocity_names[int(state.counts[st.WORST])] if scene.nv else "nothing"
-    why, remedy = _CAUSES[code]
-    if state.counts[st.FIXED_STEP] == 1:
-        why = f"the fixed step {h:.2e} s {why}"
-        remedy = f"take a smaller h, or give rtol instead of h; else {remedy}"
-    else:
-        why = f"a step as short as {h:.2e} s still {why}"
-    return (
-        f"the simulation stopped at t = {t:.6g} s: {why}; the worst coordinate was {worst!r}; "
-        f"{remedy}; what was computed up to then is in the error's trajectory"
-    )
-
-
-def _left_open(scene: CompiledScene, t: float) -> str:
-    """That repeated solutions did not close the joints that augmented Lagrangians hold, the softest first."""
-    held = [(c.enforce, c.name) for c in scene.topology.closures if isinstance(c.enforce, AugmentedLagrangian)]
-    held.sort(key=lambda one: one[0].stiffness)
-    named = ", ".join(f"{name!r} (stiffness {enforce.stiffness:.4g} N/m)" for enforce, name in held[:_NAMED])
-    more = f" and {len(held) - _NAMED} more" if len(held) > _NAMED else ""
-    return (
-        f"the simulation stopped at t = {t:.6g} s: repeated solutions do not close what augmented Lagrangians hold, "
-        f"{named}{more}; they converge where the stiffness is above about mass / step^2: give a larger one, or take "
-        "enforce=fm.Multipliers() or integrator=fm.RadauIIA(), which need none; what was computed up to then is in the "
-        "error's trajectory"
-    )
 
 
 def _progress_bar(shown: bool, total: float) -> AbstractContextManager[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,12 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
-from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorRecord, InteriorSnapshot
+from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
-from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, stiffness_may_change
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
@@ -33,10 +32,10 @@ from flexmbd.run.controller import Controller
 from flexmbd.run.departure import Departure
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
-from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, SamplingMemory, with_own_signals
+from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, with_own_signals
+from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, kept_interiors
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # How much more firmly others must hold to be kept instead of rows that still do, and after a step that failed.
 _WORTH, _WORTH_AFTER_FAILURE = 4.0, 1.5
@@ -44,28 +43,6 @@ _WORTH, _WORTH_AFTER_FAILURE = 4.0, 1.5
 _POSSIBLY_DEPENDENT_ROWS = (
     st.NOT_CONVERGED, st.RANK_LOST, st.LOOPS_OPEN, st.NOT_FINITE, st.INACCURATE, st.NOT_ENFORCED,
 )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Snapshot:
-    """Copies of all that a method remembers, but for the factors of its iteration matrix.
-
-    Attributes:
-        state, groups: the copies.
-        memory: the method's own arrays (``controller.arrays_of``); none where it has not begun.
-        first_step: the step (s) that the integration began with.
-        rows: (m,) which of all constraint rows are kept.
-        interiors: what bodies with history remember.
-        sampling: what controllers remember.
-    """
-
-    state: st.State
-    groups: st.Groups
-    memory: Mapping[str, NDArray[Any]]
-    first_step: float
-    rows: IntArray
-    interiors: InteriorSnapshot = NO_INTERIORS
-    sampling: SamplingMemory = NO_SAMPLING
 
 
 class Integration:
@@ -99,7 +76,7 @@ class Integration:
         self.scene = scene
         self._rows = at.rows
         self.method = method
-        self.state, self.groups = _copy(at.state), _copy_groups(at.groups)
+        self.state, self.groups = copied_state(at.state), copied_groups(at.groups)
         self.work = new_work(scene.plan)
         self._team = team
         self._first_step = at.first_step
@@ -341,9 +318,9 @@ class Integration:
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
         memory = {name: part.copy() for name, part in arrays_of(self._stepper.memory).items()}
-        parts = _copy(self.state), _copy_groups(self.groups), memory, self._first_step, self._rows.copy()
+        parts = copied_state(self.state), copied_groups(self.groups), memory, self._first_step, self._rows.copy()
         sampling = NO_SAMPLING if self._sampling is None else self._sampling.snapshot()
-        return Snapshot(*parts, _kept(self.scene), sampling)
+        return Snapshot(*parts, kept_interiors(self.scene), sampling)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot of this integration."""
@@ -396,61 +373,3 @@ def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
     for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
         if not np.isfinite(values).all():
             raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")
-
-
-def new_snapshot(
-    start: Start, method: Integrator, *, t_start: float, t_end: float, rtol: float, h: float | None
-) -> Snapshot:
-    """The state at a consistent start: error control with ``rtol``, or fixed steps ``h`` (s)."""
-    scene = start.scene
-    number = np.zeros(st.N_NUMBER)
-    span = t_end - t_start
-    number[st.TIME], number[st.TIME_END] = t_start, t_end
-    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
-    number[st.STEP_CEILING] = 0.1 * span
-    number[st.STABLE_STEP] = np.inf
-    number[st.LEAST_RATE] = 1.0 / span
-    number[st.TOLERANCE] = rtol
-    number[st.LATEST] = np.inf
-    number[st.STEP] = h if h is not None else first_step(scene, number, start.v, start.a, method.order)
-    count = np.zeros(st.N_COUNT, np.int64)
-    count[st.FIXED_STEP] = h is not None
-    count[st.MOST_STORED] = MOST_ROWS
-    parts = (start.x.copy(), start.v.copy(), start.a.copy(), start.multipliers.copy())
-    number[[st.LASTING, st.LASTING_BEFORE, st.LASTING_AT_END, st.STEP_LASTING]] = float(_vibrates(scene))
-    groups = new_groups(scene)
-    rows = np.array(start.choice.rows, np.int64)
-    return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, _kept(scene))
-
-
-def new_groups(scene: CompiledScene) -> st.Groups:
-    """The scales of a scene's error, of which nothing has been met yet."""
-    sizes = np.zeros((3, len(scene.group_floor)))
-    elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
-    ne = len(scene.plan.elements) if _vibrates(scene) and stiffness_may_change(scene.plan) and not elastic else 0
-    softest = np.full((2, ne, 2), np.inf)
-    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
-
-
-def _vibrates(scene: CompiledScene) -> bool:
-    # joints of elastic bodies vibrate with these, which lasts whatever an element does
-    return len(scene.plan.flex) > 0 or scene.interiors is not None or can_vibrate(scene.plan)
-
-
-def first_step(scene: CompiledScene, numbers: FloatArray, v: FloatArray, a: FloatArray, order: int) -> float:
-    """A step (s) that the method's starting error does not show in: the rate is the machine's."""
-    free, least = scene.plan.free, float(numbers[st.LEAST_RATE])
-    rate = float(st.starting_rate(free, scene.group_of, scene.group_full, v, a, least))
-    return float(0.1 * float(numbers[st.TOLERANCE]) ** (1.0 / order) / rate)
-
-
-def _kept(scene: CompiledScene) -> InteriorSnapshot:
-    return NO_INTERIORS if scene.interiors is None else scene.interiors.snapshot(scene.plan)
-
-
-def _copy(state: st.State) -> st.State:
-    return state.replace(**{name: part.copy() for name, part in state.fields().items()})
-
-
-def _copy_groups(groups: st.Groups) -> st.Groups:
-    return groups.replace(**{name: part.copy() for name, part in groups.fields().items()})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flexmbd.errors import FlexmbdError
@@ -38,3 +39,13 @@ class SimulationError(FlexmbdError):
     def __reduce__(self) -> tuple[type[SimulationError], tuple[str, Trajectory]]:
         """For pickle, which does not know of the trajectory."""
         return type(self), (str(self), self.trajectory)
+
+
+def rows_before(trajectory: Trajectory, row: int) -> Trajectory:
+    """The trajectory's rows before ``row``."""
+    t = trajectory.t[:row]
+    parts = {name: getattr(trajectory, name)[:row] for name in ("x", "v", "a", "row_multipliers", "interior_rows")}
+    kept = tuple(c for c in trajectory.checkpoints if c.t <= t[-1])
+    events = tuple(e for e in trajectory.events if e.row < row)
+    departures = tuple(d for d in trajectory.departures if d.row < row)
+    return replace(trajectory, t=t, events=events, checkpoints=kept, departures=departures, **parts)

@@ -12,7 +12,8 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.step_history import carry_auxiliary
 from flexmbd.integrate.alpha.workspace import AlphaMemory
 from flexmbd.multibody.team import Alone
-from flexmbd.run.stepping import Integration, new_snapshot
+from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepping import Integration
 
 END = 0.48
 PATTERNS = {"1:2": (1.0, 2.0), "1:3:2": (1.0, 3.0, 2.0), "equal": (1.0,)}

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
-from flexmbd.run.stepping import Integration, new_snapshot
+from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepping import Integration
 
 END = 4.0
 INERTIA = 1.0 / 12.0 + 0.25  # of the rod about its hinge, kg m^2

@@ -14,7 +14,8 @@ from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.scene_matrices import mass_factor, scaled_jacobian
 from flexmbd.multibody.team import Alone
-from flexmbd.run.stepping import Integration, new_snapshot
+from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepping import Integration
 
 END = 0.2
 EXACT = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)

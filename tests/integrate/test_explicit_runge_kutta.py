@@ -15,7 +15,8 @@ from scipy.integrate import solve_ivp
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.multibody.team import Alone
-from flexmbd.run.stepping import Integration, new_snapshot
+from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepping import Integration
 
 PAIRS = list(fm.Pair)
 CONTROLLED = [pair for pair in PAIRS if pair.estimates_error]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,6 +25,7 @@ from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order,
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
+from flexmbd.multibody.plan.plan_digest import plan_digest
 from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
 from flexmbd.multibody.plan.row_slopes import RowSweeps, row_sweeps
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
@@ -177,25 +177,12 @@ class CompiledScene:
     def digest(self, *, functions: bool = True) -> str:
         """Tells compiled scenes of other numbers, other structure or other ``functions`` of the user apart.
 
-        Bodies with history sum up the masses of their frames over their ranks: with them the numbers of frames and
-        rigid bodies count to eight digits, so that a scene is the same on any number of ranks.
+        With bodies with history the numbers of frames and rigid bodies count to eight digits (``plan_digest``).
         """
         if self.unset is not None:
             return self.unset.digest(functions=functions)
-        plan = self.plan
-        if self.interiors is not None:
-            plan = plan.replace(rigid=_rounded(plan.rigid), frames=_rounded(plan.frames))
-        # addresses differ from process to process, wrenches from step to step
-        left_out = {"lapack", "flag", "times", "elements", "wrenches"}
-        digest = hashlib.sha256(plan.times[:, : at.TIME_ADDRESS].tobytes())
-        digest.update(plan.elements[:, : at.EL_ADDRESS].tobytes())
-        if functions:
-            digest.update(" ".join([*(row.code for row in self.time_rows), *self.callbacks.codes]).encode())
-        for name, part in plan.fields().items():
-            if name not in left_out:
-                digest.update(f"{name} {part.shape}".encode() + part.tobytes())
-        digest.update(self.declared_breaks().tobytes())
-        return digest.hexdigest()
+        codes = [*(row.code for row in self.time_rows), *self.callbacks.codes] if functions else None
+        return plan_digest(self.plan, codes, self.declared_breaks(), is_rounded=self.interiors is not None)
 
     @property
     def is_shared(self) -> bool:
@@ -283,15 +270,6 @@ def _compiled_anew(
         for row, part, known in zip(whole.time_rows, data, breaks, strict=True)
     )
     return replace(whole, plan=plan, index=replace(whole.index, substitutes=substitutes), time_rows=rows, **numbers)
-
-
-def _rounded(table: FloatArray) -> FloatArray:
-    """A table (n, m) rounded to some eight digits of the largest number in each column."""
-    largest = abs(table).max(axis=0, initial=0.0)
-    # a column of round-off alone has no digits, and what is nearly a power of two no edge
-    scale = 1.4 * np.maximum(largest, 1e-6 * largest.max(initial=0.0) + np.finfo(float).tiny)
-    grid = 1e-9 * 2.0 ** np.ceil(np.log2(scale))
-    return np.asarray(np.rint(table / grid) + 0.0)  # no minus zero
 
 
 def build(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,14 +21,13 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.user_functions import states_function
-from flexmbd.multibody.kernels.elements.element import CoordinateLaw, ElementKind
+from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
 from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
-from flexmbd.multibody.kernels.elements.table import ELEMENTS, kind_of
+from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
@@ -378,33 +377,6 @@ def _checked_law(function: Any, what: str, signature: Signature, arguments: str)
         kind = function.name if isinstance(function, Compiled) else type(function).__name__
         raise SceneError(f"{what}: {kind} must be made by flexmbd.compiled of a function of ({arguments})")
     return function
-
-
-def refuse_misplaced_elements(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
-    """Raise SceneError where a start (nx,) does not suit an element, as one beyond a stop."""
-    for row, complaint in misplaced_elements(plan, placed_elements(plan), x):
-        raise SceneError(f"{names[row[at.EL_NUMBER]]}: {complaint}")
-
-
-def placed_elements(plan: Plan) -> list[NDArray[np.int64]]:
-    """Rows of the elements that not every start suits."""
-    return [row for row in plan.elements if _misplaced(row) is not None]
-
-
-def misplaced_elements(
-    plan: Plan, placed: Iterable[NDArray[np.int64]], x: NDArray[np.float64]
-) -> Iterator[tuple[NDArray[np.int64], str]]:
-    """Those of the ``placed_elements`` that a start (nx,) does not suit, each with what is wrong."""
-    for row in placed:
-        misplaced = _misplaced(row)
-        complaint = misplaced(plan.data[row[at.EL_DATA] :], float(x[row[at.EL_X]])) if misplaced is not None else ""
-        if complaint:
-            yield row, complaint
-
-
-def _misplaced(row: NDArray[np.int64]) -> Callable[[NDArray[np.float64], float], str] | None:
-    element = ELEMENTS[row[at.EL_KIND]]
-    return element.misplaced if isinstance(element, CoordinateLaw) else None
 
 
 def assemble_forces(
