@@ -56,6 +56,7 @@ def test_threads(one_by_one, workers):
         refuse_difference(found, one_by_one)
 
 
+@pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 @pytest.mark.parametrize("kind", ["fork", "spawn", "thread"])
 def test_executors_of_the_standard_library(one_by_one, kind, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", HELPERS)
@@ -136,6 +137,7 @@ def test_an_interrupted_ensemble_ends_at_once_and_goes_on(one_by_one, tmp_path):
         refuse_difference(found, one_by_one)
 
 
+@pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 def test_a_worker_that_dies_is_told(tmp_path):
     machine, _ = double_pendulum()
     here = os.getpid()

@@ -79,6 +79,7 @@ def study(machine: fm.CompiledMachine, given: Any, outputs: Any, **options: Any)
     return found
 
 
+@pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 @pytest.mark.parametrize("how", ["fork", "thread", "one by one"])
 @pytest.mark.parametrize("case", [pendulum, elastic])
 def test_the_same_to_the_bit(case: Callable[[], Any], how: str, monkeypatch: pytest.MonkeyPatch) -> None:

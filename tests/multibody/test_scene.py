@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from machines import CRANK, ROD, pendulum, slider_crank, slider_position
@@ -31,7 +33,8 @@ def test_a_monotone_table_does_not_swing_over():
     for monotone in (False, True):
         scene, _, hinge = wheel()
         scene.add_force(fm.force.JointTorque(hinge, fm.Table(*points, monotone=monotone)))
-        run = scene.simulate(2.0, rtol=1e-8)
+        with nullcontext() if monotone else pytest.warns(fm.TableWarning, match="swings to"):
+            run = scene.simulate(2.0, rtol=1e-8)
         found[monotone] = run.drive(hinge), run.beta_rate(hinge)
         after = run.t >= 0.2
     drive, rate = found[True]

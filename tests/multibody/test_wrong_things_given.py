@@ -89,6 +89,7 @@ def test_checkpoints_without_number(tmp_path):
         scene.simulate(1.0, checkpoint_file=tmp_path / "a.h5", checkpoint_every=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.StepsWarning")
 @pytest.mark.parametrize(
     "text",
     ["gravity = [0, 0, -1e12]", '[[force]]\nkind = "joint_torque"\njoint = "hinge"\n'

@@ -205,6 +205,7 @@ class Careless(BlockLanczos):
         super().search_below(eigenvalue, number)
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")  # clusters seem to be others
 def test_a_mode_that_was_left_out_is_found(monkeypatch):
     model = cube("x_min", "x_max")
     exact = reduced(model)

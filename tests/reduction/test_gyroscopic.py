@@ -56,6 +56,7 @@ def whirl(spin, k):
     return np.sort(np.linalg.eigvals(first).imag)
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")  # pairs are kept whole
 @pytest.mark.mpi
 def test_the_record_has_the_rotors_momentum_and_a_skew_matrix():
     body = shaft(2000.0, comm=MPI.COMM_WORLD)

@@ -79,6 +79,7 @@ def test_modes_that_are_no_pair_are_as_many_as_asked_for():
     assert body.provenance["fixed-interface modes"] == "3"
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")  # the pair is kept whole
 @pytest.mark.parametrize("many", [{"below_hz": None}, {"tol": 0.05}])
 def test_a_pair_is_kept_whole_below_a_frequency_and_by_a_tolerance(many):
     """Of a beam whose pairs are a little apart, a bound in the middle of one."""

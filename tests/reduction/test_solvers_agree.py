@@ -79,6 +79,7 @@ CASES.append(("graded", SLOW))
 SOLVERS[SLOW] = {"solver": Solver.ITERATIVE, "eigensolver": KrylovSchur()}
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")  # clusters are kept whole
 @pytest.mark.parametrize(("part", "how"), CASES)
 def test_within_the_rounding_of_the_stiffness(part, how):
     model, values = exact(part)

@@ -196,6 +196,7 @@ BODIES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")  # of very many
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", BODIES)
 def test_tolerance_of_every_kind_of_body(name):

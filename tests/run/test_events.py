@@ -157,6 +157,7 @@ def test_passages_of_which_a_step_holds_many_are_all_found():
     np.testing.assert_allclose(ticks, 0.01 * np.arange(1, 100), atol=1e-13)
 
 
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.EventWarning")
 @pytest.mark.parametrize("begins_at_zero", [True, False])
 @pytest.mark.parametrize("passages", [1, 2, 3, 7, 40])
 def test_passages_within_the_first_step_are_all_found(passages, begins_at_zero):

@@ -33,7 +33,7 @@ def bar(depths, *, fine=1):
     return meshes.block(depths * SIDE, SIDE, SIDE, divisions=divisions, comm=MPI.COMM_SELF)
 
 
-def reduced(mesh, material, interfaces, *, modes=8, **how):
+def reduced(mesh, material, interfaces, *, modes=9, **how):
     model = ContinuumModel(mesh, solid_linear, material, degree=2, interfaces=interfaces)
     return craig_bampton(model, modes=modes, frame=interfaces[0].name, keep=Keep(stress=True), **how)
 
