@@ -50,7 +50,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     kept = parser.add_mutually_exclusive_group()
     kept.add_argument(
-        "--stream", action="store_true", help=f"keep the trajectory too, in DIR/{_STREAM}, written while the machine runs"
+        "--stream", action="store_true", help=f"the trajectory too, in DIR/{_STREAM}, written while the machine runs"
     )
     kept.add_argument(
         "--from",

@@ -35,15 +35,14 @@ from flexmbd.run.row_store import is_affordable
 from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
-from flexmbd.run.stats import spent
 from flexmbd.run.snapshot import Snapshot
+from flexmbd.run.stats import spent
 from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, rows_before
 from flexmbd.run.torn_loops import largest_gaps, refuse_torn_loops
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def run(

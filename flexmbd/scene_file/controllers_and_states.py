@@ -1,4 +1,4 @@
-"""Controllers and state equations of a scene file: functions in a Python file, what they follow, the signals they set."""
+"""Controllers and state equations of a scene file: functions in Python files, what they follow, signals they set."""
 
 from __future__ import annotations
 
@@ -92,5 +92,9 @@ def _measured(inner: TomlSection, names: Names) -> Measured | SignalName | Funct
     given = [key for key in _THINGS if inner.has(key)]
     if len(given) != 1:
         inner.fail("", "needs a 'joint', a 'frame' or a flexible 'body', or else a 'signal' or a 'law'")
-    read = {"joint": v.joint, "frame": v.frame, "body": v.flexible}[given[0]]
-    return Measured(read(inner, given[0], names), _QUANTITIES.index(quantity))
+    order = _QUANTITIES.index(quantity)
+    if given == ["joint"]:
+        return Measured(v.joint(inner, "joint", names), order)
+    if given == ["frame"]:
+        return Measured(v.frame(inner, "frame", names), order)
+    return Measured(v.flexible(inner, "body", names), order)

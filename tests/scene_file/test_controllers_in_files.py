@@ -140,9 +140,11 @@ def test_the_page_s_states_are_those_of_python(tmp_path):
 
 def test_states_follow_frames_laws_and_functions_of_time(tmp_path):
     """At rest a lag is what it follows: half of their sum is the thrust."""
-    text = examples()[1].replace('"laws.py:rates"', '"laws.py:sum_of"').replace("inputs =", 'outputs = "laws.py:half"\ninputs =')
-    followed = '{ frame = "cart", quantity = "position" }, { law = "laws.py:place" }, 2.0, { t = [0.0, 1.0], y = [3.0, 3.0] }'
-    path = written(tmp_path, re.sub(r"measurements = .*", f"measurements = [{followed}]", text))
+    text = examples()[1].replace('"laws.py:rates"', '"laws.py:sum_of"')
+    text = text.replace("inputs =", 'outputs = "laws.py:half"\ninputs =')
+    frames = '{ frame = "cart", quantity = "position" }, { law = "laws.py:place" }'
+    followed = f"measurements = [{frames}, 2.0, {{ t = [0.0, 1.0], y = [3.0, 3.0] }}]"
+    path = written(tmp_path, re.sub(r"measurements = .*", followed, text))
     with (tmp_path / "laws.py").open("a") as laws:
         laws.write("\n\ndef sum_of(t, z, u):\n    return (u.sum() - z) / 1e-3\n")
     built = build(read_scene(path))
@@ -155,7 +157,8 @@ def test_states_follow_frames_laws_and_functions_of_time(tmp_path):
 
 def test_a_linear_system_of_a_file_begins_at_rest(tmp_path):
     text = examples()[1].replace("laws.py:rates", "laws.py:lag").replace("initial = [0.0]\n", "")
-    path = written(tmp_path, re.sub(r"measurements = .*", 'measurements = [{ joint = "slide", quantity = "position" }]', text))
+    followed = 'measurements = [{ joint = "slide", quantity = "position" }]'
+    path = written(tmp_path, re.sub(r"measurements = .*", followed, text))
     built = build(read_scene(path))
     run = built.system.simulate(0.5, rtol=1e-8)
     assert run.states(built.states["motor"])[0] == 0.0
@@ -170,9 +173,9 @@ def test_a_linear_system_of_a_file_begins_at_rest(tmp_path):
         ("initial = [0.0]", "", "initial"),
         ("initial = [0.0]", "initial = [0.0, 1.0]", "2 states take as many names"),
         ('inputs = ["thrust"]', 'inputs = ["trust"]', "no load has the signal 'trust'; did you mean 'thrust'"),
-        ('quantity = "velocity"', 'quantity = "acceleration"', r"measurements\[1\].*states cannot follow accelerations"),
+        ('quantity = "velocity"', 'quantity = "acceleration"', r"measurements\[1\].*cannot follow accelerations"),
         ("laws.py:rates", "laws.py:rate", "no function 'rate'; did you mean 'rates'"),
-        ('{ joint = "slide", quantity = "velocity" }', '{ body = "cart", quantity = "velocity" }', "no flexible body 'cart'"),
+        ('{ joint = "slide", quantity = "v', '{ body = "cart", quantity = "v', "no flexible body 'cart'"),
         ('{ joint = "slide", quantity = "velocity" }', '{ quantity = "velocity" }', "needs a 'joint', a 'frame' or"),
         ('name = "motor"', 'name = "motor"\nrate = 3', "rate"),
     ],

@@ -13,6 +13,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.elements.element import CoordinateLaw
 from flexmbd.multibody.kernels.elements.table import ELEMENTS
 
+
 def refuse_misplaced_elements(names: Sequence[str], plan: Plan, x: NDArray[np.float64]) -> None:
     """Raise SceneError where a start (nx,) does not suit an element, as one beyond a stop."""
     for row, complaint in misplaced_elements(plan, placed_elements(plan), x):
