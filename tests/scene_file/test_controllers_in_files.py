@@ -138,21 +138,26 @@ def test_the_page_s_states_are_those_of_python(tmp_path):
     np.testing.assert_array_equal(table.column("motor.thrust"), same.states(motor)[:, 0])
 
 
-def test_states_follow_frames_laws_and_functions_of_time(tmp_path):
-    """At rest a lag is what it follows: half of their sum is the thrust."""
+@pytest.mark.parametrize(
+    ("followed", "sum_of"),
+    [
+        ('{ frame = "cart", quantity = "position" }, { law = "laws.py:place" }', lambda place: 2.0 * place),
+        ('{ joint = "slide", quantity = "position" }, 2.0, { t = [0.0, 1.0], y = [3.0, 3.0] }', lambda x: x + 5.0),
+        ('{ amplitude = 2.0, omega = 0.0, phase = 0.5 }, { signal = "none" }', lambda x: 2.0 * np.sin(0.5)),
+    ],
+)
+def test_what_states_follow(tmp_path, followed, sum_of):
+    """A lag that is short goes with what it follows; half of it is the thrust."""
     text = examples()[1].replace('"laws.py:rates"', '"laws.py:sum_of"')
     text = text.replace("inputs =", 'outputs = "laws.py:half"\ninputs =')
-    frames = '{ frame = "cart", quantity = "position" }, { law = "laws.py:place" }'
-    followed = f"measurements = [{frames}, 2.0, {{ t = [0.0, 1.0], y = [3.0, 3.0] }}]"
-    path = written(tmp_path, re.sub(r"measurements = .*", followed, text))
+    path = written(tmp_path, re.sub(r"measurements = .*", f"measurements = [{followed}]", text))
     with (tmp_path / "laws.py").open("a") as laws:
         laws.write("\n\ndef sum_of(t, z, u):\n    return (u.sum() - z) / 1e-3\n")
     built = build(read_scene(path))
-    slide = built.joints["slide"]
     run = built.system.simulate(0.05, rtol=1e-8)
-    place = run.beta(slide)[-1]
-    np.testing.assert_allclose(run.states(built.states["motor"])[-1], 2.0 * place + 5.0, rtol=2e-3)
-    np.testing.assert_allclose(run.acceleration(built.bodies["cart"].frame())[-1, 0], (place + 2.5) / 2.0, rtol=2e-3)
+    expected = sum_of(run.beta(built.joints["slide"])[-1])
+    assert run.states(built.states["motor"])[-1, 0] == pytest.approx(expected, rel=2e-3)
+    assert run.acceleration(built.bodies["cart"].frame())[-1, 0] == pytest.approx(expected / 4.0, rel=2e-3)
 
 
 def test_a_linear_system_of_a_file_begins_at_rest(tmp_path):
