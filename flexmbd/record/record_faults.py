@@ -13,7 +13,7 @@ from flexmbd.record.groups import GROUPS, FloatArray, InterfaceFrame, NonlinearS
 _ROUND_OFF = 1e-6
 
 
-class _Record(Protocol):
+class _RecordParts(Protocol):
     """What is looked at of a `ReducedBody` beside its arrays by name; its constructor asks."""
 
     @property
@@ -35,7 +35,7 @@ class _Record(Protocol):
     def mass_matrix(self) -> FloatArray: ...
 
 
-def record_faults(record: _Record) -> Iterator[str]:
+def record_faults(record: _RecordParts) -> Iterator[str]:
     """What does not fit together in a record, a line each."""
     n = record.n_modes
     shapes = {
@@ -77,7 +77,7 @@ def record_faults(record: _Record) -> Iterator[str]:
     yield from _nonlinear_faults(record)
 
 
-def _nonlinear_faults(record: _Record) -> Iterator[str]:
+def _nonlinear_faults(record: _RecordParts) -> Iterator[str]:
     nonlinear = record.nonlinear
     if nonlinear is None:
         return
@@ -92,7 +92,7 @@ def _nonlinear_faults(record: _Record) -> Iterator[str]:
         yield f"nonlinear has an energy of {nonlinear.energy[0]} J"
 
 
-def _mass_faults(record: _Record) -> Iterator[str]:
+def _mass_faults(record: _RecordParts) -> Iterator[str]:
     """What makes the Gram matrix no mass integrals of a body: kinetic energies below zero."""
     if not record.mass > 0.0:
         yield f"the mass is {record.mass} kg"
