@@ -80,8 +80,8 @@ class RangeWatch:
         del self._free[body]
         row, share = found
         warn(
-            f"flexible body {body.name!r} locks at t = {t[row]:.6g} s: shapes that it has not would, by estimate, relieve "
-            f"{share:.2g} of its strain energy, so that it is too stiff in this direction; name the loads that bend it "
+            f"flexible body {body.name!r} locks at t = {t[row]:.6g} s: shapes that it has not would, by estimate, "
+            f"relieve {share:.2g} of its strain energy, so that it is too stiff there; name the loads that bend it "
             "there in ModalDerivatives, and leave plane=True out",
             RangeWarning,
         )
