@@ -49,5 +49,8 @@ def read_arrays(path: str | Path, *, version: int) -> dict[str, NDArray[Any]]:
     except (ExportError, KeyError, ValueError, TypeError, AttributeError, OverflowError) as reason:
         raise RecordError(f"{path} is not a checkpoint that can be read: {reason}") from reason
     if found != version:
-        raise RecordError(f"{path}: a checkpoint of version {found}, not {version}")
+        raise RecordError(
+            f"{path} was written by another version of flexmbd (format {found}, this one reads {version}): go on with "
+            "that version, or start anew"
+        )
     return arrays

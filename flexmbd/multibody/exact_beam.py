@@ -165,6 +165,7 @@ class ExactBeam:
 
     def forces(self) -> list[BeamElement]:
         """The elements between the sections."""
+        extent = float(np.linalg.norm(self.mesh.x - self.mesh.x[0], axis=1).max())
         return [
             BeamElement(
                 self._at(one.start, one.R_start),
@@ -172,6 +173,7 @@ class ExactBeam:
                 one.stiffness,
                 one.rest,
                 self._viscosity(self.mesh.groups[one.group]) * one.stiffness,
+                extent=extent,
             )
             for one in self.elements
         ]

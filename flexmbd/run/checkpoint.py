@@ -100,13 +100,12 @@ class Checkpoint:
         """Read a checkpoint.
 
         Raises:
-            RecordError: no such file, or none of ours.
+            RecordError: no such file, none of ours, or written by a version of flexmbd that remembers other things.
         """
         file = read_arrays(path, version=_VERSION)
+        _refuse_other_layout(path, file)
         try:
             state = st.State(*(_part(file, f"state.{name}", 1) for name in names_of(st.State)))
-            if (len(state.numbers), len(state.counts)) != (st.N_NUMBER, st.N_COUNT):
-                raise ValueError(f"{len(state.numbers)} numbers and {len(state.counts)} counts")
             groups = st.Groups(
                 *(_part(file, f"groups.{name}", 2 if name in _BY_ELEMENT else 1) for name in names_of(st.Groups))
             )
@@ -120,6 +119,21 @@ class Checkpoint:
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as reason:
             raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason
+
+
+def _refuse_other_layout(path: str | Path, file: Mapping[str, NDArray[Any]]) -> None:
+    """Raise RecordError where a file has other parts of the state than this version remembers."""
+    known = {f"state.{name}" for name in names_of(st.State)} | {f"groups.{name}" for name in names_of(st.Groups)}
+    found = {name for name in file if name.startswith(("state.", "groups."))}
+    if not found:
+        return  # none of a machine
+    sizes = {"state.numbers": (st.N_NUMBER,), "state.counts": (st.N_COUNT,)}
+    other = sorted(found ^ known) or [name for name, size in sizes.items() if file[name].shape != size]
+    if other:
+        raise RecordError(
+            f"{path} was written by another version of flexmbd: {', '.join(other)} of the state is not as this one has "
+            "it; go on with that version, or start anew"
+        )
 
 
 def _part(file: Mapping[str, NDArray[Any]], name: str, dimensions: int) -> NDArray[Any]:

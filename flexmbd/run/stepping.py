@@ -339,10 +339,17 @@ class Integration:
 
     def _refuse_other_memory(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Raise RecordError where a checkpoint's arrays are not those that the method has; none: it has not begun."""
+        if not memory:
+            return
         own = arrays_of(self._stepper.memory)
-        for name in memory.keys() | own.keys() if memory else ():
-            here, there = own.get(name), memory.get(name)
-            if here is None or there is None or (here.shape, here.dtype) != (there.shape, there.dtype):
+        if other := sorted(memory.keys() ^ own.keys()):
+            raise RecordError(
+                f"the checkpoint was written by another version of flexmbd, whose {self.method.name} remembers other "
+                f"things ({', '.join(other)}); go on with that version, or start anew"
+            )
+        for name, here in own.items():
+            there = memory[name]
+            if (here.shape, here.dtype) != (there.shape, there.dtype):
                 raise RecordError(f"the checkpoint is damaged: {name!r} of {self.method.name} is not as it should be")
 
     def _recall(self, memory: Mapping[str, NDArray[Any]]) -> None:

@@ -81,6 +81,36 @@ def test_a_checkpoint_belongs_to_its_scene_and_method(tmp_path):
         fm.Checkpoint.load(tmp_path / "other.npz")
 
 
+def changed(path, target, change):
+    """A copy of a checkpoint's file with other arrays."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    change(arrays)
+    np.savez(target, **arrays)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (lambda file: file.update(version=7), r"format 7, this one reads \d+"),
+        (lambda file: file.pop("groups.softest"), r"groups\.softest of the state"),
+        (lambda file: file.update({"state.angle": np.zeros(3)}), r"state\.angle of the state"),
+        (lambda file: file.update({"state.counts": file["state.counts"][:-1]}), r"state\.counts of the state"),
+        (lambda file: file.pop("method.noise.count"), r"remembers other things \(noise\.count\)"),
+        (lambda file: file.update({"method.trend": np.zeros(1)}), r"remembers other things \(trend\)"),
+    ],
+)
+def test_what_other_versions_wrote_is_refused_as_such(change, what, tmp_path):
+    scene, _ = tree()
+    how = {"integrator": fm.ExplicitRungeKutta(), "rtol": 1e-6}
+    kept = scene.simulate(1.0, checkpoints=[0.5], **how).checkpoints[0].save(tmp_path / "kept.npz")
+    other = changed(kept, tmp_path / "other.npz", change)
+    with pytest.raises(RecordError, match=rf"written by another version of flexmbd.*{what}.*start anew"):
+        scene.simulate(1.0, restart=fm.Checkpoint.load(other), **how)
+    scene.simulate(1.0, restart=fm.Checkpoint.load(changed(kept, tmp_path / "same.npz", lambda file: None)), **how)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -111,6 +111,7 @@ class EnergyMomentum:
             memory.keeps_energy[0] = not is_driven(plan)
             memory.nonconservative[0] = is_nonconservative(plan)
             set_row_scales(scene, loops, state, work)
+            memory.surplus[0] = 0.0
             memory.before[:] = state.a
             momenta(plan, work, state.x, state.v, scratch.zeros, memory.momentum)
             forward_kinematics(plan, work, state.x, scratch.zeros, scratch.zeros)
@@ -330,7 +331,10 @@ def _accept(plan, loops, state, scratch, a_end, h):
     for i in range(state.multipliers.shape[0]):
         state.multipliers[i] = scratch.nu_end[i]
     update_row_scales(loops, state)
-    scratch.memory.energy[0] += scratch.memory.load_work[0]
+    memory = scratch.memory
+    memory.energy[0] += memory.load_work[0]
+    there = kinetic_energy(memory.momentum, state.v) + scratch.energy[step.POTENTIAL_END]
+    memory.surplus[0] = there - memory.energy[0] if memory.keeps_energy[0] == 1 else 0.0
 
 
 @kernel

@@ -34,6 +34,7 @@ from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
 _EPSILON = 2.0**-52
 _UNRESOLVED = 32.0 * _EPSILON  # of all energy: round-off of its sums
 _AT_REST = 1e-16  # of all energy: a motion in the middle of less than that counts as none
+_REPAID = 1e-3  # of the corrected motion's speeds: the largest change in a step by energy that earlier steps left
 _ROUGH = 1e-6  # of the kinetic energy: its tolerance where an iterate is far
 _PASSES = 6  # of improving the velocities at the end
 
@@ -128,8 +129,18 @@ def _evaluate_rows(plan, work, scratch, h):
 
 
 @kernel
-def _missing_energy(plan, stored_plan, work, loops, number, scratch, gained, near):
-    """The energy's change less that by the gradient in the middle (J); 0 where it is round-off.
+def _resolved(energy, unresolved):
+    """What of an energy (J) is more than round-off."""
+    return energy - min(max(energy, -unresolved), unresolved)
+
+
+@kernel
+def _missing_energy(plan, stored_plan, work, loops, scratch, gained, near, capacity):
+    """The energy's change less that by the gradient in the middle, and some of what earlier steps left of it (J).
+
+    0 where it is round-off.  The step's own part vanishes with the motion that can be corrected; what is left from
+    before does not, so that no more of it is asked for than changes that motion by little.  ``capacity``: twice that
+    motion's kinetic energy (J).
 
     Without rows the velocities at the end are improved by the factors at hand, a pass or a few each time.  The
     kinetic energy needs no better ones than their error's square is small.
@@ -170,10 +181,12 @@ def _missing_energy(plan, stored_plan, work, loops, number, scratch, gained, nea
     unresolved = _UNRESOLVED * (abs(kinetic) + abs(scratch.energy[POTENTIAL_END]) + abs(scratch.memory.energy[0]))
     scratch.energy[UNRESOLVED] = unresolved
     scratch.energy[KINETIC_ERROR] = kinetic_error
-    missing = kinetic + scratch.energy[POTENTIAL_END] - scratch.memory.energy[0] - gained
+    surplus = scratch.memory.surplus[0]
+    missing = kinetic + scratch.energy[POTENTIAL_END] - (scratch.memory.energy[0] + surplus) - gained
     for k in range(scratch.increment.shape[0]):
         missing -= scratch.stored_gradient[k] * scratch.increment[k]
-    return missing - min(max(missing, -unresolved), unresolved)
+    most = _REPAID * abs(capacity)
+    return _resolved(missing, unresolved) + min(max(_resolved(surplus, unresolved), -most), most)
 
 
 @kernel
@@ -218,8 +231,8 @@ def evaluate(plan, stored_plan, work, loops, state, scratch, h, corrected, near)
     if corrected:
         for k in range(scratch.increment.shape[0]):
             scratch.energy[TRIAL_WORK] += (scratch.stored_gradient[k] - scratch.gradient[k]) * scratch.increment[k]
-        missing = _missing_energy(plan, stored_plan, work, loops, state.numbers, scratch, gained, near)
         along = _correction_direction(plan, work, scratch, h)
+        missing = _missing_energy(plan, stored_plan, work, loops, scratch, gained, near, along / h)
         # at rest, where no energy is missing, there is none to compare with either
         share = missing / (along + h * _AT_REST / _UNRESOLVED * scratch.energy[UNRESOLVED]) if missing != 0.0 else 0.0
         for k in range(scratch.increment.shape[0]):

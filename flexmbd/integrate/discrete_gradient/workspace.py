@@ -42,8 +42,9 @@ ANDERSON_DEPTH = 6  # iterates that Anderson's acceleration combines
 class EnergyMomentumMemory(ArrayStruct):
     """What the method remembers from step to step; numbers stand alone in arrays (1,).
 
-    loops: of the constraint rows.  step_factored: the step (s) the factors belong to.  energy: (J) at TIME.  load_work:
-    (J) of loads and dampers in the step.
+    loops: of the constraint rows.  step_factored: the step (s) the factors belong to.  energy: (J) that should be there
+    at TIME.  surplus: (J) what is there beyond it, left by rounding and by Newton's iteration.  load_work: (J) of loads
+    and dampers in the step.
     keeps_energy: whether the energy is kept.  nonconservative: whether loads or dampers act.  known_steps: how many
     equal steps it remembers.  predictor: which would have been best for the last of them.
     momentum: (nv,).  before: (nv,) accelerations at the step before.  own_rate: (nv,) each coordinate's own rate (1/s).
@@ -53,6 +54,7 @@ class EnergyMomentumMemory(ArrayStruct):
     loops: loop_dynamics.LoopMemory
     step_factored: FloatArray
     energy: FloatArray
+    surplus: FloatArray
     load_work: FloatArray
     keeps_energy: IntArray
     nonconservative: IntArray
@@ -72,6 +74,7 @@ def _new_memory(plan: Plan, nv: int) -> EnergyMomentumMemory:
         loops=loop_dynamics.new_loop_memory(plan),
         step_factored=zeros(1),
         energy=zeros(1),
+        surplus=zeros(1),
         load_work=zeros(1),
         keeps_energy=zeros(1, np.int64),
         nonconservative=zeros(1, np.int64),

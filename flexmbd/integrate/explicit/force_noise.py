@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.evaluated_motion import farthest_place
@@ -71,14 +72,16 @@ def sample_noise(plan, work, aw, loops, plain, quaternions, way, state, groups, 
     evaluate_times(plan, st.function_time(state.numbers, state.numbers[st.TIME]), work.time)
     if plan.flag[0] != 0:
         return
+    # where bodies are now: ``work`` may have none yet, or those of a stage far away
+    forward_kinematics(plan, work, state.x, state.v, state.a)
+    place = farthest_place(plan, work)
     for _ in range(_FIRST if noise.count[1] == 0 else 1):
-        _sample(plan, work, aw, loops, plain, quaternions, way, state, groups, scratch, noise)
+        _sample(plan, work, aw, loops, plain, quaternions, way, state, groups, scratch, noise, place)
     noise.count[0] = 0
 
 
 @kernel
-def _sample(plan, work, aw, loops, plain, quaternions, way, state, groups, scratch, noise):
-    place = farthest_place(plan, work)
+def _sample(plan, work, aw, loops, plain, quaternions, way, state, groups, scratch, noise, place):
     for k in range(scratch.u.shape[0]):
         scratch.u[k] = 0.0
         scratch.v[k] = state.v[k]

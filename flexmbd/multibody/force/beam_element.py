@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, vector
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers, vector
 from flexmbd.multibody.force.six_matrix import semidefinite_matrix
 from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT
 
@@ -27,6 +27,7 @@ class BeamElement(BetweenFrames):
         stiffness: (6,) diagonal or (6, 6) symmetric, positive semidefinite: N/m, N and N m/rad.
         rest: (6,) xi where it is slack, m and rad; of a straight element (length, 0, 0, 0, 0, 0).
         damping: as stiffness: N s/m, N s and N m s/rad.
+        extent: m, of the beam that it is a part of, which counts in the machine's extent; by default its own length.
     """
 
     frame_F: Frame
@@ -34,10 +35,18 @@ class BeamElement(BetweenFrames):
     stiffness: ArrayLike
     rest: ArrayLike
     damping: ArrayLike = (0.0,) * 6
+    extent: float | None = None
+
+    @property
+    def reach(self) -> float:
+        """How far (m) the beam reaches that it is a part of."""
+        return float(np.linalg.norm(self._rest()[:3])) if self.extent is None else float(self.extent)
 
     def check(self) -> None:
-        """Raise SceneError for matrices that store or dissipate a negative energy."""
+        """Raise SceneError for matrices that store or dissipate a negative energy, and an extent that is none."""
         self._numbers()
+        if self.extent is not None:
+            check_numbers(self.what, least={"extent": self.extent})
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""
@@ -49,5 +58,7 @@ class BeamElement(BetweenFrames):
     def _numbers(self) -> NDArray[np.float64]:
         stiffness = semidefinite_matrix(self.stiffness, f"{self.what}: stiffness")
         damping = semidefinite_matrix(self.damping, f"{self.what}: damping")
-        rest = vector(self.rest, (6,), f"{self.what}: rest")
-        return np.concatenate([stiffness.ravel(), damping.ravel(), rest, [float(damping.any())]])
+        return np.concatenate([stiffness.ravel(), damping.ravel(), self._rest(), [float(damping.any())]])
+
+    def _rest(self) -> NDArray[np.float64]:
+        return vector(self.rest, (6,), f"{self.what}: rest")

@@ -298,7 +298,7 @@ def build(
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
-    reach = reaches(topology, masses)
+    reach = reaches(topology, masses, forces)
     b = Numbering(ground, extent_of(reach), Callbacks(team))
     for branch, mass in zip(topology.branches, masses, strict=True):
         b.add_branch(branch, mass)

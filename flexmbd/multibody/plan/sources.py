@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, sqrt
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.plan.forces import ForceSpan
 from flexmbd.multibody.plan.numbering import Marker
@@ -19,6 +21,7 @@ from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.topology import Topology
 
 FloatArray = NDArray[np.float64]
+Reaching: TypeAlias = Body | Frame | Force  # what the machine's extent is asked of
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +30,7 @@ class Sources:
 
     Attributes:
         markers: of each row of ``Plan.frames``; None of those that no marker gives.
-        reach: (m) of all bodies and of the frames of all joints, what the machine's extent is the largest of.
+        reach: (m) of all bodies, of the frames of all joints and of beams, what the machine's extent is the largest of.
         scaled: numbers that the extent scales.
         forces: rows and parameters of each force element.
         axes: about which each link turns (see ``turning``).
@@ -35,7 +38,7 @@ class Sources:
     """
 
     markers: tuple[Marker | None, ...]
-    reach: tuple[tuple[Body | Frame, float], ...]
+    reach: tuple[tuple[Reaching, float], ...]
     scaled: tuple[ScaledRow, ...]
     forces: IdentityMap[Force, ForceSpan]
     axes: tuple[FloatArray | None, ...]
@@ -63,7 +66,7 @@ class Sources:
         return [max(still, *far) or 1.0 for far in zip(*known, strict=True)] if known else [still or 1.0] * count
 
     @cached_property
-    def _reaching(self) -> IdentityMap[Body | Frame, None]:
+    def _reaching(self) -> IdentityMap[Reaching, None]:
         """What the extent is asked of: frames of forces alone are not."""
         return IdentityMap((thing, None) for thing, _ in self.reach)
 
@@ -91,14 +94,20 @@ def row_reach(rigid: Sequence[float]) -> float:
     return max(hypot(x, y, z) / mass, sqrt((xx + yy + zz) / mass))
 
 
-def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[tuple[Body | Frame, float], ...]:
-    """The reach (m) of the frames of all joints, and of all bodies by their rows of ``Plan.rigid``."""
+def reaches(
+    topology: Topology, masses: Sequence[Sequence[float]], forces: Sequence[Force]
+) -> tuple[tuple[Reaching, float], ...]:
+    """The reach (m) of the frames of all joints, of all bodies by their rows of ``Plan.rigid``, and of beams.
+
+    The sections of an exact beam are small bodies of their own: how long it is its elements know.
+    """
     frames = [f for b in topology.branches for f in (b.inner, b.outer)]
     frames += [f for c in topology.closures for f in (c.parent, c.child)]
     bodies = [(b.outer.body, row_reach(row)) for b, row in zip(topology.branches, masses, strict=True)]
-    return (*((frame, frame_reach(frame)) for frame in frames), *bodies)
+    beams = [(force, force.reach) for force in forces if isinstance(force, BeamElement)]
+    return (*((frame, frame_reach(frame)) for frame in frames), *bodies, *beams)
 
 
-def extent_of(reach: tuple[tuple[Body | Frame, float], ...]) -> float:
-    """The machine's size (m): the farthest reach of any frame or centre of mass in its body."""
+def extent_of(reach: tuple[tuple[Reaching, float], ...]) -> float:
+    """The machine's size (m): the farthest reach of any frame or centre of mass in its body, or of a beam."""
     return max((far for _, far in reach), default=0.0) or 1.0
