@@ -27,8 +27,8 @@ from flexmbd.multibody.kernels.base.native import complex_lapack_addresses
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 _NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
-# The loosest tolerance for Newton's iteration in closed loops: accelerations at their steps' ends follow from forces, in
-# which stiff parts multiply what the iteration leaves; it would pass for motion and shorten the steps.
+# The loosest rtol for Newton's iteration in loops: accelerations at their steps' ends follow from forces, in which
+# stiff parts multiply what the iteration leaves; it would pass for motion and shorten the steps.
 _LOOSEST = 1e-6
 # The ratio to the power 3/2 goes with the step's fifth power.  Some room below the longest step: the rate may grow,
 # and each change costs factors.
