@@ -121,7 +121,6 @@ from flexmbd.rotation import Axis as Axis
 from flexmbd.run.checkpoint import Checkpoint as Checkpoint
 from flexmbd.run.controller import Controller as Controller
 from flexmbd.run.controller import Measurement as Measurement
-from flexmbd.run.departure import Departure as Departure
 from flexmbd.run.event import Direction as Direction
 from flexmbd.run.event import Event as Event
 from flexmbd.run.event import Moment as Moment
@@ -131,6 +130,7 @@ from flexmbd.run.recording import Recording as Recording
 from flexmbd.run.recording import load_recording as load_recording
 from flexmbd.run.result_file import Runnable as Runnable
 from flexmbd.run.sampling import ControllerSamples as ControllerSamples
+from flexmbd.run.series.departure import Departure as Departure
 from flexmbd.run.settings import RunSettings as RunSettings
 from flexmbd.run.stats import Stats as Stats
 from flexmbd.run.stopped import SimulationError as SimulationError

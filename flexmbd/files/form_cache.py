@@ -13,6 +13,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from flexmbd.files.whole_file import lock_alone
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -40,23 +42,12 @@ def mend_form_cache(folder: Path) -> tuple[str, ...]:
         file = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
     except OSError:
         return ()
-    alone = _is_alone(file)
+    alone = lock_alone(file)  # no other process of flexmbd compiles forms
     removed = [name for name in _broken(folder, 0.0 if alone else _COMPILATION) if _remove(folder, name)]
     with suppress(OSError):
         (folder / _LOOKED).touch()
     _stay(file)
     return tuple(removed)
-
-
-def _is_alone(file: int) -> bool:
-    """Whether no other process of flexmbd compiles forms; this one is locked against these then."""
-    if fcntl is None:
-        return False
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
 
 
 def _stay(file: int) -> None:

@@ -80,7 +80,7 @@ def open_part(target: Path) -> tuple[Path, int]:
         # nobody can guess the name and plant a link there
         temporary = target.with_name(f"{_part_prefix(target)}{secrets.token_hex(_TOKEN)}{_PART}")
         file = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o666)
-        if not _locked(file) or temporary.exists():
+        if not lock_alone(file) or temporary.exists():
             return temporary, file
         os.close(file)  # another writer took it for one that was left
 
@@ -148,13 +148,13 @@ def _remove_left(target: Path) -> None:
             with suppress(OSError):
                 file = os.open(entry.path, os.O_RDWR | os.O_NOFOLLOW)
                 try:
-                    if _locked(file):
+                    if lock_alone(file):
                         os.unlink(entry.path)
                 finally:
                     os.close(file)
 
 
-def _locked(file: int) -> bool:
+def lock_alone(file: int) -> bool:
     """Lock a file; whether that could be done: some file systems, and Windows, have no such locks."""
     if fcntl is None:
         return False

@@ -28,7 +28,6 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
-from flexmbd.run.departure import Departure
 from flexmbd.run.event import Occurrence
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_trees import (
@@ -49,6 +48,7 @@ from flexmbd.run.result_trees import (
     stats_tree,
 )
 from flexmbd.run.sampling import ControllerSamples
+from flexmbd.run.series.departure import Departure
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]

@@ -13,10 +13,10 @@ from flexmbd.errors import RecordError, SceneError
 from flexmbd.files.tree_file import Tree
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.run.departure import Departure
 from flexmbd.run.event import Event, Moment, Occurrence
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.sampling import ControllerSamples
+from flexmbd.run.series.departure import Departure
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]

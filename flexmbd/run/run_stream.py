@@ -17,7 +17,6 @@ from flexmbd.files.tree_log import TreeLog
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.team import Team
-from flexmbd.run.departure import Departure
 from flexmbd.run.event import Occurrence
 from flexmbd.run.recording_file import kept_recordings
 from flexmbd.run.result_file import ROWS
@@ -32,6 +31,7 @@ from flexmbd.run.result_trees import (
 )
 from flexmbd.run.row_store import RowArrays
 from flexmbd.run.sampling import ControllerSamples
+from flexmbd.run.series.departure import Departure
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.stats import Stats, spent
 from flexmbd.run.stepping import Integration

@@ -29,10 +29,10 @@ from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team
 from flexmbd.run.controller import Controller
-from flexmbd.run.departure import Departure
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
 from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, with_own_signals
+from flexmbd.run.series.departure import Departure
 from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, kept_interiors
 
 FloatArray = NDArray[np.float64]

@@ -29,7 +29,6 @@ from flexmbd.files.tree_log import TreeLog, read_log
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Alone
-from flexmbd.run.departure import Departure
 from flexmbd.run.event import Occurrence
 from flexmbd.run.result_file import ROWS, SavedRun
 from flexmbd.run.result_trees import (
@@ -44,6 +43,7 @@ from flexmbd.run.result_trees import (
 )
 from flexmbd.run.row_store import RowArrays, RowStore, is_affordable
 from flexmbd.run.sampling import ControllerSamples
+from flexmbd.run.series.departure import Departure
 from flexmbd.run.stats import NOTHING_SPENT
 
 STREAM = FileKind("flexmbd run", 1, "simulate(..., stream=)")

@@ -28,13 +28,13 @@ from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
 from flexmbd.record.stress_field import StressField
-from flexmbd.run.columns import table_columns, table_times, tabulate
 from flexmbd.run.controller import Controller
-from flexmbd.run.departure import Departure
-from flexmbd.run.force_series import ForceSeries
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
 from flexmbd.run.sampling import ControllerSamples, with_samples
+from flexmbd.run.series.columns import table_columns, table_times, tabulate
+from flexmbd.run.series.departure import Departure
+from flexmbd.run.series.force_series import ForceSeries
 from flexmbd.run.stats import Stats
 from flexmbd.run.stream_file import STREAM, load_stream
 

@@ -8,8 +8,8 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.force import PlasticJointSpring, PlasticSpring
 from flexmbd.multibody.bodies.body import FlexibleBody
-from flexmbd.run import columns as table
-from flexmbd.run.columns import ResultColumns
+from flexmbd.run.series import columns as table
+from flexmbd.run.series.columns import ResultColumns
 from flexmbd.run.trajectory import Trajectory
 from flexmbd.scene_file.scene_builder import Built
 from flexmbd.scene_file.scene_description import OutputEntry

@@ -8,9 +8,8 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
-from flexmbd.multibody.kernels.elements.differences import difference_step
+from flexmbd.multibody.kernels.elements.differences import difference_step, put_moved_state
 from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
-from flexmbd.multibody.kernels.physics.joints import retract
 
 
 @kernel
@@ -47,12 +46,7 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
         if step == 0.0:
             return
         for sign in (-1.0, 1.0):
-            for j in range(nv):
-                tw.moved_v[j] = v[j]
-                tw.move[j] = 0.0
-            tw.moved_v[k] += sign * per_v * step
-            tw.move[k] = sign * per_x * step
-            retract(plan, x, tw.move, tw.moved_x)
+            put_moved_state(plan, tw, x, v, k, sign * per_x * step, sign * per_v * step)
             force = work.generalized[:nv]
             call_state(row[at.EL_ADDRESS], t, tw.moved_x, tw.moved_v, force)
             for j in range(nv):

@@ -12,7 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
-from flexmbd.run.departure import Departure
+from flexmbd.run.series.departure import Departure
 
 FloatArray = NDArray[np.float64]
 #: t (nt,), x (nt, nx), v and a (nt, nv) at the ends of steps.

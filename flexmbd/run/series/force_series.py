@@ -21,7 +21,7 @@ from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
-from flexmbd.run.motion_series import MotionSeries, single
+from flexmbd.run.series.motion_series import MotionSeries, single
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from flexmbd.multibody.kernels.sampling.series import body_series, frame_series
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.results.momentum import Momentum, momentum_of
 from flexmbd.multibody.scene_index import Slots
-from flexmbd.run.dense_output import motion_between
-from flexmbd.run.departure import Departure
+from flexmbd.run.series.dense_output import motion_between
+from flexmbd.run.series.departure import Departure
 
 FloatArray = NDArray[np.float64]
 
