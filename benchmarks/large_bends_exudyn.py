@@ -52,6 +52,11 @@ def _clamp(mbs: Any, node: Any, count: int) -> None:
         mbs.AddObject(item.ObjectConnectorCoordinate(markerNumbers=[fixed, one]))
 
 
+#: Solvers that move a machine: those of ordinary differential equations take no constraints.
+IMPLICIT = exu.DynamicSolverType.GeneralizedAlpha
+EXPLICIT = exu.DynamicSolverType.RK44
+
+
 def _settings(end: float, h: float) -> Any:
     settings = exu.SimulationSettings()
     stepping = settings.timeIntegration
@@ -85,7 +90,7 @@ def rolled_up(n: int, *, cable: bool) -> tuple[np.ndarray, float]:
     return _place(mbs, tip), time.process_time() - began
 
 
-def rolled(n: int, h: float, *, cable: bool = False) -> tuple[np.ndarray, float]:
+def rolled(n: int, h: float, solver: Any = IMPLICIT, *, cable: bool = False) -> tuple[np.ndarray, float]:
     """(2,) m, the tip of the cantilever that is rolled up, at the end; processor time (s)."""
     mbs, tip, marker = _rolled(n, cable=cable)
     mbs.AddLoad(
@@ -94,10 +99,10 @@ def rolled(n: int, h: float, *, cable: bool = False) -> tuple[np.ndarray, float]
             loadVectorUserFunction=lambda mbs, t, vector: [0.0, 0.0, float(scenes.rolling(t))],
         )
     )  # fmt: skip
-    return _run(mbs, tip, scenes.ROLLED_END, h)
+    return _run(mbs, tip, scenes.ROLLED_END, h, solver)
 
 
-def flying(n: int, h: float) -> tuple[np.ndarray, float]:
+def flying(n: int, h: float, solver: Any = IMPLICIT) -> tuple[np.ndarray, float]:
     """(2,) m, the upper end of the flying beam at the end; processor time (s)."""
     mbs = exu.SystemContainer().AddSystem()
     ends = np.array(scenes.FLYING_LOWER[:2]), np.array(scenes.FLYING_UPPER[:2])
@@ -115,13 +120,13 @@ def flying(n: int, h: float) -> tuple[np.ndarray, float]:
             loadVectorUserFunction=lambda mbs, t, vector: [0.0, 0.0, float(scenes.spun(t))],
         )
     )  # fmt: skip
-    return _run(mbs, nodes[-1], scenes.FLYING_END, h)
+    return _run(mbs, nodes[-1], scenes.FLYING_END, h, solver)
 
 
-def _run(mbs: Any, node: Any, end: float, h: float) -> tuple[np.ndarray, float]:
+def _run(mbs: Any, node: Any, end: float, h: float, solver: Any) -> tuple[np.ndarray, float]:
     mbs.Assemble()
     began = time.process_time()
-    mbs.SolveDynamic(_settings(end, h))
+    mbs.SolveDynamic(_settings(end, h), solverType=solver)
     return _place(mbs, node), time.process_time() - began
 
 

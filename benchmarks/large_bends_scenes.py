@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +16,10 @@ from scipy.interpolate import PPoly
 from scipy.optimize import fsolve
 
 import flexmbd as fm
+from flexmbd.forms import beam_timoshenko
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
+from exact_beam import PlanarBeam, bent_frequencies
 
 Vector = tuple[float, float, float]
 Z = (0.0, 0.0, 1.0)
@@ -54,6 +61,19 @@ ELBOW, ELBOW_RADIUS, ELBOW_FORCE = Bar(1e7, 41.6667e5, 8.333e5, 8.333e5, 1.0, 1.
 THICK = Bar(52.99e6, 16.88e6, 733.5, 1131.0, 1.997, 42.6e-6)
 THIN = Bar(13.25e6, 4.22e6, 45.84, 70.69, 0.4992, 2.66e-6)
 SHORT, LONG, SPEED, ASKEW, BARS_END = 0.12, 0.24, 0.6, np.deg2rad(5.0), 2.0
+# A rotating shaft, after Bauchau et al. 2016: a steel tube of 6 m with a disc in its middle whose centre lies 50 mm off
+# its axis, held at both ends so that it bends there with no slope, is brought to 0.8 of 60 rad/s, below its first
+# critical speed, and through that to 1.2.  The paper was not at hand: the numbers are those that its example is
+# usually given with, and its curves are not compared.
+SHAFT = beam_timoshenko.Parameters.tube(
+    2.1e11, 0.3, 7800.0, outer_radius=0.05, inner_radius=0.045, orientation=(0.0, 1.0, 0.0)
+)
+SHAFT_LENGTH, SHAFT_END, DISC_MASS, DISC_RADIUS, DISC_OFF = 6.0, 1.5, 70.573, 0.24, 0.05
+# The Princeton beam (Dowell & Traybar 1975) under 13.345 N across its thin side.
+PRINCETON = beam_timoshenko.Parameters.rectangle(
+    71.7e9, 0.31, 2700.0, width=12.3777e-3, height=3.2024e-3, orientation=(0.0, 1.0, 0.0)
+)
+PRINCETON_LENGTH, PRINCETON_FORCE = 0.508, 13.345
 
 
 def rolling(t: float) -> float:
@@ -77,6 +97,38 @@ def triangle(t: float) -> float:
     return 50.0 * max(0.0, 1.0 - abs(t - 1.0))
 
 
+def shaft_angle(t: float) -> float:
+    """rad, of the shaft's driven end."""
+    if t < 0.5:
+        return 24.0 * (t - 0.5 / math.pi * math.sin(2.0 * math.pi * t))
+    if t < 1.0:
+        return 12.0 + 48.0 * (t - 0.5)
+    s = min(t, 1.25) - 1.0
+    rise = 12.0 * (s - 0.25 / math.pi * math.sin(4.0 * math.pi * s))
+    return 36.0 + 48.0 * (t - 1.0) + rise + 24.0 * max(0.0, t - 1.25)
+
+
+def shaft_speed(t: float) -> float:
+    """rad/s."""
+    if t < 0.5:
+        return 24.0 * (1.0 - math.cos(2.0 * math.pi * t))
+    s = min(max(t - 1.0, 0.0), 0.25)
+    return 48.0 + 12.0 * (1.0 - math.cos(4.0 * math.pi * s))
+
+
+def shaft_acceleration(t: float) -> float:
+    """rad/s^2."""
+    if t < 0.5:
+        return 48.0 * math.pi * math.sin(2.0 * math.pi * t)
+    if 1.0 <= t < 1.25:
+        return 48.0 * math.pi * math.sin(4.0 * math.pi * (t - 1.0))
+    return 0.0
+
+
+SHAFT_BREAKS = (0.5, 1.0, 1.25)
+SHAFT_DRIVE = fm.Motion(
+    *(fm.compiled(one, breaks=SHAFT_BREAKS) for one in (shaft_angle, shaft_speed, shaft_acceleration))
+)
 COMPILED = {
     rolling: fm.compiled(rolling, breaks=(ROLLED_TIME,)),
     flung: fm.compiled(flung, breaks=(FLYING_TIME,)),
@@ -146,6 +198,44 @@ def four_bar(n: int) -> tuple[fm.System, fm.Frame]:
     askew = (0.0, np.sin(ASKEW), np.cos(ASKEW))
     scene.connect(fm.joint.Revolute(askew), coupler.frame("end"), rocker.frame("end"))
     return scene, coupler.frame("end")
+
+
+def shaft(n: int) -> tuple[fm.System, fm.Frame]:
+    """The rotating shaft of n elements, and its middle."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    points = {"driven": (0.0, 0.0, 0.0), "middle": (0.5 * SHAFT_LENGTH, 0.0, 0.0), "far": (SHAFT_LENGTH, 0.0, 0.0)}
+    halves = [("driven", "middle"), ("middle", "far")]
+    beam = scene.add(fm.ExactBeam(points, {"tube": halves}, {"tube": SHAFT}, n // 2), name="shaft")
+    drive = scene.connect(fm.joint.Revolute("x"), scene.ground.frame(), beam.frame("driven"))
+    drive.prescribe(SHAFT_DRIVE)
+    scene.connect(fm.joint.Cylindrical("x"), scene.ground.frame(p=points["far"]), beam.frame("far"))
+    across = 0.25 * DISC_MASS * DISC_RADIUS**2
+    disc = fm.RigidBody(DISC_MASS, (2.0 * across, across, across), (0.0, DISC_OFF, 0.0))
+    scene.connect(fm.joint.Fixed(), beam.frame("middle"), scene.add(disc, name="disc").frame())
+    return scene, beam.frame("middle")
+
+
+def princeton_frequencies(n: int) -> np.ndarray:
+    """rad/s, ascending, of the Princeton beam of n elements about the state that its load bends it to."""
+    about = None
+    for share in (0.5, 1.0):
+        scene = fm.System()
+        ends = {"clamp": (0.0, 0.0, 0.0), "tip": (PRINCETON_LENGTH, 0.0, 0.0)}
+        beam = scene.add(fm.ExactBeam(ends, {"strip": [("clamp", "tip")]}, {"strip": PRINCETON}, n), name="strip")
+        scene.connect(fm.joint.Fixed(), scene.ground.frame(), beam.frame("clamp"))
+        scene.add_force(fm.force.FrameForce(beam.frame("tip"), (0.0, 0.0, share * PRINCETON_FORCE)))
+        about = scene.equilibrium(about=about)
+    values = scene.linearize(about=about).eigenvalues().imag
+    return np.sort(values[values > 0.0])
+
+
+def princeton_by_another(n: int) -> np.ndarray:
+    """(2,) rad/s, the first two in the load's plane by Simo's and Vu-Quoc's element, n and 2 n of them extrapolated."""
+    p = PRINCETON
+    shear = p.kz * p.E / (2.0 * (1.0 + p.nu)) * p.A
+    planar = PlanarBeam(p.E * p.A, shear, p.E * p.Iy, p.rho * p.A, p.rho * p.Iy, PRINCETON_LENGTH)
+    coarse, fine = (bent_frequencies(planar, PRINCETON_FORCE, elements=k)[:2] for k in (n, 2 * n))
+    return np.asarray(fine + (fine - coarse) / 3.0)
 
 
 def statics(scene_of: Callable[[float], tuple[fm.System, fm.Frame]], steps: int) -> np.ndarray:

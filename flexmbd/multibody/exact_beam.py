@@ -22,8 +22,10 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame, RigidBody, refuse_change
 from flexmbd.multibody.force.beam_element import BeamElement
+from flexmbd.multibody.force.beam_strain import BeamStrain, StrainTable, strain_table
 from flexmbd.multibody.force.frame_force import Axes, FrameForce
-from flexmbd.multibody.force.protocol import vector
+from flexmbd.multibody.force.protocol import Force, vector
+from flexmbd.multibody.functions.time_function import TimeFunction
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +54,7 @@ class ExactBeam:
         rotary_inertia: (rho Iy, rho Iz), kg m, by group, instead of what E's own Iy and Iz give.
         strain: by group, that at which beams are slack, beside their shape: (6,) or one for each element (n, 6);
             stretch and shears along y and z (1), twist and curvatures about y and z (rad/m), in the section's axes.
+            Each is a number or a function of time with its rate, as a prescribed motion of a joint.
         name: given by ``System.add``.
 
     Raises:
@@ -66,7 +69,9 @@ class ExactBeam:
     divisions: int | Mapping[str, int]
     viscosity: float | Mapping[str, float] = field(default=0.0, kw_only=True)
     rotary_inertia: Mapping[str, tuple[float, float]] = field(default_factory=dict, kw_only=True)
-    strain: Mapping[str, ArrayLike] = field(default_factory=dict, kw_only=True)
+    strain: Mapping[str, ArrayLike | Sequence[TimeFunction] | Sequence[Sequence[TimeFunction]]] = field(
+        default_factory=dict, kw_only=True
+    )
     name: str = field(default="", kw_only=True)
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -110,15 +115,14 @@ class ExactBeam:
     @cached_property
     def elements(self) -> tuple[ElementAtRest, ...]:
         """What lies between the sections, in the order of ``mesh.elements``."""
-        elements = list(elements_at_rest(self.mesh, self.sections))
-        for name, given in self.strain.items():
-            rows = [row for row, one in enumerate(elements) if self.mesh.groups[one.group] == name]
-            what = f"strain of {name!r}, for each of {len(rows)} elements or for all,"
-            size = (6,) if np.ndim(given) == 1 else (len(rows), 6)
-            each = np.broadcast_to(vector(given, size, what), (len(rows), 6))
-            for row, own in zip(rows, each, strict=True):
-                elements[row] = strained(elements[row], own, name)
-        return tuple(elements)
+        plain = elements_at_rest(self.mesh, self.sections)
+        names = [self.mesh.groups[one.group] for one in plain]
+        each = zip(plain, self._given.fixed, names, strict=True)
+        return tuple(strained(one, own, name) if own.any() else one for one, own, name in each)
+
+    @cached_property
+    def _given(self) -> StrainTable:
+        return strain_table(self.strain, [self.mesh.groups[group] for group in self.mesh.group])
 
     @cached_property
     def parts(self) -> tuple[RigidBody, ...]:
@@ -163,10 +167,11 @@ class ExactBeam:
                     found.append((self._at(here), self._at(there), (*away, 1.0, 0.0, 0.0, 0.0)))
         return found
 
-    def forces(self) -> list[BeamElement]:
-        """The elements between the sections."""
+    @cached_property
+    def bonds(self) -> tuple[BeamElement, ...]:
+        """The elements between the sections, in the order of ``mesh.elements``."""
         extent = float(np.linalg.norm(self.mesh.x - self.mesh.x[0], axis=1).max())
-        return [
+        return tuple(
             BeamElement(
                 self._at(one.start, one.R_start),
                 self._at(one.end, one.R_end),
@@ -176,7 +181,21 @@ class ExactBeam:
                 extent=extent,
             )
             for one in self.elements
+        )
+
+    def forces(self) -> list[Force]:
+        """The elements, and what acts in them by strains that are functions of time."""
+        strains = [
+            BeamStrain(
+                [self.bonds[row] for row in one.rows],
+                [self.elements[row].length for row in one.rows],
+                one.component,
+                one.function,
+                f"strain {one.component} of {one.group!r} of beam {self.name!r}",
+            )
+            for one in self._given.moving
         ]
+        return [*self.bonds, *strains]
 
     def line_load(self, group: str, force: ArrayLike, *, axes: Axes = Axes.WORLD) -> list[FrameForce]:
         """Forces on the sections of a group that stand for a load along its beams, for ``scene.add_force`` each.
@@ -200,7 +219,7 @@ class ExactBeam:
                 loads.append(FrameForce(self._at(row), tuple(map(float, length * per_length)), axes=axes))
         return loads
 
-    def resultants(self, p: FloatArray, R: FloatArray) -> FloatArray:
+    def resultants(self, p: FloatArray, R: FloatArray, given: FloatArray) -> FloatArray:
         """(k, elements, 6) N, N m: normal and shear forces, twisting and bending moments in each element's middle.
 
         Of the elastic strains, along and about the section's tangent, y and z there; for ``Trajectory.resultants``.
@@ -208,13 +227,14 @@ class ExactBeam:
         Args:
             p: (k, nodes, 3) m, places of the sections in inertial axes.
             R: (k, nodes, 3, 3) their axes.
+            given: (k, elements, 6) m and rad, where elements are slack beside their rest.
         """
         found = []
-        for one in self.elements:
+        for k, one in enumerate(self.elements):
             first = R[:, one.start] @ one.R_start
             d = np.einsum("kji,kj->ki", first, p[:, one.end] - p[:, one.start])
             turn = first.swapaxes(1, 2) @ (R[:, one.end] @ one.R_end)
-            found.append((pose_logarithm(d, turn) - one.rest) @ one.stiffness)
+            found.append((pose_logarithm(d, turn) - one.rest - given[:, k]) @ one.stiffness)
         return np.stack(found, axis=1)
 
     def _at(self, row: int, R: FloatArray | None = None) -> Frame:

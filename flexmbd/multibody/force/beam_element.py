@@ -55,9 +55,17 @@ class BeamElement(BetweenFrames):
         data = table.numbers(numbers)
         table.element(BEAM_ELEMENT, self.what, f=f, g=g, data=data, acts=bool(numbers[:72].any()))
 
-    def _numbers(self) -> NDArray[np.float64]:
+    def matrices(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Stiffness and damping, (6, 6) each.
+
+        Raises:
+            SceneError: one is not symmetric or has a negative eigenvalue.
+        """
         stiffness = semidefinite_matrix(self.stiffness, f"{self.what}: stiffness")
-        damping = semidefinite_matrix(self.damping, f"{self.what}: damping")
+        return stiffness, semidefinite_matrix(self.damping, f"{self.what}: damping")
+
+    def _numbers(self) -> NDArray[np.float64]:
+        stiffness, damping = self.matrices()
         return np.concatenate([stiffness.ravel(), damping.ravel(), self._rest(), [float(damping.any())]])
 
     def _rest(self) -> NDArray[np.float64]:

@@ -77,8 +77,8 @@ class ElementTable(Protocol):
     def numbers(self, values: ArrayLike) -> int:
         """Offset in ``Plan.data`` of the values, appended."""
 
-    def time(self, function: TimeFunction, what: str) -> int:
-        """Row of ``Plan.times``; ``what`` is its name in messages."""
+    def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
+        """Row of ``Plan.times``; ``what`` is its name in messages, ``rate`` says whether its rate is needed too."""
 
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""

@@ -19,7 +19,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.multibody.functions.time_function import TimeRow
-from flexmbd.multibody.kernels.base import kinds
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -77,11 +76,20 @@ def find_breaks(rows: Sequence[TimeRow], declared: ArrayLike, *, rtol: float, h:
 
 def jumps_of_rate(row: TimeRow) -> FloatArray:
     """Instants (s) at which data of a prescribed motion jump in value or rate."""
-    if not row.motion or row.kind != kinds.TIME_PIECEWISE or row.count == 1:
+    return _jumps(row, 2) if row.motion else np.zeros(0)
+
+
+def jumps_of_value(row: TimeRow) -> FloatArray:
+    """Instants (s) at which data jump."""
+    return _jumps(row, 1)
+
+
+def _jumps(row: TimeRow, derivatives: int) -> FloatArray:
+    if not row.has_pieces:
         return np.zeros(0)
     poly = _polynomial(row)
     inside: FloatArray = poly.x[1:-1]
-    return inside[_discontinuities(poly, inside, 2)]
+    return inside[_discontinuities(poly, inside, derivatives)]
 
 
 def _distinct(instants: FloatArray) -> FloatArray:

@@ -134,6 +134,11 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     return replace(_as_row(function, what, motion=motion), motion=motion, breaks=breaks)
 
 
+def load_row(function: TimeFunction, what: str, *, rate: bool) -> TimeRow:
+    """`as_row` of what loads a machine and moves none of its coordinates, with its derivatives where ``rate``."""
+    return replace(as_row(function, what, motion=rate), motion=False)
+
+
 def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     none = (0, 0, 0)
     if isinstance(function, Signal):

@@ -16,7 +16,7 @@ from flexmbd.multibody.force.protocol import Force, StateEquations
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.signal import Signal
-from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, as_row
+from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
@@ -135,9 +135,9 @@ class ForceTable:
         """Offset in ``Plan.data`` of the values, appended."""
         return self._numbering.add_data(np.asarray(values, dtype=np.float64))
 
-    def time(self, function: TimeFunction, what: str) -> int:
+    def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``."""
-        return self._numbering.add_time(as_row(function, what, motion=False), what, motion=False)
+        return self._numbering.add_time(load_row(function, what, rate=rate), what, motion=rate)
 
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""

@@ -18,7 +18,7 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, RigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Callbacks
-from flexmbd.multibody.functions.time_function import TimeRow, as_row
+from flexmbd.multibody.functions.time_function import TimeRow, as_row, load_row
 from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
@@ -298,9 +298,9 @@ class _Replay(ForceTable):
         """Places in x and v of a body's first mode."""
         return super().modes(self._of_substitutes.get(body, body))
 
-    def time(self, function: Any, what: str) -> int:
+    def time(self, function: Any, what: str, *, rate: bool = False) -> int:
         """The row that it got before; a Python function keeps its call there."""
-        self._numbers.times.append(as_row(function, what, motion=False))
+        self._numbers.times.append(load_row(function, what, rate=rate))
         return self._first_time + len(self._numbers.times) - 1
 
     def fits(self, plan: Plan, rows: ForceRows, end: int, last_time: int) -> bool:

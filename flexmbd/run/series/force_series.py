@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.exact_beam import ExactBeam
+from flexmbd.multibody.force.beam_strain import BeamStrain
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
@@ -20,6 +21,7 @@ from flexmbd.multibody.kernels.sampling.series import energy_series, force_serie
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.results.energy import Energy
+from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
 from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
 from flexmbd.run.series.motion_series import MotionSeries, single
 
@@ -49,15 +51,39 @@ class ForceSeries(MotionSeries):
         """(nt, elements, 6) N and N m, in the middle of each element of a beam, or at times ``t`` (k,).
 
         Normal force, shear forces along y and z, twisting moment and bending moments about y and z, in the section's
-        axes: those of the elastic strains, without what viscosity adds.
+        axes: those of the elastic strains, without what viscosity adds.  Strains that are functions of time are
+        evaluated anew, as all forces are.
 
         Raises:
             SceneError: the beam is of another scene.
         """
+        self._refuse_stranger(beam)
+        motion = self.body_motion(t=t)[:, [self.scene.index.bodies[part] for part in beam.parts]]
+        given = given_strains(self.scene, self._instants(t))
+        slack = np.zeros((len(motion), len(beam.elements), 6))
+        for k, element in enumerate(beam.bonds):
+            if element in given:
+                slack[:, k] = given[element].value
+        return beam.resultants(motion[..., :3], motion[..., 3:12].reshape(*motion.shape[:2], 3, 3), slack)
+
+    def strain_power(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt,) W that strains of a beam that are functions of time do on it, or at times ``t`` (k,).
+
+        With that of other loads it is what the machine's energy grows by, and what dampers take.  The work of a strain
+        that jumps is done at once, and not in it.
+
+        Raises:
+            SceneError: the beam is of another scene.
+        """
+        self._refuse_stranger(beam)
+        return power_of_given(self.scene, self._instants(t), self.body_motion(t=t), beam.bonds)
+
+    def _refuse_stranger(self, beam: ExactBeam) -> None:
         if beam.parts[0] not in self.scene.index.bodies:
             raise SceneError(f"beam {beam.name!r} is not in this trajectory's scene")
-        motion = self.body_motion(t=t)[:, [self.scene.index.bodies[part] for part in beam.parts]]
-        return beam.resultants(motion[..., :3], motion[..., 3:12].reshape(*motion.shape[:2], 3, 3))
+
+    def _instants(self, t: ArrayLike | None) -> FloatArray:
+        return self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))
 
     def reaction(self, connection: Connection) -> FloatArray:
         """(nt, 6) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.
@@ -100,10 +126,7 @@ class ForceSeries(MotionSeries):
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
-        if t is None:
-            return self._energy
-        x, v, _ = self.motion(t)
-        return self._energy_of(x, v)
+        return self._energy if t is None else self._energy_of(t)
 
     def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
         """Energies (J) of a body's interior by name, each (nt,): kinetic, elastic, plastic, ...; see ``Interior``.
@@ -173,11 +196,14 @@ class ForceSeries(MotionSeries):
 
     @cached_property
     def _energy(self) -> Energy:
-        return self._energy_of(self.x, self.v)
+        return self._energy_of(None)
 
-    def _energy_of(self, x: FloatArray, v: FloatArray) -> Energy:
+    def _energy_of(self, t: ArrayLike | None) -> Energy:
         plan = self.scene.bodies_alone
+        x, v, _ = (self.x, self.v, self.a) if t is None else self.motion(t)
         out = np.zeros((len(x), 4))
         none, scratch = np.zeros((2, self.scene.nv))
         energy_series(plan, new_work(plan), x, v, none, scratch, out)
+        if any(isinstance(force, BeamStrain) for force in self.scene.index.forces):
+            out[:, 3] += energy_of_given(self.scene, self._instants(t), self.body_motion(t=t))
         return Energy(*out.T)

@@ -58,11 +58,31 @@ def _resultants(data, o, d, theta, rate, spin):
 
 
 @kernel
+def transmitted(theta, d, n, m):
+    """Force and torque, in F's axes, whose work on G's motion against F is that of resultants (n, m) on xi."""
+    torque = left_jacobian_inverse_transposed(theta, add3(m, inverse_gradient(theta, d, n)))
+    return left_jacobian_inverse_transposed(theta, n), torque
+
+
+@kernel
+def transmitted_change(theta, turn, d, dd, n, m, dn, dm):
+    """Change of both as theta changes by ``turn``, d by dd and the resultants by (dn, dm)."""
+    inner = add3(m, inverse_gradient(theta, d, n))
+    dinner = add3(
+        add3(dm, inverse_gradient(theta, dd, n)),
+        add3(inverse_gradient(theta, d, dn), inverse_gradient_variation(theta, turn, d, n)),
+    )
+    force = add3(left_jacobian_inverse_transposed(theta, dn), inverse_variation(theta, turn, n, -1.0))
+    torque = add3(left_jacobian_inverse_transposed(theta, dinner), inverse_variation(theta, turn, inner, -1.0))
+    return force, torque
+
+
+@kernel
 def _wrench(plan, work, row, d, R, rate, spin):
     theta = rotation_vector(R)
     n, m = _resultants(plan.data, row[at.EL_DATA], d, theta, rate, spin)
-    torque = left_jacobian_inverse_transposed(theta, add3(m, inverse_gradient(theta, d, n)))
-    return scale3(-1.0, left_jacobian_inverse_transposed(theta, n)), scale3(-1.0, torque)
+    force, torque = transmitted(theta, d, n, m)
+    return scale3(-1.0, force), scale3(-1.0, torque)
 
 
 @kernel
@@ -82,13 +102,7 @@ def _variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step
         along = add3(along, inverse_second_variation(theta, theta_rate, turn, d))
         drag, twist = six_times(data, o + _C, along, dtheta_rate)
         dn, dm = add3(dn, drag), add3(dm, twist)
-    inner = add3(m, inverse_gradient(theta, d, n))
-    dinner = add3(
-        add3(dm, inverse_gradient(theta, dd, n)),
-        add3(inverse_gradient(theta, d, dn), inverse_gradient_variation(theta, turn, d, n)),
-    )
-    force = add3(left_jacobian_inverse_transposed(theta, dn), inverse_variation(theta, turn, n, -1.0))
-    torque = add3(left_jacobian_inverse_transposed(theta, dinner), inverse_variation(theta, turn, inner, -1.0))
+    force, torque = transmitted_change(theta, turn, d, dd, n, m, dn, dm)
     return scale3(-1.0, force), scale3(-1.0, torque)
 
 

@@ -28,6 +28,7 @@ from flexmbd.multibody.kernels.elements.element import (
 )
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.friction import FRICTION
+from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
@@ -45,7 +46,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     SPRING, CHARACTERISTIC, STOP, FRICTION,
     USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
-    STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, STATES,
+    STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
 )  # fmt: skip
 
 
