@@ -66,7 +66,7 @@ def moved(
         scene, frame = scene_of(n)
         machine = scene.compile()
         for rtol in tolerances:
-            method = METHODS[name] if name else None
+            method: Integrator | str = METHODS[name] if name else "auto"
             try:
                 runs = [machine.simulate(end, rtol=rtol, integrator=method, max_steps=MOST) for _ in range(2)]
             except fm.FlexmbdError:

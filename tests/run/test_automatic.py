@@ -11,6 +11,7 @@ from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
+from flexmbd.forms.beam_timoshenko import Parameters
 from flexmbd.integrate.machine_rates import machine_rates
 
 
@@ -61,6 +62,18 @@ def flexible_at_a_stop():
     return scene
 
 
+def with_beam(*, looped):
+    """A beam on a hinge, whose other end is free or slides."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    section = Parameters.rectangle(2.1e11, 0.3, 7850.0, width=0.02, height=0.01, orientation=(0.0, 1.0, 0.0))
+    ends = {"hub": (0.0, 0.0, 0.0), "tip": (1.0, 0.0, 0.0)}
+    beam = scene.add(fm.ExactBeam(ends, {"rod": [("hub", "tip")]}, {"rod": section}, 2), name="beam")
+    scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), beam.frame("hub"))
+    if looped:
+        scene.connect(fm.joint.PointOnLine("z"), scene.ground.frame(p=(1.0, 0.0, 0.0)), beam.frame("tip"))
+    return scene
+
+
 @pytest.mark.parametrize(
     ("scene", "arguments", "chosen", "why"),
     [
@@ -77,6 +90,9 @@ def flexible_at_a_stop():
         (lambda: with_stop(damping=1e5), {}, "Radau", "under the motion's load on stops"),
         (lambda: flexible_at_a_stop(), {"rtol": 1e-6}, "Radau", "under the motion's load on stops"),
         (with_penalty, {}, "Radau", "penalties"),
+        (lambda: with_beam(looped=False), {"rtol": 1e-4}, "Radau", "elements of beams"),
+        (lambda: with_beam(looped=True), {"rtol": 1e-4}, "generalized-alpha", "in closed loops"),
+        (lambda: with_beam(looped=True), {"rtol": 1e-8}, "Radau", "elements of beams"),
         (lambda: flexible(stiffer=1e4), {"rtol": 1e-3}, "central differences", "vibrations up to 1.26e+03 1/s"),
         (flexible, {"rtol": 1e-9}, "8(5,3)", "limited by accuracy"),
         (lambda: flexible(stiffer=1e6), {"rtol": 1e-4}, "Radau", "vibrations up to 1.26e+04 1/s"),
