@@ -147,6 +147,13 @@ class RangeWarning(UserWarning):
     """
 
 
+class DamageWarning(UserWarning):
+    """A part of a file is not as it was written; it is left out, and computed again.
+
+    Remedy: look at the disk, and at whoever else writes to the file.
+    """
+
+
 class StepsWarning(UserWarning):
     """An explicit method creeps: far more steps lie ahead of it than the machine's motion asks for.
 

@@ -4,6 +4,7 @@ from flexmbd.compiled_machine import CompiledMachine as CompiledMachine
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import AssemblyError as AssemblyError
 from flexmbd.errors import ConvergenceError as ConvergenceError
+from flexmbd.errors import DamageWarning as DamageWarning
 from flexmbd.errors import EnsembleError as EnsembleError
 from flexmbd.errors import EventWarning as EventWarning
 from flexmbd.errors import ExportError as ExportError

@@ -64,7 +64,7 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError PictureError RecordError ReductionError SceneError VersionError EventWarning "
-        "ModesWarning PathWarning RangeWarning StartWarning StepsWarning TableWarning",
+        "DamageWarning ModesWarning PathWarning RangeWarning StartWarning StepsWarning TableWarning",
         "",
     ),
 }

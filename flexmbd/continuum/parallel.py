@@ -6,6 +6,7 @@ function here therefore raises on all ranks or on none.
 
 from __future__ import annotations
 
+import os
 import pickle
 import time
 from collections.abc import Callable
@@ -17,9 +18,13 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from flexmbd.errors import FlexmbdError
+
 T = TypeVar("T")
 
 _ROOT = 0
+# The process in which MPI was started.
+_PROCESS = os.getpid()
 # How a rank waits: it looks whether the others have come, and sleeps this share of the time that it has waited so far,
 # this long (s) at most.
 _SHARE, _NAP = 0.02, 0.02
@@ -28,6 +33,21 @@ _TOLD = 32_119
 _UNREAD: list[MPI.Request] = []
 # Bytes in one message; MPI counts them in 32 bits.
 _MESSAGE = 1 << 30
+
+
+def refuse_fork(comm: MPI.Comm) -> None:
+    """Refuse what needs other ranks in a process that was forked from one of them. Not collective.
+
+    To the others it is not there: they would wait for its parent, and it for them, without end.
+
+    Raises:
+        FlexmbdError: it is such a process.
+    """
+    if os.getpid() != _PROCESS and comm.size > 1:
+        raise FlexmbdError(
+            f"this process was forked from rank {comm.rank} of {comm.size} after MPI had started, and is none of the "
+            "ranks: do here what one process does (comm=MPI.COMM_SELF), or start workers by multiprocessing's 'spawn'"
+        )
 
 
 def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
@@ -46,6 +66,7 @@ def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
         if error is not None:
             raise error
         return
+    refuse_fork(comm)
     failures = [
         (rank, failure)
         for rank, failure in enumerate(comm.allgather(_portable(error)))
@@ -69,6 +90,7 @@ def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
     Raises:
         Exception: whatever `function` raised, on every rank; an interrupt (Ctrl-C) as itself on its own rank.
     """
+    refuse_fork(comm)
     result = b""
     error: BaseException | None = None
     if comm.rank == _ROOT:
@@ -125,6 +147,7 @@ def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> No
     Raises:
         Exception: of that kind, on all ranks; gives a name and two values of it.
     """
+    refuse_fork(comm)
     heard = comm.allgather({name: repr(value) for name, value in arguments.items()})
     for name in arguments:
         for rank, theirs in enumerate(heard):
@@ -145,6 +168,7 @@ def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | No
     Returns:
         (sum of n_local, ...) array on rank 0, None on the others.
     """
+    refuse_fork(comm)
     parts = comm.gather(np.ascontiguousarray(rows), root=_ROOT)
     return np.concatenate(parts) if parts is not None else None
 
@@ -189,6 +213,7 @@ class MpiTeam:
         Returns:
             A new array of that shape.
         """
+        refuse_fork(self.comm)
         agreed = np.array(x, order="C")
         self.comm.Bcast(agreed, root=_ROOT)
         return agreed
@@ -206,6 +231,7 @@ class MpiTeam:
 
         Rank 0 does not wait; a rank that never calls leaves a message of some hundred bytes unread.
         """
+        refuse_fork(self.comm)
         if self.is_root:
             failure = _portable(error)
             _UNREAD[:] = [message for message in _UNREAD if not message.Test()]

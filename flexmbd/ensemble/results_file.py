@@ -2,7 +2,7 @@
 
 All datasets have their final size from the beginning, and are laid out without chunks, so that rows that come in change
 no structure of the file: whenever the process dies, what it wrote can be read.  A row counts once its state says so,
-which is written after it.
+which is written after it and its checksum.  All else has a checksum of its own (`files.row_file`).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import os
 import time
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 from pathlib import Path
@@ -19,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import RecordError
+from flexmbd.errors import DamageWarning, RecordError, warn
+from flexmbd.files.row_file import check_rows, head_size, places_of, seal_rows
+from flexmbd.files.tree_file import FileKind
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 
 if TYPE_CHECKING:  # h5py loads where a file is asked for
@@ -30,11 +33,12 @@ FloatArray = NDArray[np.float64]
 #: States of a variant: not run yet, done, failed.
 WAITING, DONE, FAILED = range(3)
 
-_VERSION = 1
+ENSEMBLE = FileKind("flexmbd ensemble", 2, "ensemble(..., file=)")
 _unnamed = itertools.count()
 _TEXT = 400  # bytes of a failure's message
 _HEADERS = 1 << 16  # bytes of all else in the file
 _EVERY = 0.2  # s after which what came is written: what a killed process loses
+_CHECKED_AT_ONCE = 1 << 24  # bytes
 
 
 class ResultsFile:
@@ -91,15 +95,53 @@ class ResultsFile:
                     self.file["outputs"][name][stretch.start : stretch.stop] = found
             for k, message in messages.items():
                 self.file["message"][k] = message.encode()[:_TEXT]
+            for stretch in _stretches(rows):
+                self.state[stretch.start : stretch.stop] = [FAILED if k in messages else DONE for k in stretch]
+                self.file["check"][stretch.start : stretch.stop] = self._checksums(stretch)
             self.file.flush()  # before their states say that they count
             for stretch in _stretches(rows):
-                now = np.array([FAILED if k in messages else DONE for k in stretch], np.int8)
-                self.file["state"][stretch.start : stretch.stop] = now
-                self.state[stretch.start : stretch.stop] = now
+                self.file["state"][stretch.start : stretch.stop] = self.state[stretch.start : stretch.stop]
             self.file.flush()
         except (OSError, RuntimeError) as reason:
             raise RecordError(f"the ensemble cannot be written to {self.file.filename}: {reason}") from reason
         self._written = time.monotonic()
+
+    def drop_damaged(self) -> None:
+        """Take rows for not run whose checksum is not that of what they hold, and warn of them."""
+        damaged: list[int] = []
+        size = sum(8 * prod(shape) for shape in self.shapes.values()) + _TEXT
+        at_once = max(1, _CHECKED_AT_ONCE // size)
+        for first in range(0, len(self.state), at_once):
+            stretch = range(first, min(first + at_once, len(self.state)))
+            found, kept = self._checksums(stretch), self.file["check"][stretch.start : stretch.stop]
+            wrong = (self.state[stretch.start : stretch.stop] != WAITING) & (found != kept)
+            damaged += [first + int(k) for k in np.flatnonzero(wrong)]
+        if not damaged:
+            return
+        self.state[damaged] = WAITING
+        for k in damaged:
+            self.file["state"][k], self.file["message"][k] = WAITING, b""
+            for name in self.names:
+                self.file["outputs"][name][k] = np.nan
+        self.file.flush()
+        some = ", ".join(map(str, damaged[:8])) + (", ..." if len(damaged) > 8 else "")
+        warn(
+            f"{self.file.filename}: of the variants {some} ({len(damaged)} of {len(self.state)}) other numbers are in "
+            "the file than were written: they are run again. Is the disk sound?",
+            DamageWarning,
+        )
+
+    def _checksums(self, stretch: range) -> NDArray[np.uint32]:
+        """Of what rows hold, their numbers and states included."""
+        rows = slice(stretch.start, stretch.stop)
+        parts = [self.file["outputs"][name][rows] for name in self.names] + [self.file["message"][rows]]
+        found = np.zeros(len(stretch), np.uint32)
+        for i, k in enumerate(stretch):
+            check = zlib.crc32(f"{k} {self.state[k]}".encode())
+            for part in parts:
+                check = zlib.crc32(part[i].tobytes(), check)
+            found[i] = check
+        return found
 
     def message(self, k: int) -> str:
         """Why variant k failed."""
@@ -135,39 +177,43 @@ def new_file(
         file = h5py.File(f"ensemble {next(_unnamed)}", "w", driver="core", backing_store=False)
         _lay_out(file, count, shapes, samples, digest)
         return ResultsFile(file)
+    head = head_size(len(shapes) + len(_OF_EACH))
     numbers = sum(count * prod(shape) for shape in shapes.values()) + sum(values.size for values in samples.values())
     try:
         with part_file(Path(os.path.realpath(path))) as (part, room):
-            refuse_no_room(room, 8 * numbers + (1 + _TEXT) * count + _HEADERS)
-            with h5py.File(part, "w", locking=False) as file:
+            refuse_no_room(room, 8 * numbers + (5 + _TEXT) * count + _HEADERS + head)
+            with h5py.File(part, "w", locking=False, userblock_size=head) as file:
                 _lay_out(file, count, shapes, samples, digest)
+                places = places_of([*file["outputs"].values(), *(file[name] for name in _OF_EACH)])
+            seal_rows(room, ENSEMBLE, head=head, places=places)
         return ResultsFile(h5py.File(path, "r+"))
     except OSError as reason:
         raise RecordError(f"the ensemble cannot be written to {path}: {first_line(reason)}") from reason
 
 
 def opened_file(path: Path, digest: str) -> ResultsFile:
-    """Open a file of results that an ensemble with this digest left.
+    """Open a file of results that an ensemble with this digest left; damaged rows are to be run again.
 
     Raises:
-        RecordError: it is no such file, another process writes to it, or it is of another ensemble.
+        RecordError: it is no such file, another process writes to it, it is of another ensemble, or damaged beside its
+            rows.
     """
     import h5py
 
     try:
+        check_rows(path, kind=ENSEMBLE)
         file = h5py.File(path, "r+")
-    except OSError as reason:
-        raise RecordError(f"{path} cannot be gone on with: {reason}") from reason
-    if file.attrs.get("format") != "flexmbd ensemble" or file.attrs.get("version") != _VERSION:
-        file.close()
-        raise RecordError(f"{path} is no file of an ensemble; choose another name")
+    except (RecordError, OSError) as reason:
+        raise RecordError(f"{path} cannot be gone on with: {first_line(reason)}") from reason
     if file.attrs["digest"] != digest:
         file.close()
         raise RecordError(
             f"{path} is of another ensemble, of other samples, outputs, machine or options, or of another flexmbd; "
             "choose another name, or remove it"
         )
-    return ResultsFile(file)
+    found = ResultsFile(file)
+    found.drop_damaged()
+    return found
 
 
 def _lay_out(
@@ -177,7 +223,7 @@ def _lay_out(
     samples: Mapping[str, FloatArray],
     digest: str,
 ) -> None:
-    file.attrs.update({"format": "flexmbd ensemble", "version": _VERSION, "digest": digest})
+    file.attrs.update({"format": ENSEMBLE.format, "version": ENSEMBLE.version, "digest": digest})
     for name, values in samples.items():
         file.create_dataset(f"samples/{name}", data=values, track_times=False)
     file.create_group("outputs")
@@ -185,6 +231,11 @@ def _lay_out(
         _allocate(file["outputs"], name, (count, *shape), np.dtype(np.float64), np.nan)
     _allocate(file, "state", (count,), np.dtype(np.int8), WAITING)
     _allocate(file, "message", (count,), np.dtype(f"S{_TEXT}"), b"")
+    file["message"][...] = b""  # what HDF5 fills texts with is what was in memory
+    _allocate(file, "check", (count,), np.dtype(np.uint32), 0)
+
+
+_OF_EACH = ("state", "message", "check")  # variant, beside the outputs
 
 
 def _allocate(group: Any, name: str, shape: Sequence[int], dtype: np.dtype[Any], fill: Any) -> None:

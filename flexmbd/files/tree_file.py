@@ -5,7 +5,7 @@ The schema, which any HDF5 library can read (docs/record.md lists what a reduced
     bytes 0-511   user block, ASCII: what the file is, its version, the number of bytes after the
                   user block and their SHA-256; h5dump and h5py skip it by themselves
     /             attributes `format` and `version`, as "flexmbd record" and 1
-    arrays        datasets of little-endian 64-bit floats or integers, contiguous
+    arrays        datasets of little-endian 64-bit floats or integers, or 32-bit floats, contiguous
     texts         scalar datasets of UTF-8 strings of variable length
     text tuples   one-dimensional datasets of such strings
     dictionaries  groups
@@ -33,14 +33,14 @@ from flexmbd.files.whole_file import replace_file
 if TYPE_CHECKING:
     import h5py
 
-#: A dictionary of float64 and int64 arrays, texts, tuples of texts, and further such dictionaries.
+#: A dictionary of float64, float32 and int64 arrays, texts, tuples of texts, and further such dictionaries.
 Tree = dict[str, Any]
 
 #: Bytes before the HDF5 file proper.
 HEAD = 512
 _READ_AT_ONCE = 1 << 22
 _HEADLINE = re.compile(rb"([a-z ]+), version (\d+)\nHDF5 after (\d+) bytes\nbytes (\d+)\nsha256 ([0-9a-f]{64})\n")
-_KINDS = {np.dtype(np.float64): "<f8", np.dtype(np.int64): "<i8"}
+_KINDS = {np.dtype(np.float64): "<f8", np.dtype(np.float32): "<f4", np.dtype(np.int64): "<i8"}
 
 
 @dataclass(frozen=True)
@@ -201,8 +201,13 @@ def _digest(file: int) -> tuple[int, str]:
 
 
 def _head(kind: FileKind, *, size: int, digest: str) -> bytes:
-    head = f"{kind.format}, version {kind.version}\nHDF5 after {HEAD} bytes\nbytes {size}\nsha256 {digest}\n"
-    return head.encode("ascii").ljust(HEAD, b"\0")
+    return head_of(kind, before=HEAD, size=size, digest=digest).ljust(HEAD, b"\0")
+
+
+def head_of(kind: FileKind, *, before: int, size: int, digest: str) -> bytes:
+    """The text of a user block of ``before`` bytes, of an HDF5 file of ``size`` bytes behind it."""
+    text = f"{kind.format}, version {kind.version}\nHDF5 after {before} bytes\nbytes {size}\nsha256 {digest}\n"
+    return text.encode("ascii")
 
 
 def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> None:
@@ -220,7 +225,7 @@ def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> N
             group.create_dataset(key, data=value, dtype=h5py.string_dtype("utf-8"))
         else:
             raise RecordError(
-                f"a file holds float64 and int64 arrays, texts without NUL and tuples of them; "
+                f"a file holds float64, float32 and int64 arrays, texts without NUL and tuples of them; "
                 f"item {item} is {getattr(value, 'dtype', type(value).__name__)}"
             )
 
@@ -262,13 +267,23 @@ def image_size(path: Path, head: bytes, *, kind: FileKind) -> int:
     Raises:
         RecordError: it is foreign or of another version, or its beginning is damaged.
     """
-    version, before, size = (int(number) for number in _headline(path, head, kind).groups()[1:4])
-    if version != kind.version:
+    found = headline(path, head, kind)
+    return int(found.group(3)) + int(found.group(4))
+
+
+def headline(path: Path, head: bytes, kind: FileKind) -> re.Match[bytes]:
+    """What a file's first bytes say: format, version, bytes before HDF5's, bytes of these, SHA-256.
+
+    Raises:
+        RecordError: it is foreign or of another version, or its beginning is damaged.
+    """
+    found = _headline(path, head, kind)
+    if int(found.group(2)) != kind.version:
         raise RecordError(
-            f"{path} is a {kind.format} of version {version}, and this flexmbd reads version {kind.version}: "
-            "use the flexmbd that wrote it, or make it again"
+            f"{path} is a {kind.format} of version {int(found.group(2))}, and this flexmbd reads version "
+            f"{kind.version}: use the flexmbd that wrote it, or make it again"
         )
-    return before + size
+    return found
 
 
 def check_image(path: Path, image: bytes, *, kind: FileKind) -> None:

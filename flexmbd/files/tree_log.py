@@ -7,14 +7,16 @@ another process may read while the file grows.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from flexmbd.errors import RecordError
 from flexmbd.files.tree_file import HEAD, FileKind, Tree, check_image, image_size, tree_image, tree_of
 from flexmbd.files.whole_file import is_locked_elsewhere, open_part, take_part
+
+T = TypeVar("T")
 
 
 class TreeLog:
@@ -117,17 +119,57 @@ def read_log(path: Path, *, kind: FileKind) -> Iterator[tuple[Tree, int]]:
             while head := file.read(HEAD):
                 if end and len(head) < HEAD:
                     return
-                size = image_size(path, head, kind=kind)
-                if end and size > os.fstat(file.fileno()).st_size - end:
+                size = _told(end, lambda head=head: image_size(path, head, kind=kind))  # type: ignore[misc]
+                there = os.fstat(file.fileno()).st_size - end  # the head may claim any size
+                image = head + file.read(max(min(size, there) - HEAD, 0))
+                if end and len(image) < size and not _holds_head(image[HEAD:], kind):
                     return
-                image = head + file.read(size - HEAD)
-                check_image(path, image, kind=kind)
+                yield _checked_tree(path, image, begin=end, kind=kind), end + size
                 end += size
-                yield tree_of(path, image, kind=kind), end
             if not end:
                 raise RecordError(f"{path} is empty; pass a file that {kind.writer} wrote")
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def read_at(path: Path, begin: int, end: int, *, kind: FileKind) -> Tree:
+    """The tree between two bytes of a log, as `read_log` told them.
+
+    Raises:
+        RecordError: the file cannot be read, or the tree is damaged by now.
+    """
+    try:
+        with open(path, "rb") as file:
+            file.seek(begin)
+            image = file.read(end - begin)
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+    return _checked_tree(path, image, begin=begin, kind=kind)
+
+
+def _checked_tree(path: Path, image: bytes, *, begin: int, kind: FileKind) -> Tree:
+    """The tree of a block's bytes; raises RecordError, which says where it is, for what is damaged."""
+
+    def tree() -> Tree:
+        check_image(path, image, kind=kind)
+        return tree_of(path, image, kind=kind)
+
+    return _told(begin, tree)
+
+
+def _told(begin: int, function: Callable[[], T]) -> T:
+    """What a function gives; its error says at which byte the block begins that it is about."""
+    try:
+        return function()
+    except RecordError as error:
+        if not begin:
+            raise
+        raise RecordError(f"{error}; so is its block from byte {begin} on, and what is before that is whole") from error
+
+
+def _holds_head(rest: bytes, kind: FileKind) -> bool:
+    """Whether another tree begins in what seems to be the rest of a last one: then the size that this told is wrong."""
+    return f"{kind.format}, version {kind.version}\n".encode() in rest
 
 
 def _write(file: int, image: bytes) -> None:

@@ -1,37 +1,22 @@
-"""Fields of bodies with history, kept in an HDF5 file while a machine runs, and read from it.
-
-    /                                        attributes format = "flexmbd recording", version
-    /t                                       (nt,) s
-    /bodies/<body>/node, x, triangle                undeformed, in body axes (`InteriorMesh`)
-    /bodies/<body>/fields/<name>                    (nt, k), (nt, k, m): position, velocity, von_mises, ...
-    /bodies/<body>/body_position, body_rotation     (nt, 3), (nt, 3, 3)
-    /bodies/<body>/largest, largest_row             (nt,)
-
-The file is closed between blocks of instants, so that a run that is killed leaves what was written.
-"""
+"""Fields of bodies with history, kept in a file while a machine runs, and read from it (`recorded_instants`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import RecordError, SceneError
+from flexmbd.errors import SceneError
 from flexmbd.given import is_number
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.interiors.observed import InteriorMesh, ObservedInterior
 from flexmbd.record.stress_field import StressField
-
-if TYPE_CHECKING:
-    import h5py
+from flexmbd.run.recorded_instants import RecordedInstants, recorded_instants
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-FORMAT, VERSION = "flexmbd recording", 1
 
 # Instants are multiples of a time, to round-off.
 _ROUND_OFF = 1e-9
@@ -45,7 +30,8 @@ class Recording:
     last step.  The steps are those of a run that keeps nothing.
 
     Attributes:
-        path: of the HDF5 file; an existing one is replaced, or goes on where the run is a restart.
+        path: of the file, of which each block has a checksum; an existing one is replaced, or goes on where the run is
+            a restart.
         every: s of simulated time.
 
     Raises:
@@ -82,31 +68,38 @@ class BodyRecording:
 
     @property
     def t(self) -> FloatArray:
-        """(nt,) s, the instants."""
-        with opened(self.path) as file:
-            return np.asarray(file["t"][()])
+        """(nt,) s, the instants.
+
+        Raises:
+            RecordError: the file cannot be read, or is damaged; as of all questions.
+        """
+        return recorded_instants(self.path).t.copy()
 
     @property
     def mesh(self) -> InteriorMesh:
         """The undeformed nodes, in body axes, and the surface."""
-        with opened(self.path) as file:
-            group = _group(file, self)
-            return InteriorMesh(group["node"][()], group["x"][()], group["triangle"][()])
+        found, k = self._found()
+        return found.meshes[k]
 
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the fields: position, velocity, acceleration, stress, von_mises, and those of the form's history."""
-        with opened(self.path) as file:
-            return tuple(_group(file, self)["fields"])
+        found, k = self._found()
+        return found.fields[k]
 
     def values(self, field: str, *, row: int | slice = slice(None)) -> FloatArray:
         """(nt, k) or (nt, k, m), a field at all nodes and instants, or at the instants of ``row``.
 
         Raises:
-            SceneError: there is no such field; the message lists those there are.
+            SceneError: there is no such field, and the message lists those there are; or no such instant.
         """
-        with opened(self.path) as file:
-            return np.asarray(self._dataset(file, field)[row], dtype=np.float64)
+        found, k = self._field(field)
+        if isinstance(row, slice):
+            return np.asarray(found.series(k, lambda body: body["fields"][field])[row], dtype=np.float64)
+        nt = len(found.t)
+        if not -nt <= row < nt:
+            raise SceneError(f"the recording has {nt} instants, and none of the row {row!r}")
+        return np.asarray(found.row(k, row % nt, lambda body: body["fields"][field]), dtype=np.float64)
 
     def series(self, field: str, *, node: int | None = None, point: ArrayLike | None = None) -> FloatArray:
         """(nt,) or (nt, m), a field at a node or a point of the undeformed mesh.
@@ -122,10 +115,9 @@ class BodyRecording:
             MeshError: no cell holds the point.
         """
         rows, weights = self._place(node, point)
-        order = np.argsort(rows)
-        with opened(self.path) as file:
-            found = np.asarray(self._dataset(file, field)[:, rows[order]], dtype=np.float64)
-        return np.asarray(np.einsum("tk...,k->t...", found, weights[order]))
+        found, k = self._field(field)
+        values = np.asarray(found.series(k, lambda body: body["fields"][field][:, rows]), dtype=np.float64)
+        return np.asarray(np.einsum("tk...,k->t...", values, weights))
 
     def position(self, *, node: int | None = None, point: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m, of a node or point, as of ``series``."""
@@ -141,49 +133,47 @@ class BodyRecording:
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """(nt, 3) m and (nt, 3, 3): the body axes, as the first interface frame carries them."""
-        with opened(self.path) as file:
-            group = _group(file, self)
-            return np.asarray(group["body_position"][()]), np.asarray(group["body_rotation"][()])
+        found, k = self._found()
+        return found.series(k, lambda body: body["body_position"]), found.series(k, lambda body: body["body_rotation"])
 
     def largest(self) -> FloatArray:
         """(nt,) Pa, the largest von Mises stress at any point of a cell."""
-        with opened(self.path) as file:
-            return np.asarray(_group(file, self)["largest"][()])
+        found, k = self._found()
+        return found.series(k, lambda body: body["largest"])
 
     def between(self, field: str, t: ArrayLike) -> FloatArray:
         """(k, nodes) or (k, nodes, m), a field at times (k,) s, linear between the instants."""
         wanted, instants = np.atleast_1d(np.asarray(t, dtype=float)), self.t
+        self._field(field)
+        if len(instants) == 1:
+            return np.array([self.values(field, row=0) for _ in wanted])
         found = []
-        with opened(self.path) as file:
-            data = self._dataset(file, field)
-            for time in wanted:
-                k = int(np.clip(np.searchsorted(instants, time, side="right") - 1, 0, max(len(instants) - 2, 0)))
-                if len(instants) == 1:
-                    found.append(np.asarray(data[0], dtype=np.float64))
-                    continue
-                share = np.clip((time - instants[k]) / (instants[k + 1] - instants[k]), 0.0, 1.0)
-                found.append((1.0 - share) * data[k].astype(np.float64) + share * data[k + 1].astype(np.float64))
+        for time in wanted:
+            k = int(np.clip(np.searchsorted(instants, time, side="right") - 1, 0, len(instants) - 2))
+            share = np.clip((time - instants[k]) / (instants[k + 1] - instants[k]), 0.0, 1.0)
+            found.append((1.0 - share) * self.values(field, row=k) + share * self.values(field, row=k + 1))
         return np.array(found)
 
     def stress(self, t: float) -> StressField:
         """Displacement and stress, in body axes, at the instant nearest to t (s)."""
-        k = int(np.argmin(np.abs(self.t - t)))
-        p, R = (part[k] for part in self.pose())
-        mesh = self.mesh
-        with opened(self.path) as file:
-            group = _group(file, self)
-            largest, row = float(group["largest"][k]), int(group["largest_row"][k])
-        xx, yy, zz, yz, xz, xy = self.values("stress", row=k).T
+        found, k = self._field("stress")
+        row = int(np.argmin(np.abs(found.t - t)))
+        p, R, largest, nearest = (
+            found.row(k, row, lambda body, name=name: body[name])  # type: ignore[misc]
+            for name in ("body_position", "body_rotation", "largest", "largest_row")
+        )
+        mesh = found.meshes[k]
+        xx, yy, zz, yz, xz, xy = self.values("stress", row=row).T
         stress = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
         return StressField(
             node=mesh.node,
             x=mesh.x,
             triangle=mesh.triangle,
-            displacement=(self.values("position", row=k) - p) @ R - mesh.x,
+            displacement=(self.values("position", row=row) - p) @ R - mesh.x,
             stress=R.T @ stress @ R,
-            von_mises=self.values("von_mises", row=k),
-            max=largest,
-            max_x=mesh.x[row],
+            von_mises=self.values("von_mises", row=row),
+            max=float(largest),
+            max_x=mesh.x[int(nearest)],
         )
 
     def _place(self, node: int | None, point: ArrayLike | None) -> tuple[IntArray, FloatArray]:
@@ -202,47 +192,25 @@ class BodyRecording:
             raise SceneError("points are found by the body itself; ask the trajectory's recording, or for a node")
         return self.body.interior.locate(place)
 
-    def _dataset(self, file: Any, field: str) -> Any:
-        known = _group(file, self)["fields"]
-        if field not in known:
-            raise SceneError(f"body {self.name!r} has no field {field!r}; it has {', '.join(known)}")
-        return known[field]
+    def _found(self) -> tuple[RecordedInstants, int]:
+        """What the file holds, and the body's number in it."""
+        found = recorded_instants(self.path)
+        return found, found.body(self.name)
+
+    def _field(self, field: str) -> tuple[RecordedInstants, int]:
+        """The same, where the body has such a field."""
+        found, k = self._found()
+        if field not in found.fields[k]:
+            known = ", ".join(found.fields[k]) or "no instants yet"
+            raise SceneError(f"body {self.name!r} has no field {field!r}; it has {known}")
+        return found, k
 
 
 def load_recording(path: str | Path) -> dict[str, BodyRecording]:
     """The bodies of a recording by name.
 
     Raises:
-        RecordError: it cannot be read, or is no recording.
+        RecordError: it cannot be read, is no recording, or is damaged.
     """
-    with opened(Path(path)) as file:
-        return {name: BodyRecording(Path(path), name) for name in file["bodies"]}
-
-
-def _group(file: Any, recording: BodyRecording) -> Any:
-    if recording.name not in file["bodies"]:
-        raise RecordError(f"{recording.path} holds no body {recording.name!r}")
-    return file["bodies"][recording.name]
-
-
-def opened(path: Path, mode: str = "r") -> h5py.File:
-    """The file.
-
-    Raises:
-        RecordError: it cannot be read, or is no recording.
-    """
-    try:
-        file = hdf5().File(path, mode)
-    except OSError as reason:
-        raise RecordError(f"{path} cannot be read as a recording: {reason}") from reason
-    if file.attrs.get("format") != FORMAT or file.attrs.get("version") != VERSION:
-        file.close()
-        raise RecordError(f"{path} is no recording of version {VERSION}")
-    return file
-
-
-def hdf5() -> Any:
-    """The HDF5 library."""
-    import h5py  # loads only where something is recorded
-
-    return h5py
+    found = recorded_instants(Path(path))
+    return {name: BodyRecording(found.path, name) for name in found.names}

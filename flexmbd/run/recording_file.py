@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexmbd.errors import RecordError, SceneError
+from flexmbd.errors import FlexmbdError, RecordError, SceneError
+from flexmbd.files.tree_file import Tree
+from flexmbd.files.tree_log import TreeLog
 from flexmbd.integrate import state as st
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
-from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh, ObservedInterior
+from flexmbd.multibody.interiors.observed import InteriorFields, ObservedInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.team import Team
-from flexmbd.run.recording import FORMAT, VERSION, BodyRecording, Recording, hdf5, opened
+from flexmbd.run.recorded_instants import ONCE, RECORDING, head_tree, resumed_recording
+from flexmbd.run.recording import BodyRecording, Recording
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.stepping import Integration
 
@@ -80,8 +81,9 @@ class Recorder:
             self._pending = []
 
     def stop(self) -> None:
-        """Watch no longer."""
+        """Watch no longer, and write no more."""
         self._interiors.watchers.remove(self.watch)
+        self._file.close()
 
     def end(self) -> None:
         """Write the last step as well.  Collective."""
@@ -147,6 +149,7 @@ class RecordingFile:
     def __init__(self, recording: Recording, bodies: Mapping[str, ObservedInterior], team: Team) -> None:
         """Every rank makes one."""
         self._recording, self._bodies, self._team = recording, bodies, team
+        self._log: TreeLog | None = None
 
     def begin(self, t: float | None) -> float | None:
         """Make the file, or of a restart at t (s) go on with what it holds up to then.  Collective.
@@ -159,14 +162,16 @@ class RecordingFile:
         """
         meshes = {name: body.outline() for name, body in self._bodies.items()}
         last = np.array([np.nan])
-        error: Exception | None = None
+        error: FlexmbdError | None = None
         if self._team.is_root:
+            path = Path(self._recording.path)
             try:
-                last[0] = self._open(meshes, t)
+                if t is not None and path.exists():
+                    self._log, last[0] = resumed_recording(path, meshes, t)
+                else:
+                    self._log = TreeLog.begin(path, head_tree(meshes), kind=RECORDING)
             except RecordError as reason:
                 error = reason
-            except OSError as reason:
-                error = self._cannot(reason)
         self._team.fail(error)
         found = float(self._team.agree(last)[0])
         return None if np.isnan(found) else found
@@ -177,68 +182,35 @@ class RecordingFile:
         Raises:
             RecordError: on all ranks: it cannot be written.
         """
-        error: Exception | None = None
-        if self._team.is_root and instants:
+        error: FlexmbdError | None = None
+        if self._log is not None and instants:
             try:
-                with hdf5().File(self._recording.path, "r+") as file:
-                    _extend(file, "t", np.array([t for t, _ in instants]), np.float64)
-                    for name in self._bodies:
-                        _append_fields(file["bodies"][name], [fields[name] for _, fields in instants])
-            except OSError as reason:
-                error = self._cannot(reason)
+                self._log.append(_block(instants, tuple(self._bodies)))
+            except RecordError as reason:
+                error = reason
         self._team.fail(error)
 
-    def _open(self, meshes: Mapping[str, InteriorMesh], t: float | None) -> float:
-        path = Path(self._recording.path)
-        if t is not None and path.exists():
-            with opened(path, "r+") as file:
-                return _cut(file, meshes, t, path)
-        with hdf5().File(path, "w") as file:
-            file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-            for name, mesh in meshes.items():
-                group = file.create_group(f"bodies/{name}")
-                group["node"], group["x"], group["triangle"] = mesh.node, mesh.x, mesh.triangle
-        return float("nan")
-
-    def _cannot(self, reason: OSError) -> RecordError:
-        return RecordError(f"the recording cannot be written to {self._recording.path}: {reason}")
+    def close(self) -> None:
+        """Write no more."""
+        if self._log is not None:
+            self._log.close()
 
 
-def _append_fields(group: Any, instants: list[InteriorFields]) -> None:
-    for name in _MOTION:
-        _extend(group, f"fields/{name}", np.array([getattr(one, name) for one in instants]), np.float64)
-    for name in instants[0].values:
-        _extend(group, f"fields/{name}", np.array([one.values[name] for one in instants]), np.float32)
-    _extend(group, "body_position", np.array([one.p for one in instants]), np.float64)
-    _extend(group, "body_rotation", np.array([one.R for one in instants]), np.float64)
-    _extend(group, "largest", np.array([one.largest for one in instants]), np.float64)
-    _extend(group, "largest_row", np.array([one.largest_row for one in instants]), np.int64)
+def _block(instants: list[tuple[float, Mapping[str, InteriorFields]]], names: tuple[str, ...]) -> Tree:
+    return {
+        "t": np.array([t for t, _ in instants], np.float64),
+        "bodies": {str(k): _fields([fields[name] for _, fields in instants]) for k, name in enumerate(names)},
+    }
 
 
-def _extend(group: Any, name: str, rows: NDArray[Any], kind: type) -> None:
-    """Append rows to a dataset, which is made at the first call."""
-    if name not in group:
-        group.create_dataset(name, (0, *rows.shape[1:]), kind, chunks=(1, *rows.shape[1:]) if rows.ndim > 1 else (256,),
-                             maxshape=(None, *rows.shape[1:]))  # fmt: skip
-    data = group[name]
-    data.resize(len(data) + len(rows), axis=0)
-    data[len(data) - len(rows) :] = rows
-
-
-def _cut(file: Any, meshes: Mapping[str, InteriorMesh], t: float, path: Path) -> float:
-    """Leave of a recording what was before t (s), or at it; the last instant left (s)."""
-    bodies = file["bodies"]
-    for name, mesh in meshes.items():
-        if name not in bodies or not np.array_equal(bodies[name]["node"][()], mesh.node):
-            raise RecordError(f"{path} is a recording of other bodies; give the restart a file of its own")
-    if "t" not in file:
-        return float("nan")
-    kept = int((file["t"][()] <= t).sum())
-    file["t"].resize(kept, axis=0)
-    for name in meshes:
-        for data in [*bodies[name]["fields"].values(), *(bodies[name][part] for part in _ONCE)]:
-            data.resize(kept, axis=0)
-    return float(file["t"][-1]) if kept else float("nan")
-
-
-_ONCE = ("body_position", "body_rotation", "largest", "largest_row")
+def _fields(instants: list[InteriorFields]) -> Tree:
+    fields: Tree = {name: np.array([getattr(one, name) for one in instants], np.float64) for name in _MOTION}
+    fields |= {name: np.array([one.values[name] for one in instants], np.float32) for name in instants[0].values}
+    position, rotation, largest, nearest = ONCE
+    return {
+        "fields": fields,
+        position: np.array([one.p for one in instants], np.float64),
+        rotation: np.array([one.R for one in instants], np.float64),
+        largest: np.array([one.largest for one in instants], np.float64),
+        nearest: np.array([one.largest_row for one in instants], np.int64),
+    }

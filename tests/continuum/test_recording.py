@@ -247,7 +247,7 @@ def test_what_cannot_be_seen_is_told(tmp_path):
         seen.position()
     with pytest.raises(MeshError, match="no cell of the undeformed body holds the point"):
         seen.position(point=(1.0, 0.0, 0.0))
-    with pytest.raises(RecordError, match="cannot be written"):
+    with pytest.raises(RecordError, match="cannot write"):
         scene.simulate(
             1e-5, integrator=fm.CentralDifference(), recording=fm.Recording(tmp_path / "none" / "a.h5", every=5e-6)
         )

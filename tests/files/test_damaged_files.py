@@ -5,9 +5,11 @@ until it has a case.  What a checksum guards is also changed behind it, array by
 """
 
 import importlib
+import itertools
 import pkgutil
 import resource
 import time
+import warnings
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -15,23 +17,29 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import h5py
 import lattice
 import numpy as np
 import pytest
 from exported_bodies import small_body
-from machines import slider_crank
+from machines import pendulum, slider_crank
 from mutations import mutations
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.errors import FlexmbdError
+from flexmbd.ensemble.results_file import ENSEMBLE
+from flexmbd.errors import FlexmbdError, RecordError
 from flexmbd.files.array_file import read_arrays, write_arrays
 from flexmbd.files.result_table import ResultTable
 from flexmbd.files.tree_file import FileKind, read_tree, tree_image, write_tree
 from flexmbd.files.tree_log import read_log
 from flexmbd.meshes import trial_read
 from flexmbd.meshes.h5_file import MESH
+from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
+from flexmbd.multibody.team import Alone
 from flexmbd.record.file_kind import RECORD
+from flexmbd.run.recorded_instants import RECORDING
+from flexmbd.run.recording_file import RecordingFile
 from flexmbd.run.result_file import TRAJECTORY
 from flexmbd.run.stopped import SimulationError
 from flexmbd.run.stream_file import STREAM
@@ -124,6 +132,64 @@ def table(path):
     return ResultTable(("t", "x"), ("s", "m"), np.arange(20.0).reshape(10, 2)).save(path)
 
 
+class Cube:
+    """An interior that shows eight nodes."""
+
+    def __init__(self):
+        self.x = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
+
+    def outline(self):
+        return InteriorMesh(np.arange(1, 9), self.x, np.array([[0, 1, 2], [1, 3, 2]]))
+
+    def at(self, t):
+        stress = np.full((8, 6), 1e6 * t)
+        rates = np.zeros((8, 3))
+        values = {"stress": stress, "von_mises": stress[:, 0]}
+        return InteriorFields(np.zeros(3), np.eye(3), self.x * (1.0 + t), rates, rates, values, 1e6 * t, 3)
+
+
+def recorded(path, times=((0.0, 0.1), (0.2,), (0.3, 0.4))):
+    """Blocks of instants of a cube."""
+    cube = Cube()
+    file = RecordingFile(fm.Recording(path, every=0.1), {"cube": cube}, Alone())
+    file.begin(None)
+    for block in times:
+        file.append([(t, {"cube": cube.at(t)}) for t in block])
+    file.close()
+
+
+def every_field(path):
+    for body in fm.load_recording(path).values():
+        for name in body.fields:
+            assert len(body.values(name)) == len(body.t)
+        with np.errstate(all="ignore"):
+            if len(body.t):
+                body.stress(0.2)
+
+
+@cache
+def swinging():
+    scene, bob, _ = pendulum()
+    return scene.compile(parameters={"m": fm.parameter.Mass(bob)})
+
+
+OUTPUTS = {"end": lambda run: run.x[-1], "path": lambda run: run.v[:2]}
+
+
+def study(path):
+    """Four variants of a machine; those that the file holds are not run again."""
+    how = {"integrator": fm.ExplicitRungeKutta(), "h": 0.01}
+    with swinging().ensemble({"m": np.arange(1.0, 5.0)}, OUTPUTS, t_end=0.02, workers=1, file=path, **how) as found:
+        return found.output("end"), found.output("path")
+
+
+def mended(path):
+    """The same; damage that is mended is not told."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fm.DamageWarning)
+        return study(path)
+
+
 CASES = [
     *(
         Case(f"{one.name}{one.suffix}", lambda path, one=one: one.write(small_body(), path, lossy=True), one.read)
@@ -133,6 +199,8 @@ CASES = [
     Case("record.h5", lambda path: small_body().save(path), fm.ReducedBody.load),
     Case("trajectory.h5", lambda path: ran(path).save(path), lambda path: fm.Trajectory.load(path, turning())),
     Case("stream.h5", ran, lambda path: fm.Trajectory.load(path, turning())),
+    Case("recording.h5", recorded, every_field),
+    Case("ensemble.h5", study, mended),
     Case("checkpoint.npz", lambda path: ran(path).checkpoints[0].save(path), go_on, 100),
     Case("table.csv", table, ResultTable.load),
     Case("table.npz", table, ResultTable.load),
@@ -143,7 +211,8 @@ CASES = [
     Case("mesh.msh", lambda path: path.write_text(MSH), meshes.read, 10),
     Case("part.step", lambda path: path.write_bytes(meshes.BRACKET.read_bytes()), meshes.step_faces, 6),
 ]
-GUARDED = {RECORD: "record.h5", TRAJECTORY: "trajectory.h5", STREAM: "stream.h5", MESH: "mesh.h5"}
+GUARDED = {RECORD: "record.h5", TRAJECTORY: "trajectory.h5", STREAM: "stream.h5", MESH: "mesh.h5",
+           RECORDING: "recording.h5", ENSEMBLE: "ensemble.h5"}  # fmt: skip
 
 
 @contextmanager
@@ -245,13 +314,14 @@ def storable(tree):
     return tree
 
 
-@pytest.mark.parametrize("name", ["record.h5", "trajectory.h5", "stream.h5"])
+@pytest.mark.parametrize("name", ["record.h5", "trajectory.h5", "stream.h5", "recording.h5"])
 def test_arrays_changed_behind_the_checksum(name, tmp_path):
     case = next(one for one in CASES if one.name == name)
     kind = next(one for one, known in GUARDED.items() if known == name)
     path, random = tmp_path / name, np.random.default_rng(1)
     case.write(path)
-    trees = [tree for tree, _ in read_log(path, kind=kind)] if kind is STREAM else [read_tree(path, kind=kind)]
+    is_log = kind in (STREAM, RECORDING)
+    trees = [tree for tree, _ in read_log(path, kind=kind)] if is_log else [read_tree(path, kind=kind)]
     for number in range(250):
         k = int(random.integers(len(trees)))
         damaged = [*trees[:k], storable(with_one_changed(trees[k], random)), *trees[k + 1 :]]
@@ -276,3 +346,75 @@ def test_arrays_of_a_checkpoint_changed(tmp_path):
             except FlexmbdError:
                 refused += 1
     assert refused > 100
+
+
+def test_damage_of_a_log_is_told_with_its_place(tmp_path):
+    """A changed byte of any block; a size too large does not pass for a last block that is cut off."""
+    path = tmp_path / "recording.h5"
+    recorded(path)
+    whole, ends = path.read_bytes(), [end for _, end in read_log(path, kind=RECORDING)]
+    assert len(ends) == 4
+    for begin, end in itertools.pairwise(ends):
+        damaged = bytearray(whole)
+        damaged[(begin + end) // 2] ^= 1
+        path.write_bytes(damaged)
+        with pytest.raises(RecordError, match=f"from byte {begin} on"):
+            fm.load_recording(path)
+    size = f"bytes {ends[1] - ends[0] - 512}\n".encode()
+    assert size in whole
+    path.write_bytes(whole.replace(size, b"bytes 9" + size[6:], 1))
+    with pytest.raises(RecordError, match=f"from byte {ends[0]} on"):
+        fm.load_recording(path)
+    path.write_bytes(whole[:-100])  # killed while it wrote the last block
+    assert np.array_equal(fm.load_recording(path)["cube"].t, [0.0, 0.1, 0.2])
+
+
+def test_a_recording_goes_on_from_any_instant(tmp_path):
+    """Within a block as well; what is behind it, damaged or not, is written again."""
+    path, cube = tmp_path / "recording.h5", Cube()
+    for since, left in ((0.1, [0.0, 0.1]), (0.3, [0.0, 0.1, 0.2, 0.3]), (0.35, [0.0, 0.1, 0.2, 0.3]), (-1.0, [])):
+        recorded(path)
+        file = RecordingFile(fm.Recording(path, every=0.1), {"cube": cube}, Alone())
+        assert file.begin(since) == (left[-1] if left else None)
+        file.append([(0.5, {"cube": cube.at(0.5)})])
+        file.close()
+        body = fm.load_recording(path)["cube"]
+        assert np.array_equal(body.t, [*left, 0.5])
+        assert body.values("position")[:, 7, 0] == pytest.approx(1.0 + body.t)
+        assert body.values("von_mises", row=-1) == pytest.approx(np.full(8, 5e5))
+        assert body.between("position", [0.45])[0, 7, 2] == pytest.approx(1.45 if left else 1.5)
+    recorded(path)
+    whole = bytearray(path.read_bytes())
+    whole[-50] ^= 1
+    path.write_bytes(whole)
+    file = RecordingFile(fm.Recording(path, every=0.1), {"cube": cube}, Alone())
+    assert file.begin(0.2) == 0.2
+    file.close()
+    assert len(fm.load_recording(path)["cube"].t) == 3
+
+
+def test_rows_of_an_ensemble_that_were_changed_are_run_again(tmp_path):
+    """In an output, a message, a state; all else that is changed is refused before HDF5 opens the file."""
+    path = tmp_path / "study.h5"
+    right = study(path)
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        offsets = {name: file[name].id.get_offset() for name in ("outputs/end", "state", "message", "check")}
+        width = 8 * file["outputs/end"].shape[1]
+        begin, rows = file.userblock_size, set[int]()
+        for one in (*file["outputs"].values(), file["state"], file["message"], file["check"]):
+            rows |= {*range(one.id.get_offset(), one.id.get_offset() + one.id.get_storage_size())}
+    for at in (offsets["outputs/end"] + width, offsets["state"] + 1, offsets["message"] + 400, offsets["check"] + 4):
+        damaged = bytearray(whole)
+        damaged[at] ^= 2
+        path.write_bytes(damaged)
+        with pytest.warns(fm.DamageWarning, match=r"of the variants 1 \(1 of 4\)"):
+            again = study(path)
+        assert all(np.array_equal(a, b) for a, b in zip(right, again, strict=True))
+        assert path.read_bytes() == whole  # as it was, to the bit
+    for at in sorted({*range(begin, len(whole), 97)} - rows):
+        damaged = bytearray(whole)
+        damaged[at] ^= 1
+        path.write_bytes(damaged)
+        with pytest.raises(RecordError, match="damaged beside its rows"):
+            study(path)

@@ -14,6 +14,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface, NodalInterface, NonlinearModel, SymmetryPlane
 from flexmbd.errors import ExportError, InterfaceError, ReductionError
+from flexmbd.export import InterfaceNode, NodeSet
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import InterfaceModes, Truncation, craig_bampton, guyan, linear_buckling, prestressed
@@ -195,6 +196,41 @@ def test_files_for_finite_element_programs(tmp_path):
     for read, path in ((fm.export.read_dmig, "half.pch"), (fm.export.read_calculix, "half.inp")):
         with pytest.raises(ExportError, match="nodal interfaces, nodes of three components"):
             read(tmp_path / path)
+
+
+@pytest.mark.parametrize(("write", "read", "name"), [
+    (fm.export.dmig, fm.export.read_dmig, "bar.pch"), (fm.export.calculix, fm.export.read_calculix, "bar.inp"),
+])  # fmt: skip
+def test_retained_nodes_bound_to_frames_are_the_body_with_rigid_interfaces(write, read, name, tmp_path):
+    """Its fixed-interface modes are the same, and its static shapes sums of those of the nodes."""
+    ends = {"x_min": 0.0, "x_max": HALF}
+    how = {"modes": 7, "geometric_stiffness": False}
+    rigid = craig_bampton(bar(*map(Interface, ends)), frame="x_min", **how)
+    nodal = craig_bampton(bar(*map(NodalInterface, ends)), **how)
+    mixed = craig_bampton(bar(Interface("x_min"), NodalInterface("x_max")), frame="x_min", **how)
+    if MPI.COMM_WORLD.rank > 0:
+        return
+    clamps = [], ["x_max"], ["x_min", "x_max"]
+    for body in (nodal, mixed):
+        write(body, tmp_path / name)
+        element = superelement(body, nodes=True)
+        first = 1 + len(element.names)
+        bound = {
+            end: NodeSet([first + i for i, of in enumerate(element.node_interface) if of == end])
+            for end in ends
+            if end not in element.names
+        }
+        given = {**{end: InterfaceNode(None, 1) for end in element.names}, **bound}
+        found = read(tmp_path / name, interfaces=given, frame="x_min")
+        assert [one.name for one in found.interfaces] == [*ends]
+        assert found.mass == pytest.approx(rigid.mass, rel=1e-9)
+        for clamped in clamps:
+            exact = rigid.frequencies(clamped=clamped)
+            np.testing.assert_allclose(found.frequencies(clamped=clamped), exact, rtol=1e-6)
+    with pytest.raises(ExportError, match="node 2 is of two interfaces, 'x_max' and 'more'"):
+        read(tmp_path / name, interfaces={**given, "more": NodeSet([2, 3, 4])})
+    with pytest.raises(ExportError, match="node 99 is not in the node table"):
+        read(tmp_path / name, interfaces={**given, "x_max": NodeSet([*bound["x_max"].nodes, 99])})
 
 
 @pytest.mark.parametrize(

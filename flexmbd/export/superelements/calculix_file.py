@@ -24,6 +24,7 @@ from flexmbd.export.superelements.matrix_text import (
     user_element,
     whole,
 )
+from flexmbd.export.superelements.node_binding import Interfaces, node_sets, single_nodes, with_bound_nodes
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
@@ -134,7 +135,7 @@ def read_calculix(
     path: str | Path,
     *,
     mass: str | Path | None = None,
-    interfaces: Mapping[str, InterfaceNode] | None = None,
+    interfaces: Interfaces | None = None,
     frame: str | None = None,
     units: str | None = None,
 ) -> ReducedBody:
@@ -144,8 +145,9 @@ def read_calculix(
         path: a deck with *MATRIX ASSEMBLE (and *MATRIX INPUT) whose files lie beside it; a *USER ELEMENT with its
             matrices, as *SUBSTRUCTURE MATRIX OUTPUT writes it; or the stiffness as triplets.
         mass: the mass as triplets, or a user element, where the first file does not have it.
-        interfaces: names of the nodes with six components, `InterfaceNode.node` their numbers; what is left are
-            modes; default: as a deck of ours says.
+        interfaces: names of the nodes with six components, `InterfaceNode.node` their numbers; or sets of nodes, as
+            the three components of solids, each bound to a rigid frame (`NodeSet`); what is left are modes; default:
+            as a deck of ours says.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
             the first.
         units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: as a file of ours
@@ -156,7 +158,8 @@ def read_calculix(
     """
     text = read_text(path)
     found = list(blocks(text))
-    ours = commented_interfaces(text.splitlines())
+    sets = node_sets(interfaces)
+    ours = commented_interfaces(text.splitlines(), bound=bool(sets))
     try:
         positions = dict(_positions(found))
         parts = _parts(found, Path(path), mass)
@@ -166,11 +169,12 @@ def read_calculix(
         raise ExportError(f"{path} holds no {'mass' if 'K' in parts else 'stiffness'} matrix; give mass=, of triplets")
     named = {
         name: one if one.position is not None else InterfaceNode(positions.get(one.node or 0), one.node, one.axes)
-        for name, one in dict(interfaces or ours.interfaces).items()
+        for name, one in (single_nodes(interfaces) or ({} if sets else ours.interfaces)).items()
     }
     order = _order(parts, named, path)
     K, M = dense(parts["K"], order), dense(parts["M"], order)
     D = dense(parts["D"], order) if "D" in parts else None
+    named, (K, M, D) = with_bound_nodes(named, (K, M, D), order, sets, positions)
     read = ReadMatrices(named, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
     return body_of(read, path, interfaces=None, frame=frame, units=units)
 
@@ -246,7 +250,8 @@ def _order(parts: Mapping[str, Entries], named: Mapping[str, InterfaceNode], pat
         node, component = sorted(set(order) - dofs)[0]
         raise ExportError(
             f"{path}: node {node} has no component {component}, and an interface has six. Bind the nodes to a frame "
-            "before the reduction; or read nodes of three components by read_triplets and bind them by reduce_matrices"
+            "before the reduction; or bind nodes of three components to one here, by a NodeSet; or read a whole mesh "
+            "by read_triplets and reduce it by reduce_matrices"
         )
     order |= {dof: len(order) + i for i, dof in enumerate(rest)}
     checked_size(len(order), path)

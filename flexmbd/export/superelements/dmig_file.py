@@ -16,6 +16,14 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.superelements.full_matrices import NodeSet
+from flexmbd.export.superelements.node_binding import (
+    Interfaces,
+    bound_nodes,
+    node_sets,
+    single_nodes,
+    with_bound_nodes,
+)
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
@@ -124,7 +132,7 @@ def wide(value: float) -> str:
 def read_dmig(
     path: str | Path,
     *,
-    interfaces: Mapping[str, InterfaceNode] | None = None,
+    interfaces: Interfaces | None = None,
     frame: str | None = None,
     units: str | None = None,
 ) -> ReducedBody:
@@ -132,8 +140,9 @@ def read_dmig(
 
     Args:
         path: punch file or part of a deck, in small, large or comma-separated fields; other cards are passed over.
-        interfaces: names of the GRIDs with six components, `InterfaceNode.node` their numbers; default: as a file of
-            ours says, else all GRIDs of the file, called "grid 7" and so on.
+        interfaces: names of the GRIDs with six components, `InterfaceNode.node` their numbers; or sets of GRIDs, as
+            the three components of solids, each bound to a rigid frame (`NodeSet`); default: as a file of ours says,
+            else all GRIDs of the file, called "grid 7" and so on.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
             the first.
         units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: as a file of ours
@@ -147,11 +156,12 @@ def read_dmig(
         deck = _parsed(text)
     except (ValueError, IndexError, OverflowError) as error:
         raise ExportError(f"{path}: {error}") from error
-    ours = commented_interfaces(text.splitlines())
-    named = dict(interfaces or ours.interfaces)
-    if not named:
+    sets = node_sets(interfaces)
+    ours = commented_interfaces(text.splitlines(), bound=bool(sets))
+    named = single_nodes(interfaces) or ({} if sets else dict(ours.interfaces))
+    if not named and not sets:
         named = {f"grid {node}": InterfaceNode(p, node) for node, p in deck.grids.items() if node in deck.nodes}
-    order = _order(deck, named, path)
+    order = _order(deck, named, path, sets)
     K, M, D = (_matrix(deck, letter, order, path) for letter in "KMB")
     if K is None or M is None:
         raise ExportError(f"{path} holds no DMIG matrix whose name begins with {'M' if K is not None else 'K'}")
@@ -159,6 +169,7 @@ def read_dmig(
         name: one if one.position is not None else InterfaceNode(deck.grids.get(one.node or 0), one.node, one.axes)
         for name, one in named.items()
     }
+    placed, (K, M, D) = with_bound_nodes(placed, (K, M, D), order, sets, deck.grids)
     read = ReadMatrices(placed, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
     return body_of(read, path, interfaces=None, frame=frame, units=units)
 
@@ -247,8 +258,11 @@ def _number(fields: list[str], at: int) -> float:
     return value
 
 
-def _order(deck: _Deck, named: Mapping[str, InterfaceNode], path: str | Path) -> dict[_Dof, int]:
-    """Row of each degree of freedom: six of each interface, then the scalar points by number."""
+def _order(
+    deck: _Deck, named: Mapping[str, InterfaceNode], path: str | Path, sets: Mapping[str, NodeSet]
+) -> dict[_Dof, int]:
+    """Row of each degree of freedom: six of each interface, then those of bound nodes and scalar points by number."""
+    bound = bound_nodes(sets)
     dofs = {dof for entries in deck.entries.values() for row, column, _ in entries for dof in (row, column)}
     order: dict[_Dof, int] = {}
     for name, one in named.items():
@@ -256,12 +270,13 @@ def _order(deck: _Deck, named: Mapping[str, InterfaceNode], path: str | Path) ->
             raise ExportError(f"{path} has no matrix entries of interface {name!r}, GRID {one.node}")
         order |= {(one.node, c): len(order) + c - 1 for c in range(1, 7)}
     for node, component in sorted(dofs):
-        if component == 0:
-            order[node, 0] = len(order)
+        if component == 0 or node in bound:
+            order[node, component] = len(order)
         elif (node, component) not in order:
             raise ExportError(
                 f"{path}: component {component} of GRID {node} is of no interface of six components; name the GRID "
-                "among the interfaces, or couple it to one (RBE2, RBE3) before the reduction"
+                "among the interfaces, bind it to a frame (NodeSet), or couple it to one (RBE2, RBE3) before "
+                "the reduction"
             )
     checked_size(len(order), path)
     return order

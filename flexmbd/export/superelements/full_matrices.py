@@ -88,7 +88,7 @@ def reduce_matrices(
     refuse_no_truth(ExportError, keep_modes=keep_modes)
     K, M = (_symmetric(matrix, name, 3 * len(x)) for matrix, name in ((K, "K"), (M, "M")))
     K, M = system.mass / system.time**2 * K, system.mass * M
-    frames = _frames(interfaces, numbers, x, length=system.length)
+    frames = frames_of(interfaces, numbers, x, length=system.length)
     if frame is not None and frame not in frames:
         raise ExportError(f"there is no interface {frame!r} for the body frame; there are {', '.join(frames)}")
     _check_free(K, x)
@@ -221,7 +221,15 @@ def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
 
 
 @dataclass(frozen=True, eq=False)
-class _Frame:
+class BoundFrame:
+    """A frame that moves with its nodes.
+
+    Attributes:
+        p: (3,) m, its origin.
+        R: (3, 3) its axes.
+        rows: of its nodes in the node table.
+    """
+
     p: FloatArray
     R: FloatArray
     rows: NDArray[np.int64]
@@ -264,12 +272,17 @@ def _check_free(K: Sparse, x: FloatArray) -> None:
         )
 
 
-def _frames(
+def frames_of(
     interfaces: Mapping[str, NodeSet], numbers: NDArray[np.int64], x: FloatArray, *, length: float
-) -> dict[str, _Frame]:
+) -> dict[str, BoundFrame]:
+    """The frames of sets of nodes at x (k, 3) m with these numbers; a unit of given origins is ``length`` m.
+
+    Raises:
+        ExportError: there are none, nodes are unknown, in one line or of two sets, or axes are no rotation.
+    """
     if not interfaces:
         raise ExportError("no interfaces are named; one at least is needed")
-    frames: dict[str, _Frame] = {}
+    frames: dict[str, BoundFrame] = {}
     place = {int(number): i for i, number in enumerate(numbers)}
     taken: dict[int, str] = {}
     for name, one in interfaces.items():
@@ -290,11 +303,11 @@ def _frames(
         p = x[rows].mean(axis=0) if one.origin is None else length * np.asarray(one.origin, dtype=np.float64)
         if p.shape != (3,) or R.shape != (3, 3) or not abs(R.T @ R - np.eye(3)).max() < 1e-6 or np.linalg.det(R) < 0.0:
             raise ExportError(f"interface {name!r}: its origin is not a point (3,), or its axes are no rotation (3, 3)")
-        frames[name] = _Frame(p, R, rows)
+        frames[name] = BoundFrame(p, R, rows)
     return frames
 
 
-def _basis(K: Sparse, M: Sparse, x: FloatArray, frames: Mapping[str, _Frame], modes: int) -> FloatArray:
+def _basis(K: Sparse, M: Sparse, x: FloatArray, frames: Mapping[str, BoundFrame], modes: int) -> FloatArray:
     """(3 k, 6 b + m) static shapes of the interfaces, along the table's axes, and fixed-interface modes."""
     import scipy.linalg
     import scipy.sparse.linalg

@@ -98,19 +98,23 @@ def node_comment(element: Superelement, number: int, *, node: int) -> str:
     return _NODE_MARK + json.dumps(content)
 
 
-def commented_interfaces(lines: Iterable[str]) -> FileComments:
+def commented_interfaces(lines: Iterable[str], *, bound: bool = False) -> FileComments:
     """The comments about interfaces of a file of ours; older ones do not name their units, which are SI.
 
+    Args:
+        lines: of the file.
+        bound: whether its nodes of three components will be bound to frames.
+
     Raises:
-        ExportError: a comment of ours is damaged, or the file holds nodal interfaces.
+        ExportError: a comment of ours is damaged, or the file holds nodal interfaces that nobody binds.
     """
     interfaces: dict[str, InterfaceNode] = {}
     frame, floating, units = None, False, None
     for line in lines:
-        if _NODE_MARK in line:
+        if _NODE_MARK in line and not bound:
             raise ExportError(
-                "the file holds nodal interfaces, nodes of three components, which are not read back; keep the record "
-                "(body.save), or have frames (Interface) in the place of them"
+                "the file holds nodal interfaces, nodes of three components, which are not read back as such: bind "
+                "them to frames, interfaces={name: NodeSet(nodes)}, or keep the record (body.save)"
             )
         before, mark, content = line.partition(_MARK)
         if not mark or before.strip(" !$*%"):
