@@ -15,6 +15,8 @@ FloatArray = NDArray[np.float64]
 
 def numbers(value: object) -> FloatArray:
     """An array of numbers; NaN, without dimensions, for what holds anything else, as a text or rows of two lengths."""
+    if np.ma.isMaskedArray(value):  # beneath a mask stands a number that is none
+        return np.array(np.nan)
     try:
         array = np.asarray(value)
         # a text of digits is not a number, and among numbers numpy takes True for one

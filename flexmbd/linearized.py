@@ -13,6 +13,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import is_truth
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import new_work
@@ -281,6 +282,8 @@ class LinearizedMachine:
         by, (_, vectors) = self.equations.by, self._modes
         y, z = vectors[: len(by.y)].T, vectors[len(by.y) :].T
         places, rates = y @ by.Xy.T, y @ by.Vy.T + z @ by.Vz.T
+        if not places.size:  # nothing moves
+            return places, rates
         sizes = np.abs(places) / self.equations.coordinates.size
         largest = places[np.arange(len(places)), np.argmax(sizes, axis=1)]
         phase = np.exp(1j * np.angle(largest))
@@ -302,7 +305,7 @@ class LinearizedMachine:
             SceneError: there is no such eigenvalue, or it is zero.
         """
         values = self._modes[0]
-        if not 0 <= k < len(values):
+        if is_truth(k) or not isinstance(k, int | np.integer) or not 0 <= k < len(values):
             raise SceneError(f"there are eigenvalues 0 to {len(values) - 1}, not {k}")
         if abs(values[k]) <= np.finfo(float).eps * np.abs(values).max():  # the solver tells it from none
             raise SceneError(f"eigenvalue {k} is zero: nothing vibrates or decays; choose another")

@@ -84,7 +84,10 @@ def departures_tree(departures: tuple[Departure, ...], nv: int) -> Tree:
     """Departures of a machine with so many velocities, as a file has them."""
     return {
         "row": np.array([one.row for one in departures], dtype=np.int64),
-        **{name: np.array([getattr(one, name) for one in departures]).reshape(-1, nv) for name in ("v", "a")},
+        **{
+            name: np.array([getattr(one, name) for one in departures]).reshape(len(departures), nv)
+            for name in ("v", "a")
+        },
     }
 
 

@@ -85,6 +85,7 @@ class RunSettings:
         wanted = 'fm.Recording("file.h5", every=1e-3)'
         refuse_other(self.recording, (Recording, NoneType), "recording", wanted=wanted)
         refuse_other(self.stream, (str, Path, NoneType), "stream", wanted='a file, "run.h5"')
+        refuse_other(self.checkpoint_file, (str, Path, NoneType), "checkpoint_file", wanted='a file, "run.npz"')
         self._refuse_times()
         if self.max_step is not None and not (self.h is None and is_number(self.max_step) and self.max_step > 0.0):
             raise SceneError(
@@ -95,7 +96,7 @@ class RunSettings:
         limits_of(self)
         saves_of(self)
         refuse_no_truth(progress=self.progress)
-        if self.integrator != "auto":
+        if not (isinstance(self.integrator, str) and self.integrator == "auto"):
             refuse_no_integrator(self.integrator)
 
     def _refuse_times(self) -> None:

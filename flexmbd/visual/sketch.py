@@ -74,7 +74,8 @@ def skeleton(motion: RecordedMotion, times: FloatArray) -> Skeleton:
     coms = IdentityMap(
         (body, pose[:, :3, 3] + pose[:, :3, :3] @ (body.moments()[0] / body.mass)) for body, pose in bodies.items()
     )
-    places = np.concatenate([pose.p for pose in poses.values()] + list(coms.values()))
+    met = [*(pose.p for pose in poses.values()), *coms.values()]
+    places = np.concatenate(met) if met else np.zeros((1, 3))
     return Skeleton(joints, frames, poses, bodies, coms, places)
 
 

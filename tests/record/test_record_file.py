@@ -196,7 +196,7 @@ def test_full_destination_leaves_the_old_file(tmp_path):
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        ({"a": np.zeros(2, dtype=np.float32)}, "item /a is float32"),
+        ({"a": np.zeros(2, dtype=np.float16)}, "item /a is float16"),
         ({"a": {"b": [1.0]}}, "item /a/b is list"),
         ({"a": np.array([object()])}, "item /a is object"),
         ({"a": ("text", 1)}, "item /a is tuple"),

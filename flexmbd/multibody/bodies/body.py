@@ -133,8 +133,9 @@ def moments_about_frame(mass: ArrayLike, com: FloatArray, tensor: FloatArray) ->
         tensor: (3, 3) kg m^2.
     """
     m = np.asarray(mass)
-    about_centre = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    return m[..., None] * com, about_centre + m[..., None, None] * (com[..., :, None] * com[..., None, :])
+    with np.errstate(over="ignore", invalid="ignore"):  # the plan refuses what is not finite
+        about_centre = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        return m[..., None] * com, about_centre + m[..., None, None] * (com[..., :, None] * com[..., None, :])
 
 
 @dataclass(eq=False)
@@ -228,7 +229,8 @@ class RigidBody:
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moments of mass about the body frame."""
-        return moments_about_frame(np.float64(self.mass), *self.inertias())
+        com, tensor = self.inertias()  # which refuses a mass that is none
+        return moments_about_frame(np.float64(self.mass), com, tensor)
 
     def reduced(self) -> None:
         """A rigid body has no modes."""

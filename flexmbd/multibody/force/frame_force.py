@@ -62,8 +62,9 @@ class FrameForce(OffJoints):
                 f"{self.what}: axes must be fm.force.Axes.WORLD or fm.force.Axes.FRAME, got {type(self.axes).__name__}"
             )
         for name in ("force", "torque"):
-            if np.shape(getattr(self, name))[:1] != (3,):
-                raise SceneError(f"{self.what}: {name} takes three components, got {getattr(self, name)!r}")
+            given = getattr(self, name)
+            if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 3:
+                raise SceneError(f"{self.what}: {name} takes three components, got {given!r:.100}")
         if not all(map(is_number, [c for c in (*self.force, *self.torque) if isinstance(c, (int, float))])):
             raise SceneError(f"{self.what}: a component is not a finite number")
 

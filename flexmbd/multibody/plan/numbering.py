@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled
@@ -43,8 +44,19 @@ class Marker:
 
 
 def rigid_row(body: Body) -> list[float]:
-    """(N_RIGID,) mass, first and second moments of a body about its frame (kg, kg m, kg m^2)."""
-    return [*map(float, rigid_rows(np.float64(body.mass), *body.moments()))]
+    """(N_RIGID,) mass, first and second moments of a body about its frame (kg, kg m, kg m^2).
+
+    Raises:
+        SceneError: they are no finite numbers.
+    """
+    first, second = body.moments()
+    row = rigid_rows(np.float64(body.mass), first, second)
+    if not np.isfinite(row).all():
+        raise SceneError(
+            f"body {body.name!r}: its mass times the square of its centre's distance from the body frame is no number "
+            "any more; are its units right?"
+        )
+    return [*map(float, row)]
 
 
 def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatArray:

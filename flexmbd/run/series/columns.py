@@ -176,6 +176,8 @@ def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> F
         return None if t is None else np.atleast_1d(numbers(t))
     if t is not None or not (is_number(every) and every > 0.0):
         raise SceneError(f"a table wants times t, or every as a positive time (s), not t = {t!r} and every = {every!r}")
+    if not len(ends):
+        raise SceneError("the run stopped before its first row: there is nothing to tabulate")
     return equal_times(float(ends[0]), float(ends[-1]), every)
 
 

@@ -31,6 +31,8 @@ def motion_between(
     if wanted.ndim > 1 or not wanted.size or not np.isfinite(wanted).all():
         raise SceneError(f"a time, or an array (k,) of times, in s is wanted, got {t!r:.100}")
     ends = rows[0]
+    if not len(ends):
+        raise SceneError("the run stopped before its first row: there is no motion to ask for")
     slack = 1e-12 * float(np.abs(ends[[0, -1]]).max())
     if wanted.min() < ends[0] - slack or wanted.max() > ends[-1] + slack:
         raise SceneError(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
@@ -79,6 +80,7 @@ class ForceSeries(MotionSeries):
         return power_of_given(self.scene, self._instants(t), self.body_motion(t=t), beam.bonds)
 
     def _refuse_stranger(self, beam: ExactBeam) -> None:
+        refuse_other(beam, ExactBeam, "what is asked for section loads", wanted="an ExactBeam of the scene")
         if beam.parts[0] not in self.scene.index.bodies:
             raise SceneError(f"beam {beam.name!r} is not in this trajectory's scene")
 

@@ -140,7 +140,7 @@ def _ask(session: Session, dice: Dice, parts: Parts, run: fm.Trajectory) -> None
     frame = dice.value(dice.one_of(parts.frames))
     body = dice.value(dice.one_of(parts.bodies)) if parts.bodies else None
     c = dice.value(dice.one_of(parts.joints)) if parts.joints else None
-    t = dice.options(t=lambda: dice.value(dice.one_of([0.01, [0.0, 0.005], run.t[-1], np.zeros(0)])))
+    t = dice.options(t=lambda: dice.value(dice.one_of([0.01, [0.0, 0.005], run.t[-1:], np.zeros(0)])))
     questions: list[tuple[str, Callable[[], Any]]] = [
         (name, lambda name=name: getattr(run, name)(frame, **t))
         for name in ("position", "rotation", "velocity", "angular_velocity", "acceleration")

@@ -286,7 +286,7 @@ def _set_later(session: Session, dice: Dice, parts: Parts) -> None:
         things.append((body, "name", dice.one_of(parts.bodies).name))
         if isinstance(body, fm.RigidBody):
             things += [(body, "mass", 1.0), (body, "inertia", np.eye(3)), (body, "com", np.zeros(3))]
-        if isinstance(body, fm.FlexibleBody):
+        if isinstance(body, fm.FlexibleBody) and isinstance(body.record, fm.ReducedBody):
             things += [(body, "q", np.zeros(body.record.n_modes)), (body, "q_rate", np.zeros(body.record.n_modes))]
     for connection in parts.joints:
         n = len(connection.joint.velocity_names)
