@@ -103,7 +103,7 @@ def symbols(
         shown: bodies that have shapes or surfaces.
         frames: whether the axes of all frames are drawn.
     """
-    heaviest = max(body.mass for body in motion.bodies.values())
+    heaviest = max((body.mass for body in motion.bodies.values()), default=0.0)
     covered: IdentityMap[Body, None] = IdentityMap((body, None) for body in shown)
     for name, body in motion.bodies.items():
         if body in covered:

@@ -167,7 +167,7 @@ def _connect(session: Session, dice: Dice, parts: Parts, parent: Any, child: Any
     parts.joints.append(made)
     n = len(made.joint.velocity_names)
     if dice.chance(0.3):
-        rate = dice.value(np.array([dice.number(3.0) for _ in range(n)])) if n > 1 else dice.number(3.0)
+        rate = dice.value([dice.number(3.0) for _ in range(n)]) if n > 1 else dice.number(3.0)
         session.do(f"velocity = {rate!r:.60}", lambda: setattr(made, "velocity", rate))
     if dice.chance(0.2) and n == 1:
         place = dice.number(1.0)
