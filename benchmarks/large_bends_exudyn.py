@@ -91,7 +91,7 @@ def rolled_up(n: int, *, cable: bool) -> tuple[np.ndarray, float]:
 
 
 def rolled(n: int, h: float, solver: Any = IMPLICIT, *, cable: bool = False) -> tuple[np.ndarray, float]:
-    """(2,) m, the tip of the cantilever that is rolled up, at the end; processor time (s)."""
+    """(k, 2) m, the tip of the cantilever that is rolled up, at ``scenes.instants``; processor time (s)."""
     mbs, tip, marker = _rolled(n, cable=cable)
     mbs.AddLoad(
         item.LoadTorqueVector(
@@ -103,7 +103,7 @@ def rolled(n: int, h: float, solver: Any = IMPLICIT, *, cable: bool = False) -> 
 
 
 def flying(n: int, h: float, solver: Any = IMPLICIT) -> tuple[np.ndarray, float]:
-    """(2,) m, the upper end of the flying beam at the end; processor time (s)."""
+    """(k, 2) m, the upper end of the flying beam at ``scenes.instants``; processor time (s)."""
     mbs = exu.SystemContainer().AddSystem()
     ends = np.array(scenes.FLYING_LOWER[:2]), np.array(scenes.FLYING_UPPER[:2])
     nodes = _beam(mbs, scenes.FLYING, *ends, n, cable=False)
@@ -124,10 +124,20 @@ def flying(n: int, h: float, solver: Any = IMPLICIT) -> tuple[np.ndarray, float]
 
 
 def _run(mbs: Any, node: Any, end: float, h: float, solver: Any) -> tuple[np.ndarray, float]:
+    """(k, 2) m at ``scenes.instants``, which steps of h meet."""
+    position = exu.OutputVariableType.Position
+    sensor = mbs.AddSensor(item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=position))
+    settings, times = _settings(end, h), scenes.instants(end)
+    settings.solutionSettings.sensorsWritePeriod = times[0]
     mbs.Assemble()
     began = time.process_time()
-    mbs.SolveDynamic(_settings(end, h), solverType=solver)
-    return _place(mbs, node), time.process_time() - began
+    mbs.SolveDynamic(settings, solverType=solver)
+    spent = time.process_time() - began
+    rows = mbs.GetSensorStoredData(sensor)
+    near = np.abs(rows[:, 0] - times[:, None])
+    if near.min(axis=1).max() > 1e-6:
+        return np.full((len(times), 2), np.nan), spent
+    return rows[near.argmin(axis=1), 1:3], spent
 
 
 def _place(mbs: Any, node: Any) -> np.ndarray:

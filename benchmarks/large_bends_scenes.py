@@ -238,6 +238,12 @@ def princeton_by_another(n: int) -> np.ndarray:
     return np.asarray(fine + (fine - coarse) / 3.0)
 
 
+def instants(end: float) -> np.ndarray:
+    """(k,) s, equally apart, up to the end, about one a second."""
+    count = max(2, int(end))
+    return end / count * np.arange(1, count + 1)
+
+
 def statics(scene_of: Callable[[float], tuple[fm.System, fm.Frame]], steps: int) -> np.ndarray:
     """(3,) m, the frame at rest under the whole load, brought up in equal steps; ``scene_of``: of a share of it."""
     about = None
