@@ -2,9 +2,9 @@
 
 A cantilever rolled up to a full circle, at rest and in motion; the flying beam and the right-angle cantilever of Simo
 and Vu-Quoc; Bathe's and Bolourchi's elbow; a four-bar with a hinge askew and a rotating shaft after Bauchau et al.
-2016; the Princeton beam's frequencies where it is bent.  Errors are the largest of a place at several instants, over the
-beam's size, against closed forms, the rod's differential equations, or exudyn extrapolated; against finer elements of
-the same kind where none of these is at hand.  Of each program those runs are told, of all methods, elements and
+2016; the Princeton beam's frequencies where it is bent.  Errors are the largest of a place at several instants, over
+the beam's size, against closed forms, the rod's differential equations, or exudyn extrapolated; against finer elements
+of the same kind where none of these is at hand.  Of each program those runs are told, of all methods, elements and
 tolerances or steps, that no other beats both in error and in time.
 
     ./run python -m benchmarks large_bends [--quick]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
@@ -19,6 +19,7 @@ from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.results.stretch_watch import StretchWatch
+from flexmbd.multibody.results.turn_watch import TurnWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
@@ -97,9 +98,10 @@ def _run(
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     search = EventSearch(integration, events, bodies, team) if events else None
+    watched = bodies.values() if team.is_root else ()
     watch, ranges, creep = (
         StretchWatch(start.scene, bodies.values()),
-        RangeWatch(start.scene, bodies.values() if team.is_root else ()),
+        (RangeWatch(start.scene, watched), TurnWatch(start.scene, watched)),
         CreepWatch(integration, t_end),
     )
     shown = settings.progress and team.is_root
@@ -203,7 +205,11 @@ def _make_room(integration: Integration, search: EventSearch | None, stream: Run
 
 
 def _advance(
-    integration: Integration, search: EventSearch | None, stop: float, recorder: Recorder | None, ranges: RangeWatch
+    integration: Integration,
+    search: EventSearch | None,
+    stop: float,
+    recorder: Recorder | None,
+    ranges: Iterable[RangeWatch | TurnWatch],
 ) -> int:
     """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
     try:
@@ -214,7 +220,8 @@ def _advance(
         finally:  # what comes before a break that cannot be left is kept
             integration.keep_rows()
     finally:
-        ranges.look(integration.stored)
+        for one in ranges:
+            one.look(integration.stored)
         if recorder is not None:
             recorder.write()
 

@@ -1,6 +1,7 @@
 """Geometrically exact beams that move: closed forms, a rod's differential equations, another finite element beam."""
 
 import dataclasses
+import warnings
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from cantilever import rod_tips
 from exact_beam import PlanarBeam, bent_frequencies, clamped_tip
+from scipy.interpolate import PPoly
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -480,6 +482,24 @@ def test_thin_steel_swings_at_a_tight_tolerance():
         places.append(run.position(beam.frame("tip"))[-1] / unit)
     assert places[0] == pytest.approx(places[1], abs=1e-6)
     assert np.linalg.norm(places[0]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_an_element_that_winds_up_by_half_a_revolution_is_told():
+    """Of two elements each would bend by 3.6 rad under the moment; of four no one goes as far, and none is told."""
+    for n, warned in ((2, 1), (4, 0)):
+        scene, beam = cantilever(STEEL, n, viscosity=0.05)
+        moment = 7.2 * STEEL.E * STEEL.Iz
+        ramp = PPoly([[moment, 0.0], [0.0, moment]], [0.0, 1.0, 2.0])
+        scene.add_force(fm.force.FrameForce(beam.frame("tip"), torque=(0.0, 0.0, ramp)))
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                scene.simulate(1.2, rtol=1e-4, max_steps=2000, integrator=fm.GeneralizedAlpha())
+            except fm.FlexmbdError:
+                assert warned  # thrown the other way round
+        found = [str(one.message) for one in told if issubclass(one.category, fm.RangeWarning)]
+        assert len(found) == warned
+        assert all("half a revolution apart at t = 0." in one for one in found)
 
 
 # --- bad input
