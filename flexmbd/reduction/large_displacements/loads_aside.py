@@ -105,7 +105,7 @@ def shapes_aside(
     states = np.hstack([_padded(stated.bent, whole.u.shape[1]), inner(model.comm, multiply(model.K, whole.u), alone)])
     tangents = np.stack([_tangent(statics, whole.u, q) for q in states.T])
     names = [one.name in stated.held for one in statics.interfaces]
-    search = _Search(
+    search = _LoadsAside(
         basis.u.shape[1],
         tangents,
         np.stack(
@@ -208,7 +208,7 @@ def _held_rows(faces: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _LoadsAside:
     """Which combinations of the further coordinates the bent states need; not collective.
 
     Attributes:
