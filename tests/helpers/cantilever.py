@@ -42,8 +42,10 @@ class Cantilever:
         return self.body.displacement[self.tip].copy()
 
 
-def rod_tips(p, forces, *, length):
+def rod_tips(p, forces, *, length, moment=None):
     """(k, 3) m: the tip's displacement under each of these dead forces (k, 3) N, a small one first.
+
+    With a moment (3,) N m, nearly that at the clamp, the first force may be any, and the rod buckled.
 
     Independent of any form: r' = R (1 + n / EA, ..), R' = R kappa, m' + r' x f = 0 along the length, by quaternions,
     shooting for the moment at the clamp. Section axes are those of the mesh.
@@ -62,9 +64,12 @@ def rod_tips(p, forces, *, length):
         start = np.concatenate([[0.0, 0, 0, 0, 0, 0, 1], moment])
         return solve_ivp(rates, (0.0, length), start, "DOP853", rtol=1e-10, atol=1e-12, args=(force,)).y[:, -1]
 
-    tips, moment, last = [], np.zeros(3), None
+    tips, last = [], None
     for force in np.asarray(forces, dtype=float):
-        moment = np.cross([length, 0, 0], force) if last is None else moment * np.linalg.norm(force) / last
+        if last is not None:
+            moment = moment * np.linalg.norm(force) / last
+        elif moment is None:
+            moment = np.cross([length, 0, 0], force)
         moment = root(lambda m: ends(m, force)[7:], moment, tol=1e-11).x  # noqa: B023
         end, last = ends(moment, force), np.linalg.norm(force)
         assert abs(end[7:]).max() < 1e-8 * abs(moment).max()
