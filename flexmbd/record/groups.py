@@ -6,7 +6,7 @@ Frozen dataclasses of plain arrays, numpy only; `flexmbd.record.reduced_body` of
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -177,22 +177,12 @@ class NonlinearStiffness:
         face_strain: (b, 6, n) S of each interface per unit modal coordinate, tensor components xx yy zz yz xz xy.
         energy: (1,) J, the largest strain energy of the states at which the body was compared with its full model; in a
             state of more energy nothing is known of its error.
-        relief_stiffness: (h,) J, of h further shapes that the body has not, without stiffness in common with it:
-            with their coordinates after q the strain energy would be that of relief_cubic and relief_quartic. What they
-            would relieve of the energy, where it is a large share, shows that the body locks.
-        relief_cubic: as `cubic`, of n + h coordinates.
-        relief_quartic: likewise.
-        relief_share: (1,) which share of the strain energy is taken to be too much.
     """
 
     cubic: FloatArray
     quartic: FloatArray
     face_strain: FloatArray
     energy: FloatArray
-    relief_stiffness: FloatArray = field(default_factory=lambda: np.zeros(0))
-    relief_cubic: FloatArray = field(default_factory=lambda: np.zeros(0))
-    relief_quartic: FloatArray = field(default_factory=lambda: np.zeros(0))
-    relief_share: FloatArray = field(default_factory=lambda: np.ones(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,12 +316,6 @@ def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
             yield f"{kind} names {'an interface' if isinstance(group, NodalInterfaces) else 'a load'} twice: {names}"
 
 
-def _monomials(n: int) -> tuple[int, int]:
-    """How many there are of degree three and four."""
-    cubic = n * (n + 1) * (n + 2) // 6
-    return cubic, cubic * (n + 3) // 4
-
-
 def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
     """The shape that each array of a group should have."""
     match group:
@@ -352,19 +336,9 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
             s = len(group.strain)
             return {"strain": (s, n), "P": (s, n, n)}
         case NonlinearStiffness():
-            cubic, quartic = _monomials(n)
-            strain, h = (len(group.face_strain), 6, n), group.relief_stiffness.size
-            relief = _monomials(n + h) if h else (0, 0)
-            return {
-                "cubic": (cubic,),
-                "quartic": (quartic,),
-                "face_strain": strain,
-                "energy": (1,),
-                "relief_stiffness": (h,),
-                "relief_cubic": relief[:1],
-                "relief_quartic": relief[1:],
-                "relief_share": (1,),
-            }
+            cubic = n * (n + 1) * (n + 2) // 6
+            strain = (len(group.face_strain), 6, n)
+            return {"cubic": (cubic,), "quartic": (cubic * (n + 3) // 4,), "face_strain": strain, "energy": (1,)}
         case Gyroscopic():
             return {"momentum": (3,), "slope": (3, n), "G": (n, n)}
         case DistributedLoads():

@@ -268,8 +268,7 @@ def _group_text(group: RecordGroup) -> str:
             return _count(len(group.strain), "membrane strain")
         case NonlinearStiffness():
             terms = f"{len(group.cubic)} cubic and {len(group.quartic)} quartic terms"
-            seen = _count(len(group.relief_stiffness), "further shape")
-            return f"{terms}, compared with the full model up to {group.energy[0]:.4g} J, watched for locking by {seen}"
+            return f"{terms}, compared with the full model up to {group.energy[0]:.4g} J"
         case Gyroscopic():
             return f"angular momentum {_vector(group.momentum, scale=float(np.linalg.norm(group.momentum)))} N m s"
         case DistributedLoads():

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.record.groups import NonlinearStiffness
-from flexmbd.record.strain_polynomial import StrainPolynomial
 from flexmbd.reduction.large_displacements.energy_polynomial import energy_polynomial
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives, force_derivatives
 from flexmbd.reduction.large_displacements.load_series import FaceFields, face_motions
@@ -34,8 +32,6 @@ class NonlinearShapes:
         face_strain: (b, 6, m) symmetric parts of the faces' motions, in B's axes.
         derivatives: of the body's internal forces.
         energy: J, the largest strain energy of the states that were compared.
-        watched: (owned dofs, w) shapes that the basis has not.
-        share: of the strain energy that these would relieve, from which on the body is said to lock.
         notes: for the provenance.
     """
 
@@ -44,15 +40,13 @@ class NonlinearShapes:
     face_strain: FloatArray
     derivatives: ForceDerivatives
     energy: float
-    watched: FloatArray
-    share: float
     notes: dict[str, str]
 
     def placed(self, first: int, n: int) -> LargeDisplacements:
         """Among n shapes of a basis, from a place on."""
         strain = np.zeros((*self.face_strain.shape[:2], n))
         strain[:, :, first : first + self.shapes.shape[1]] = self.face_strain
-        return LargeDisplacements(strain, self.derivatives, self.energy, self.watched, self.share)
+        return LargeDisplacements(strain, self.derivatives, self.energy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,36 +57,20 @@ class LargeDisplacements:
         face_strain: (b, 6, n) by the coordinates of the basis.
         derivatives: of the body's internal forces.
         energy: J.
-        watched: (owned dofs, w) shapes that the basis has not, of unit strain energies, none in common with it.
-        share: of the strain energy that these would relieve, from which on the body is said to lock.
     """
 
     face_strain: FloatArray
     derivatives: ForceDerivatives
     energy: float
-    watched: FloatArray
-    share: float
 
     def group(self, modes: FloatArray, change: FloatArray) -> tuple[NonlinearStiffness, str]:
         """The record's group for modes (local dofs including ghosts, n), by change (n, n) of the basis. Collective.
 
         And a note of what energy it is, for the provenance.
         """
-        n, w = modes.shape[1], self.watched.shape[1]
-        watched = with_ghosts(self.derivatives.model, self.watched)
-        found = energy_polynomial(self.derivatives, np.hstack([modes, watched]))
-        own = StrainPolynomial(np.ones(n + w), found.cubic, found.quartic).first(n)
-        group = NonlinearStiffness(
-            own.cubic,
-            own.quartic,
-            self.face_strain @ change,
-            np.array([self.energy]),
-            np.ones(w),
-            found.cubic if w else np.zeros(0),
-            found.quartic if w else np.zeros(0),
-            np.array([self.share]),
-        )
-        return group, found.note
+        found = energy_polynomial(self.derivatives, modes)
+        strain = self.face_strain @ change
+        return NonlinearStiffness(found.cubic, found.quartic, strain, np.array([self.energy])), found.note
 
 
 def nonlinear_shapes(
@@ -118,9 +96,7 @@ def nonlinear_shapes(
     known = FaceFields(np.asfortranarray(base), face_motions(statics, base))
     found = modal_derivatives(statics, known, derivatives, loads=every, choice=choice)
     rows, strain = _in_body_axes(statics.R, found.shapes.faces)
-    return NonlinearShapes(
-        found.shapes.u, rows, strain, derivatives, found.energy, found.watched, choice.aside**2, found.notes
-    )
+    return NonlinearShapes(found.shapes.u, rows, strain, derivatives, found.energy, found.notes)
 
 
 def _named(statics: Statics, loads: Sequence[Load]) -> UnitLoads:

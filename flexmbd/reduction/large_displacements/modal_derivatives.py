@@ -24,7 +24,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.interface import RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
-from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, total
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric, total
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.given import is_number
 from flexmbd.record.reduced_body import FRAME_DOFS
@@ -33,11 +33,11 @@ from flexmbd.record.turned_face import turned_face
 from flexmbd.reduction.large_displacements.energy_polynomial import energy_polynomial
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives
 from flexmbd.reduction.large_displacements.load_series import FaceFields, load_series
-from flexmbd.reduction.large_displacements.loads_aside import StatedLoads, shapes_aside
-from flexmbd.reduction.large_displacements.unit_fields import further, unit_energies
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads
 
+# Of the largest strain energy among the candidates: what is left of it by round-off.
+_ROUND_OFF = 1e-13
 # How often what is lacking at the sampled loads is added to the candidates.
 _ROUNDS = 8
 # Of the tolerated error: strain energy of a shape that is not looked at.
@@ -61,11 +61,6 @@ class ModalDerivatives:
         tol: largest estimated error of the strain energy at these loads, relative.
         most: how many derivatives may be kept.
         order: to which power of the loads the full model's equilibria are followed, 2 or more.
-        aside: largest error of the bent body's compliance against further small forces and moments on its interfaces,
-            in any direction. Its square is the share of the strain energy from which on, where other shapes would
-            relieve it, a run says that the body locks.
-        plane: whether the loads are all there are, as of a machine that moves in one plane: there are then no shapes
-            for the others.
     """
 
     loads: Mapping[str, float]
@@ -73,8 +68,6 @@ class ModalDerivatives:
     tol: float = 1e-3
     most: int = 24
     order: int = 5
-    aside: float = 0.1
-    plane: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.loads, Mapping) or not self.loads:
@@ -86,12 +79,8 @@ class ModalDerivatives:
                 raise ReductionError(f"ModalDerivatives: load {name!r:.50} needs a positive size, got {size!r:.50}")
         if isinstance(self.held, str) or not all(isinstance(name, str) for name in self.held):
             raise ReductionError(f"ModalDerivatives: held must be a list of interfaces' names, got {self.held!r:.50}")
-        for name in ("tol", "aside"):
-            value = getattr(self, name)
-            if not is_number(value) or not 0.0 < float(value) < 1.0:
-                raise ReductionError(f"ModalDerivatives: {name} must lie between 0 and 1, got {value!r:.50}")
-        if not isinstance(self.plane, bool):
-            raise ReductionError(f"ModalDerivatives: plane must be True or False, got {self.plane!r:.50}")
+        if not is_number(self.tol) or not 0.0 < float(self.tol) < 1.0:
+            raise ReductionError(f"ModalDerivatives: tol must lie between 0 and 1, got {self.tol!r:.50}")
         for name, least in (("most", 1), ("order", 2)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
@@ -105,13 +94,11 @@ class ChosenDerivatives:
     Attributes:
         shapes: without stiffness in common with the other shapes of the basis.
         energy: J, the largest strain energy at the sampled loads.
-        watched: (owned dofs, w) further shapes of unit strain energy, the forces along which show that the body locks.
         notes: for the provenance.
     """
 
     shapes: FaceFields
     energy: float
-    watched: FloatArray
     notes: dict[str, str]
 
 
@@ -179,21 +166,15 @@ def modal_derivatives(
     # what is left is in the cells; a wrench turns with its face
     on_faces = np.asfortranarray(loads.forces @ (samples * _of_interfaces(statics, loads)[:, None]))
     ranges = _Range(forces - on_faces, wrenches)
-    known = unit_energies(statics, base)
+    known = _unit_energies(statics, base)
     series = load_series(statics, derivatives, forces, order=choice.order, held=choice.held)
     found = series[1]
     for more in series[2:]:
         found = found.joined(more)
     size = np.einsum("ij,ij->j", series[0].u, multiply(statics.model.K, series[0].u))
     least = _NEGLIGIBLE * choice.tol * float(total(statics.model.comm, size).max())
-    shapes, state, notes = _Search(statics, derivatives, known, ranges.both_signs(), choice, least).chosen(found)
-    basis = known.joined(shapes)
-    single, bent = forces[:, : len(choice.loads)], state.q[:, : forces.shape[1]]
-    stated = StatedLoads(single, basis, bent, state.energy, choice.held)
-    beside = shapes_aside(statics, derivatives, stated, tol=choice.aside, none=choice.plane)
-    notes["modal derivatives"] = str(shapes.u.shape[1] + beside.shapes.u.shape[1])
-    notes["error of the compliance against other loads"] = f"{beside.error:.1e}"
-    return ChosenDerivatives(shapes.joined(beside.shapes), state.energy, beside.watched, notes)
+    search = _Search(statics, derivatives, known, ranges.both_signs(), choice, least)
+    return search.chosen(found)
 
 
 def _check_held(statics: Statics, choice: ModalDerivatives) -> None:
@@ -254,18 +235,50 @@ def _wrenches(statics: Statics, loads: UnitLoads, samples: FloatArray) -> FloatA
     return np.asarray(np.einsum("ij,bjr->bir", turn, found))
 
 
+def _unit_energies(statics: Statics, fields: FaceFields) -> FaceFields:
+    """The same span, orthonormal in the strain energy. Collective."""
+    model = statics.model
+    k = symmetric(inner(model.comm, fields.u, multiply(model.K, fields.u)))
+    scale = 1.0 / np.sqrt(np.diag(k))
+    factor = np.linalg.cholesky(k * np.outer(scale, scale))
+    return fields.combined(scale[:, None] * np.linalg.inv(factor).T)
+
+
+def _further(statics: Statics, known: FaceFields, candidates: FaceFields, *, most: int, least: float) -> FaceFields:
+    """What candidates have beside known fields of unit energy: unit energies, none in common, most needed first.
+
+    Args:
+        statics: of the body.
+        known: the fields.
+        candidates: more.
+        most: how many are taken.
+        least: twice the energy that is not looked at.
+    """
+    model = statics.model
+    for _ in range(2):
+        part = inner(model.comm, known.u, multiply(model.K, candidates.u))
+        candidates = candidates.less(known, part)
+    k = symmetric(inner(model.comm, candidates.u, multiply(model.K, candidates.u)))
+
+    def change() -> FloatArray:
+        values, vectors = np.linalg.eigh(k)
+        own = np.flatnonzero(values > max(least, _ROUND_OFF * values[-1]))[::-1][:most]
+        found: FloatArray = vectors[:, own] / np.sqrt(values[own])
+        return found
+
+    return candidates.combined(parallel.on_root(model.comm, change))
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """What is known at the sampled loads, of a number of derivatives.
 
     Attributes:
-        q: (n, r) coordinates.
         error: the estimate, the largest.
         energy: J, the largest strain energy.
         lacking: (owned dofs, r) m, with all interfaces held.
     """
 
-    q: FloatArray
     error: float
     energy: float
     lacking: FloatArray
@@ -291,12 +304,9 @@ class _Search:
     choice: ModalDerivatives
     least: float
 
-    def chosen(self, candidates: FaceFields) -> tuple[FaceFields, _State, dict[str, str]]:
-        """As few of the candidates as reach the tolerance, and more candidates where all do not. Collective.
-
-        And what is known with these, and notes for the provenance.
-        """
-        shapes = further(self.statics, self.known, candidates, most=self.choice.most, least=self.least)
+    def chosen(self, candidates: FaceFields) -> ChosenDerivatives:
+        """As few of the candidates as reach the tolerance, and more candidates where all do not. Collective."""
+        shapes = _further(self.statics, self.known, candidates, most=self.choice.most, least=self.least)
         for _ in range(_ROUNDS):
             basis = self.known.joined(shapes)
             polynomial, local = self._polynomial(basis)
@@ -305,7 +315,7 @@ class _Search:
                 break
             room = self.choice.most - shapes.u.shape[1]
             lacking = FaceFields(whole.lacking, np.zeros((*shapes.faces.shape[:3], whole.lacking.shape[1])))
-            more = further(self.statics, basis, lacking, most=room, least=self.least)
+            more = _further(self.statics, basis, lacking, most=room, least=self.least)
             if more.u.shape[1] == 0:
                 break
             shapes = shapes.joined(more)
@@ -320,11 +330,12 @@ class _Search:
             else:
                 few = middle
         notes = {
+            "modal derivatives": str(count),
             "loads of the modal derivatives": ", ".join(f"{one}: {size:g}" for one, size in self.choice.loads.items()),
             "error of the strain energy at these loads": f"{state.error:.1e}",
             **({"held under these loads": ", ".join(self.choice.held)} if self.choice.held else {}),
         }
-        return shapes.combined(np.eye(shapes.u.shape[1])[:, :count]), state, notes
+        return ChosenDerivatives(shapes.combined(np.eye(shapes.u.shape[1])[:, :count]), state.energy, notes)
 
     def _polynomial(self, basis: FaceFields) -> tuple[StrainPolynomial, FloatArray]:
         """The strain energy on the basis and all shapes, and these on the local dofs. Collective."""
@@ -347,7 +358,7 @@ class _Search:
         excess = 0.5 * total(model.comm, np.einsum("ij,ij->j", lacking, rest))
         energy = np.array([part.energy(one) for one in q.T])
         errors = excess / energy
-        return _State(q, float(errors.max()), float(energy.max()), lacking)
+        return _State(float(errors.max()), float(energy.max()), lacking)
 
     def _equilibria(self, polynomial: StrainPolynomial, faces: FloatArray, modal: FloatArray) -> FloatArray:
         """(n, r) coordinates under the sampled loads."""
