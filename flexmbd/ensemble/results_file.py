@@ -10,9 +10,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import shutil
 import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import DamageWarning, RecordError, warn
-from flexmbd.files.row_file import check_rows, head_size, places_of, seal_rows
+from flexmbd.files.row_file import Places, check_rows, head_size, places_of, seal_rows
 from flexmbd.files.tree_file import FileKind
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 
@@ -184,7 +185,7 @@ def new_file(
             refuse_no_room(room, 8 * numbers + (5 + _TEXT) * count + _HEADERS + head)
             with h5py.File(part, "w", locking=False, userblock_size=head) as file:
                 _lay_out(file, count, shapes, samples, digest)
-                places = places_of([*file["outputs"].values(), *(file[name] for name in _OF_EACH)])
+                places = _places(file)
             seal_rows(room, ENSEMBLE, head=head, places=places)
         return ResultsFile(h5py.File(path, "r+"))
     except OSError as reason:
@@ -214,6 +215,31 @@ def opened_file(path: Path, digest: str) -> ResultsFile:
     found = ResultsFile(file)
     found.drop_damaged()
     return found
+
+
+def add_to_file(path: Path, write: Callable[[h5py.File], None]) -> None:
+    """Let ``write`` add to a file of results that nobody runs variants into; whole under its name at any instant.
+
+    Raises:
+        RecordError: it cannot be written.
+    """
+    import h5py
+
+    path = Path(os.path.realpath(path))
+    try:
+        with part_file(path) as (part, room):
+            refuse_no_room(room, path.stat().st_size + _HEADERS)
+            shutil.copyfile(path, part)
+            with h5py.File(part, "r+", locking=False) as file:
+                write(file)
+                head, places = file.userblock_size, _places(file)
+            seal_rows(room, ENSEMBLE, head=head, places=places)
+    except OSError as reason:
+        raise RecordError(f"the ensemble cannot be written to {path}: {first_line(reason)}") from reason
+
+
+def _places(file: h5py.File) -> Places:
+    return places_of([*file["outputs"].values(), *(file[name] for name in _OF_EACH)])
 
 
 def _lay_out(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexmbd.ensemble.executing import run_ensemble
 from flexmbd.ensemble.results import Ensemble
-from flexmbd.ensemble.results_file import FAILED
+from flexmbd.ensemble.results_file import FAILED, add_to_file
 from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.stamp import program_stamp
 from flexmbd.ensemble.variants import Study
@@ -190,18 +190,22 @@ def sweep_results(path: Path, samples: ResultTable, quantities: Sequence[tuple[s
     """
     import h5py
 
+    def name(file: h5py.File) -> None:
+        outputs = file["outputs/quantities"]
+        outputs.attrs["names"], outputs.attrs["units"] = zip(*quantities, strict=True)
+        table = file.create_dataset("samples", data=samples.values, track_times=False)
+        table.attrs["names"], table.attrs["units"] = samples.names, samples.units
+
     try:
-        with h5py.File(path, "r+") as file:
-            outputs = file["outputs/quantities"]
-            outputs.attrs["names"], outputs.attrs["units"] = zip(*quantities, strict=True)
-            if "samples" not in file:
-                file.create_dataset("samples", data=samples.values, track_times=False)
-            file["samples"].attrs["names"], file["samples"].attrs["units"] = samples.names, samples.units
+        with h5py.File(path, "r") as file:
             failed = np.flatnonzero(file["state"][()] == FAILED)
             failures = tuple((int(k), file["message"][k].decode(errors="replace")) for k in failed)
-            return SweepResults(outputs[()], failures)
+            results, named = SweepResults(file["outputs/quantities"][()], failures), "samples" in file
     except OSError as reason:
-        raise RecordError(f"the sweep's file {path} cannot be read or written: {reason}") from reason
+        raise RecordError(f"the sweep's file {path} cannot be read: {reason}") from reason
+    if not named:
+        add_to_file(path, name)
+    return results
 
 
 def simulated(built: Built, scene: SceneFile, *, progress: bool = False, stream: Path | None = None) -> Any:
