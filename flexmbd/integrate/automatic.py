@@ -17,15 +17,11 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
-from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
 from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
-# rtol up to which beams in closed loops cost least by Radau IIA.  Its iteration takes the loops' rows to point the same
-# way in all its stages, and with stiff beams behind them it takes steps so short that they do, whatever rtol is.
-_TIGHT_IN_LOOPS = 1e-7
 _LARGE = 300  # velocities above which the machine's vibrations are not computed
 
 
@@ -47,8 +43,7 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
 
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control: an explicit pair
     where nothing in the scene can be stiff; with modes, springs, stops or friction the method that is predicted to
-    take least time (``predicted_cost``); Radau IIA where users' laws may be stiff, and for exact beams, of which closed
-    loops leave generalized-alpha unless rtol is tight.
+    take least time (``predicted_cost``); Radau IIA where users' laws may be stiff, and for exact beams.
     Bodies with history leave generalized-alpha, or central differences where an interior can step explicitly alone.
     """
     if start.scene.interiors is not None:
@@ -57,9 +52,6 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
         return IntegratorChoice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
     elements = dict.fromkeys(force_elements(start.scene.plan).behaviour)
     unseen = _unseen(start, elements)
-    if len(start.scene.plan.rows) and rtol > _TIGHT_IN_LOOPS and _unseen_kinds(elements) == [BEAM_ELEMENT.behaviour]:
-        why = f"stiff: {unseen} in closed loops, rtol = {rtol:g}"
-        return IntegratorChoice(GeneralizedAlpha(), why)
     if unseen:
         return IntegratorChoice(RadauIIA(), f"stiff: {unseen}")
     elastic = len(start.scene.plan.flex) > 0
@@ -102,13 +94,9 @@ def _with_history(interiors: Interiors) -> IntegratorChoice:
     return IntegratorChoice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
-def _unseen_kinds(elements: Collection[Behaviour]) -> list[Behaviour]:
-    return [one for one in elements if one.stiffness is Stiffness.UNSEEN]
-
-
 def _unseen(start: Start, elements: Collection[Behaviour]) -> str:
     """What may be stiff, in words, without the rates of the machine telling; empty if there is nothing."""
-    unseen = [one.name for one in _unseen_kinds(elements)]
+    unseen = [one.name for one in elements if one.stiffness is Stiffness.UNSEEN]
     if unseen:
         return ", ".join(dict.fromkeys(unseen))
     if start.scene.nv <= _LARGE:
