@@ -23,7 +23,7 @@ from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.stamp import meaning, program_stamp
 from flexmbd.ensemble.variants import Study, VariantOutput
 from flexmbd.errors import FlexmbdError, SceneError, StartWarning, warn
-from flexmbd.given import is_truth, refuse_no_truth, refuse_other
+from flexmbd.given import checked, is_truth, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.functions.fingerprint import fingerprint
@@ -145,6 +145,7 @@ class CompiledMachine:
             there = ", ".join(self.parameters) or "none: compile(parameters={...}) names them"
             raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {there}")
 
+    @checked()
     def start(self, *, t: float = 0.0, **values: Any) -> Start:
         """The consistent start at time ``t`` (s) with these values of the parameters.
 

@@ -1,12 +1,24 @@
 """Values from users: numbers, where anything else becomes NaN, which each quantity's checks refuse; and objects.
 
-True and False are not numbers: ``joint.position = True`` would turn a joint by 1 rad.
+True and False are not numbers: ``joint.position = True`` would turn a joint by 1 rad.  `checked` reads what a public
+function or constructor takes off its annotations.
 """
 
 from __future__ import annotations
 
+import builtins
+import inspect
+import math
+import numbers as kinds_of_numbers
+import os
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import wraps
+from types import NoneType, UnionType
+from typing import Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import FlexmbdError, SceneError
 
@@ -92,3 +104,207 @@ def refuse_no_name(value: object, what: str) -> None:
     """
     if not isinstance(value, str) or not value:
         raise SceneError(f"{what} must be a text that is not empty, got {value!r:.100}")
+
+
+# ------------------------------------------------------------------------------------- arguments by their annotations
+
+T = TypeVar("T")
+
+
+class _Asked(NamedTuple):
+    """What an annotation asks for.
+
+    Attributes:
+        wanted: in words.
+        fits: whether a value is of it.
+    """
+
+    wanted: str
+    fits: Callable[[Any], bool]
+
+
+class _Numbers:
+    """Stands for ArrayLike and arrays, which are unions of a dozen classes."""
+
+
+class _Scope(dict[str, Any]):
+    """Names in annotations; what is imported for type checkers alone is open."""
+
+    def __missing__(self, name: str) -> Any:
+        if hasattr(builtins, name):
+            raise KeyError(name)
+        return Any
+
+
+_MARKERS = {"ArrayLike": _Numbers, "FloatArray": _Numbers}
+
+
+def checked(*names: str, error: type[FlexmbdError] = SceneError) -> Callable[[T], T]:
+    """Check the arguments of a public function, or of a class's constructor, by their annotations, before it begins.
+
+    A float is one finite number, an int a whole one, a bool True or False, an ArrayLike finite numbers of any shape; a
+    Sequence, tuple or Mapping holds what it says; of a class objects, not the class.  What an annotation leaves open,
+    and ranges, are the function's own to check.  An argument's default is always right.
+
+    Args:
+        *names: the parameters that are checked; all without any.
+        error: the kind of error.
+
+    Raises:
+        FlexmbdError: of that kind, naming parameter, value and what is wanted; on each rank that is given the value.
+    """
+
+    def decorate(thing: T) -> T:
+        if isinstance(thing, type):
+            thing.__init__ = _wrapped(thing.__init__, thing.__name__, names, error)  # type: ignore[misc]
+            return thing
+        return _wrapped(thing, thing.__qualname__, names, error)  # type: ignore[attr-defined]
+
+    return decorate
+
+
+def _wrapped(function: Any, label: str, names: Collection[str], error: type[FlexmbdError]) -> Any:
+    asked: dict[str, _Asked] = {}
+    order: list[_Asked | None] = []
+
+    def learn() -> None:  # at the first call: only then is all imported that annotations name
+        scope = vars(sys.modules[function.__module__]) if function.__module__ in sys.modules else function.__globals__
+        for parameter in inspect.signature(function).parameters.values():
+            if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+                continue
+            kind = _annotated(parameter.annotation, scope) if not names or parameter.name in names else None
+            if kind is not None:
+                asked[parameter.name] = _or_default(kind, parameter.default)
+            if parameter.kind is not parameter.KEYWORD_ONLY:
+                order.append(asked.get(parameter.name))
+        order.append(None)
+
+    def refuse(kind: _Asked, value: object) -> FlexmbdError:
+        name = next(name for name, one in asked.items() if one is kind)
+        return error(f"{label}: {name} must be {kind.wanted}, got {' '.join(repr(value).split()):.100}")
+
+    @wraps(function)
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
+        if not order:
+            learn()
+        for kind, value in zip(order, args, strict=False):
+            if kind is not None and not kind.fits(value):
+                raise refuse(kind, value)
+        for name, value in kwargs.items():
+            if name in asked and not asked[name].fits(value):
+                raise refuse(asked[name], value)
+        return function(*args, **kwargs)
+
+    return wrapper
+
+
+def _or_default(kind: _Asked, default: object) -> _Asked:
+    return _Asked(kind.wanted, lambda value: value is default or kind.fits(value))
+
+
+def _annotated(annotation: Any, scope: Mapping[str, Any]) -> _Asked | None:
+    """What an annotation asks for; None for one that is open, or whose names are there for type checkers alone."""
+    if isinstance(annotation, str):
+        try:
+            annotation = eval(annotation, {}, _Scope({**scope, **_MARKERS}))  # noqa: S307  (the package's own words)
+        except (AttributeError, TypeError):
+            return None
+    return _kind(annotation)
+
+
+def _kind(asked: Any) -> _Asked | None:
+    origin, parts = get_origin(asked), get_args(asked)
+    if origin is np.ndarray or asked == ArrayLike:
+        return None
+    if origin is None and isinstance(asked, type) and asked in _PLAIN:
+        return _PLAIN[asked]
+    if origin in (Union, UnionType):
+        return _either([_kind(part) for part in parts])
+    if origin is Literal:
+        return _Asked(" or ".join(map(repr, parts)), lambda value: isinstance(value, str | int) and value in parts)
+    if origin is Callable or asked is Callable:
+        return _Asked("a function", lambda value: callable(value) and not isinstance(value, type))
+    if origin is tuple:
+        return _row([_kind(part) for part in parts]) if parts[-1:] != (...,) else _several(_kind(parts[0]))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return _mapping(*map(_kind, parts))
+    if origin is Iterable:
+        return _Asked("a list", lambda value: isinstance(value, Iterable) and not isinstance(value, bytes | np.ndarray))
+    if isinstance(origin, type) and issubclass(origin, Collection):
+        return _several(_kind(parts[0]))
+    if not isinstance(asked, type) or asked in (object, inspect.Parameter.empty):
+        return None
+    if getattr(asked, "_is_protocol", False) and not getattr(asked, "_is_runtime_protocol", False):
+        return None
+    return _Asked(f"a {asked.__name__}", lambda value: not isinstance(value, type) and isinstance(value, asked))
+
+
+def _is_finite(value: object) -> bool:
+    return math.isfinite(value) if type(value) is float else is_number(value)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, kinds_of_numbers.Integral) and not is_truth(value)
+
+
+def _is_path(value: object) -> bool:
+    return isinstance(value, str | os.PathLike) and "\0" not in str(value) and str(value) != ""
+
+
+def _are_finite(value: object) -> bool:
+    return bool(np.isfinite(numbers(value)).all())
+
+
+def _either(kinds: list[_Asked | None]) -> _Asked | None:
+    known = [kind for kind in kinds if kind is not None]
+    if len(known) < len(kinds):
+        return None
+    if _PLAIN[os.PathLike] in known or any(kind.wanted == "a Path" for kind in known):  # of which str is a part
+        known = [_PLAIN[os.PathLike], *(kind for kind in known if kind.wanted not in ("a text", "a Path"))]
+    wanted = " or ".join(dict.fromkeys(kind.wanted for kind in known))
+    return _Asked(wanted, lambda value: any(kind.fits(value) for kind in known))
+
+
+def _several(kind: _Asked | None) -> _Asked:
+    of = "" if kind is None else f", each {kind.wanted}"
+    return _Asked(f"a list{of}", lambda value: _is_list(value) and (kind is None or all(map(kind.fits, value))))
+
+
+def _row(kinds: list[_Asked | None]) -> _Asked:
+    wanted = ", ".join("anything" if kind is None else kind.wanted for kind in kinds)
+    return _Asked(
+        f"a tuple of {len(kinds)}: {wanted}",
+        lambda value: (
+            _is_list(value)
+            and len(value) == len(kinds)
+            and all(kind is None or kind.fits(one) for kind, one in zip(kinds, value, strict=True))
+        ),
+    )
+
+
+def _is_list(value: Any) -> bool:
+    """Whether it holds things in a row: no text, no mapping, no array without dimensions."""
+    return isinstance(value, Collection) and not isinstance(value, str | bytes | Mapping) and hasattr(value, "__iter__")
+
+
+def _mapping(key: _Asked | None = None, item: _Asked | None = None) -> _Asked:
+    of = " to ".join("anything" if kind is None else kind.wanted for kind in (key, item))
+    return _Asked(
+        f"a mapping of {of}",
+        lambda value: (
+            isinstance(value, Mapping)
+            and (key is None or all(map(key.fits, value)))
+            and (item is None or all(map(item.fits, value.values())))
+        ),
+    )
+
+
+_PLAIN: dict[Any, _Asked] = {
+    float: _Asked("a finite number", _is_finite),
+    int: _Asked("a whole number", _is_whole),
+    bool: _Asked("True or False", lambda value: is_truth(value) and not isinstance(value, np.ndarray)),
+    str: _Asked("a text", lambda value: isinstance(value, str)),
+    NoneType: _Asked("None", lambda value: value is None),
+    os.PathLike: _Asked("a path", _is_path),
+    _Numbers: _Asked("finite numbers", _are_finite),
+}

@@ -13,7 +13,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_truth
+from flexmbd.given import checked, is_truth
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import new_work
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+_MOST_INSTANTS = 10**6  # of a film of hours
 
 
 class StateSpace(NamedTuple):
@@ -221,6 +222,7 @@ class LinearizedMachine:
             scales[places.v] = places.scale
         return np.concatenate([np.ones(len(self.equations.by.y)), scales[self.equations.by.z]])
 
+    @checked()
     def frequency_response(self, omega: ArrayLike) -> ComplexArray:
         """(k, outputs, drivers) amplitudes at angular frequencies ``omega`` (k,) rad/s.
 
@@ -230,6 +232,8 @@ class LinearizedMachine:
             SceneError: the machine vibrates freely at one of them, undamped.
         """
         frequency = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+        if frequency.ndim != 1:
+            raise SceneError(f"omega must be angular frequencies (k,), got an array of shape {frequency.shape}")
         (A, B), (C, D) = self._system, self._observed
         given = self._driving
         found = np.zeros((len(frequency), len(C), len(given)), complex)
@@ -290,6 +294,7 @@ class LinearizedMachine:
         scale = (phase * np.maximum(sizes.max(axis=1, initial=0.0), 1e-300))[:, None]
         return places / scale, rates / scale
 
+    @checked("amplitude", "periods", "instants")
     def mode_motion(self, k: int, *, amplitude: float = 0.1, periods: float = 1.0, instants: int = 120) -> Trajectory:
         """Eigenvalue k's motion added to the steady one, to be filmed, plotted or asked as any trajectory.
 
@@ -304,9 +309,11 @@ class LinearizedMachine:
         Raises:
             SceneError: there is no such eigenvalue, or it is zero.
         """
+        if not 2 <= instants <= _MOST_INSTANTS:
+            raise SceneError(f"instants must lie between 2 and {_MOST_INSTANTS}, got {instants}")
         values = self._modes[0]
         if is_truth(k) or not isinstance(k, int | np.integer) or not 0 <= k < len(values):
-            raise SceneError(f"there are eigenvalues 0 to {len(values) - 1}, not {k}")
+            raise SceneError(f"there are eigenvalues 0 to {len(values) - 1}; k must be one of them, not {k}")
         if abs(values[k]) <= np.finfo(float).eps * np.abs(values).max():  # the solver tells it from none
             raise SceneError(f"eigenvalue {k} is zero: nothing vibrates or decays; choose another")
         swings = abs(values[k].imag) > 1e-9 * abs(values[k])

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.compiled_machine import STARTING, CompiledMachine
 from flexmbd.errors import SceneError
-from flexmbd.given import refuse_other
+from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
@@ -111,6 +111,7 @@ class System(MachineAssembly):
         """
         return self.compile().compiled_parts(values)
 
+    @checked()
     def start(self, *, t: float = 0.0) -> Start:
         """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
 
@@ -120,6 +121,7 @@ class System(MachineAssembly):
         """
         return self._start(self._compile(()), t)
 
+    @checked()
     def at_start(self, *, t: float = 0.0) -> Trajectory:
         """The machine at its consistent start, t (s), as a trajectory of one instant: to be shown, asked and exported.
 
@@ -131,6 +133,7 @@ class System(MachineAssembly):
         bodies = {body.name: body for body in self._bodies}
         return Trajectory(start.scene, *rows, NOTHING_SPENT, bodies, self.team)
 
+    @checked("frames")
     def show(
         self,
         *,
@@ -165,6 +168,7 @@ class System(MachineAssembly):
         quick = is_compiled(STARTING) and self.team.size == 1
         return notebook.html_of(repr(self), lambda: notebook.still_of(self.at_start()) if quick else None)
 
+    @checked()
     def start_with(
         self,
         forces: Sequence[Force],
@@ -202,6 +206,7 @@ class System(MachineAssembly):
         self, *, t: float = ..., about: WorkingPoint | None = ..., path: Continuation
     ) -> EquilibriumPath: ...
 
+    @checked("t")
     def equilibrium(
         self, *, t: float = 0.0, about: WorkingPoint | None = None, path: Continuation | None = None
     ) -> WorkingPoint | EquilibriumPath:
@@ -258,6 +263,7 @@ class System(MachineAssembly):
         ranges.judge(whole.factors, np.array([one.x for one in whole.points]))
         return whole
 
+    @checked("t", "modes")
     def linearize(
         self,
         *,
@@ -285,6 +291,8 @@ class System(MachineAssembly):
                 fit; the message names it.
             AssemblyError: as ``start``.
         """
+        for name, several in (("inputs", inputs), ("disturbances", disturbances), ("outputs", outputs)):
+            refuse_other(several, Sequence, name, wanted="a list")
         ports = [*inputs, *disturbances]
         forces = list({id(one): one for one in ports if not isinstance(one, Connection)}.values())
         for one in ports:
@@ -314,6 +322,7 @@ class System(MachineAssembly):
             team=self.team,
         )
 
+    @checked("rtol", "h")
     def explain(
         self,
         *,
@@ -331,6 +340,7 @@ class System(MachineAssembly):
         Raises:
             SceneError, AssemblyError: as ``start``.
         """
+        RunSettings(1.0 if h is None else h, rtol=rtol, h=h, integrator=integrator)  # which refuses what no run takes
         start = self.start()
         if integrator == "auto":
             choice = choose(start, t=0.0, rtol=rtol, h=h)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked, numbers
 from flexmbd.monitors.yield_history import YieldHistory
 
 FloatArray = NDArray[np.float64]
@@ -17,6 +18,7 @@ FloatArray = NDArray[np.float64]
 _DIRECTIONS = 180
 
 
+@checked("axis")
 @dataclass(frozen=True)
 class Slab:
     """The region between two planes across an axis; a function of points, as groups of a mesh are chosen.
@@ -38,7 +40,8 @@ class Slab:
         axis = np.asarray(self.axis, dtype=np.float64)
         if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
             raise SceneError(f"slab: axis must be three finite numbers, not all zero, got {self.axis!r}")
-        if not self.start < self.end:
+        start, end = numbers(self.start), numbers(self.end)
+        if start.shape or end.shape or not start < end:
             raise SceneError(f"slab: its end must lie after its start, got {self.start!r} to {self.end!r} m")
         object.__setattr__(self, "axis", tuple(float(value) for value in axis / np.linalg.norm(axis)))
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from flexmbd.errors import InterfaceError, RecordError
 from flexmbd.files.tree_file import Tree, read_tree, write_tree
+from flexmbd.given import checked
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
 from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group
@@ -207,6 +208,7 @@ class ReducedBody(PicturedRecord):
             strained += np.outer(np.einsum("ti,ti->t", q @ P, q) / 2.0, strain / self.stiffness)
         return strained
 
+    @checked("clamped", error=InterfaceError)
     def frequencies(self, clamped: Iterable[str] | Mapping[str, Iterable[str]] = ()) -> FloatArray:
         """Natural frequencies (Hz) of the free body, or with named interfaces clamped.
 
@@ -308,6 +310,7 @@ class ReducedBody(PicturedRecord):
                 tree[group] = {f.name: getattr(value, f.name) for f in fields(value)}
         return tree
 
+    @checked(error=RecordError)
     def save(self, path: str | Path) -> None:
         """Write the record to an HDF5 file; an existing file survives a failed write.
 

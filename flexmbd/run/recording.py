@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.interiors.observed import InteriorMesh, ObservedInterior
 from flexmbd.record.stress_field import StressField
@@ -22,6 +22,7 @@ IntArray = NDArray[np.int64]
 _ROUND_OFF = 1e-9
 
 
+@checked()
 @dataclass(frozen=True)
 class Recording:
     """Fields of bodies with history are to be kept, at the user's rate, in a file.

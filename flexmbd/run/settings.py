@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from flexmbd.errors import FlexmbdError, SceneError
-from flexmbd.given import is_number, numbers, refuse_no_truth, refuse_other
+from flexmbd.given import checked, is_number, numbers, refuse_no_truth, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -28,6 +28,7 @@ _MOST_SAVES = 1e6  # files written one after the other
 _LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # as scipy's solve_ivp has it
 
 
+@checked("t_start", "stream")
 @dataclass(frozen=True, eq=False)
 class RunSettings:
     """How long, how exactly and by which method a machine runs, for ``CompiledMachine.run``.

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import PictureError, RecordError, SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.files.tree_file import is_kind
-from flexmbd.given import is_number, refuse_other
+from flexmbd.given import checked, is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.exact_beam import ExactBeam
@@ -158,6 +158,7 @@ class Trajectory(ForceSeries):
             f"the fields of body {body.name!r} were not kept; simulate with recording=fm.Recording(path, every=...)"
         )
 
+    @checked("reactions", "energies")
     def table(
         self,
         *things: Connection | Frame | Body | ExactBeam | States,
@@ -185,6 +186,7 @@ class Trajectory(ForceSeries):
         columns = table_columns(self, things, reactions, energies=energies)
         return tabulate(self, columns, t=table_times(self.t, t, every))
 
+    @checked(error=RecordError)
     def save(self, path: str | Path) -> Path:
         """Write what ran to an HDF5 file, whole or not at all, by rank 0.
 
@@ -228,6 +230,7 @@ class Trajectory(ForceSeries):
         scene = with_samples(scene, saved.samples)
         return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)
 
+    @checked("path", "ylabel", "title", error=PictureError)
     def plot(
         self,
         *series: tuple[str, Drawn] | Connection | Frame | FlexibleBody,
@@ -248,6 +251,7 @@ class Trajectory(ForceSeries):
 
         return visual.plot_series(self, series, path=path, ylabel=ylabel, title=title)
 
+    @checked(error=PictureError)
     def animate(
         self,
         path: str | Path,

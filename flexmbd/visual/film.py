@@ -26,6 +26,8 @@ FloatArray = NDArray[np.float64]
 SUFFIXES = (".gif", ".mp4")
 
 # A motion shorter than the first is slowed down to a film of the second (s).
+_FASTEST = 1000  # pictures a second
+_MOST_PICTURES = 10**6  # of films, each kept in a file
 _SHORT, _SLOWED = 3.0, 8.0
 
 
@@ -136,12 +138,14 @@ def _times(
         raise PictureError(f"a film from {first:g} to {last:g} s shows nothing")
     if slow_motion is None:
         slow_motion = 1.0 if span >= _SHORT else _SLOWED / span
-    if not (isinstance(fps, int) and fps > 0 and np.isfinite(slow_motion) and slow_motion > 0.0):
+    if not (isinstance(fps, int) and 0 < fps <= _FASTEST and np.isfinite(slow_motion) and slow_motion > 0.0):
         raise PictureError(
-            f"fps must be a positive whole number and slow_motion positive, got {fps!r} and "
+            f"fps must be a whole number up to 1000 and slow_motion positive, got {fps!r} and "
             f"{slow_motion!r}"
         )
     count = max(2, round(span * slow_motion * fps) + 1)
+    if count > _MOST_PICTURES:
+        raise PictureError(f"a film of {count:.3g} pictures is too long; show less, or lower slow_motion or fps")
     return np.linspace(first, last, count, dtype=np.float64), slow_motion
 
 

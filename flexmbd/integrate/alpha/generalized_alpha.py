@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import workspace as step
 from flexmbd.integrate.alpha.augmented import solve_passes
@@ -41,6 +42,7 @@ class AlphaMethod(ArrayStruct):
     scratch: AlphaWorkspace
 
 
+@checked()
 @dataclass(frozen=True)
 class GeneralizedAlpha:
     """Choice of the method.

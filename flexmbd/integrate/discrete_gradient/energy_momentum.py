@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
@@ -57,6 +58,7 @@ _SAMPLES = 8  # states at which energy's dependence on coordinates is sampled
 _ROUND_OFF = 1e-11  # of the largest gradient: one that is zero but for rounding
 
 
+@checked()
 @dataclass(frozen=True)
 class EnergyMomentum:
     """Choice of the method.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, no_factors
 from flexmbd.integrate.explicit.force_noise import (
@@ -107,6 +108,7 @@ class RungeKuttaWorkspace(ArrayStruct):
     spins: FloatArray
 
 
+@checked()
 @dataclass(frozen=True)
 class ExplicitRungeKutta:
     """Choice of the method: ``pair`` of formulas, and how ``rotations`` are updated.

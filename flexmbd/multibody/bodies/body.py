@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers, refuse_other
+from flexmbd.given import checked, is_number, numbers, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid, principal_axes
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
@@ -166,6 +166,8 @@ class RigidBody:
         super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
+        if self.name != "":
+            refuse_no_name(self.name, "a rigid body's name")
         self.inertias()
 
     def inertias(self) -> tuple[FloatArray, FloatArray]:
@@ -197,6 +199,7 @@ class RigidBody:
         return com, tensor
 
     @classmethod
+    @checked()
     def from_solid(cls, solid: Solid) -> RigidBody:
         """A rigid body of a solid's mass and outline, its frame in the axes that the solid was given in."""
         shape = None if solid.outline is None else Shape.of_solid(solid)
@@ -257,6 +260,9 @@ class FlexibleBody:
         super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
+        refuse_other(self.record, ReducedBody, "a flexible body's record", wanted="a ReducedBody")
+        if self.name != "":
+            refuse_no_name(self.name, "a flexible body's name")
         self._q: FloatArray | None = None
         self._q_rate: FloatArray | None = None
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -79,9 +80,14 @@ def _cones(x: FloatArray, corners: IntArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(np.einsum("ti,ti->t", abc[0], np.cross(abc[1], abc[2])) / 6.0), abc
 
 
+def whole_rows(triangles: ArrayLike) -> NDArray[Any]:
+    """An array of them; empty for what is none, as rows of several lengths."""
+    return np.asarray(triangles) if np.isfinite(numbers(triangles)).all() else np.empty((0, 0))
+
+
 def _checked(points: ArrayLike, triangles: ArrayLike) -> tuple[FloatArray, IntArray]:
     """Points, each place once, and the triangles that name them; none with two corners at one place."""
-    x, rows = np.asarray(points, dtype=np.float64), np.asarray(triangles)
+    x, rows = numbers(points), whole_rows(triangles)
     if x.ndim != 2 or x.shape[1] != 3 or not np.isfinite(x).all():
         raise SceneError(f"points of a surface must be finite numbers of shape (n, 3), got shape {x.shape}")
     if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0 or not np.issubdtype(rows.dtype, np.integer):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.linalg
@@ -57,6 +57,7 @@ def polar(F: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return left @ right, U
 
 
+@runtime_checkable
 class HomogeneousEnergy(Protocol):
     """A strain energy per initial volume as a function of the deformation gradient."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers, refuse_no_truth
+from flexmbd.given import checked, is_number, numbers, refuse_no_truth
 from flexmbd.multibody.bodies.body import Frame, marker, refuse_change
 from flexmbd.multibody.bodies.homogeneous import HomogeneousEnergy, mode_tensors
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
@@ -19,6 +19,7 @@ from flexmbd.record.reduced_body import ReducedBody, Surface
 FloatArray = NDArray[np.float64]
 
 
+@checked("solid", "material", "name")
 @dataclass(eq=False)
 class PseudoRigidBody:
     """A body that moves by x = r + F (X - C), F(t) the same throughout (Zienkiewicz, Taylor & Fox, eq. 8.1-8.2).
@@ -106,13 +107,20 @@ class PseudoRigidBody:
         phi = np.einsum("kab,vb->vak", self.modes[:0] if self.rigid else self.modes, x - self.solid.com)
         return Surface(x, triangles, phi)
 
+    @checked()
     def stretch_of(self, q: ArrayLike) -> FloatArray:
         """U (..., 3, 3), in body axes, of modal coordinates (..., 6)."""
+        if np.shape(q)[-1:] != (len(self.modes),):
+            raise SceneError(f"q must be modal coordinates (..., {len(self.modes)}), got shape {np.shape(q)}")
         return np.asarray(np.eye(3) + np.tensordot(np.asarray(q, np.float64), self.modes, axes=1))
 
+    @checked()
     def coordinates_of(self, stretch: ArrayLike) -> FloatArray:
         """Modal coordinates (..., 6) of stretches U (..., 3, 3); of a rate of U those of U plus one."""
-        H = np.asarray(stretch, dtype=np.float64) - np.eye(3)
+        U = np.asarray(stretch, dtype=np.float64)
+        if U.shape[-2:] != (3, 3):
+            raise SceneError(f"stretch must be of shape (..., 3, 3), got {U.shape}")
+        H = U - np.eye(3)
         # M_qq = 1: q_k = tr(H_k J H)
         return np.asarray(np.einsum("kab,bc,...ac->...k", self.modes, self.solid.second, H))
 

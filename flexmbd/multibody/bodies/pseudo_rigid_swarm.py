@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers
+from flexmbd.given import checked, is_number, numbers
 from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff, polar
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.multibody.kernels.physics import swarm as kernel
@@ -42,6 +42,7 @@ class PseudoRigidSwarm:
         F, F_rate: (n, 3, 3) deformation gradients, and 1/s.  All five may be set between steps.
     """
 
+    @checked("solids")
     def __init__(
         self,
         solids: Sequence[Solid],

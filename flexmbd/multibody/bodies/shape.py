@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
+from flexmbd.multibody.bodies.closed_surface import whole_rows
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.multibody.bodies.triangle_file import read_triangles
 from flexmbd.record.pictured import portraits
@@ -167,7 +168,7 @@ class Shape:
     @classmethod
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, colour: str | None = None) -> Shape:
         """Any surface of triangles: points (n, 3) m and rows (t, 3) of them."""
-        return cls(numbers(points), np.asarray(triangles), colour=colour)
+        return cls(numbers(points), whole_rows(triangles), colour=colour)
 
     @classmethod
     def from_file(

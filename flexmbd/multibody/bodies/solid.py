@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers
+from flexmbd.given import checked, is_number, numbers
 from flexmbd.multibody.bodies.closed_surface import enclosed_moments, outward
 
 FloatArray = NDArray[np.float64]
@@ -105,13 +105,14 @@ class Solid:
                 "a cylinder wants a positive length and a radius that exceeds its bore, not negative (m), "
                 f"got radius {radius!r}, length {length!r}, bore {bore!r}"
             )
-        across = (r**2 + inner**2) / 4.0
-        volume = np.pi * (r**2 - inner**2) * h
+        across = (r * r + inner * inner) / 4.0  # infinite where r**2 would raise an OverflowError
+        volume = np.pi * (r * r - inner * inner) * h
         points, triangles = unit_tube(inner / r)
         outline = Outline(points, triangles, np.array([r, r, h]))
-        return cls._even(volume, (across, across, h**2 / 12.0), density, outline)
+        return cls._even(volume, (across, across, h * h / 12.0), density, outline)
 
     @classmethod
+    @checked()
     def together(cls, solids: Sequence[Solid]) -> Solid:
         """Several solids as one; where they overlap the mass counts twice.  It has no outline.
 
@@ -155,6 +156,7 @@ class Solid:
         """kg/m^3, in the mean."""
         return self.mass / self.volume
 
+    @checked()
     def scaled(self, factor: float) -> Solid:
         """The same solid, ``factor`` times as dense."""
         return replace(self, mass=_positive(factor) * self.mass, second=factor * self.second)

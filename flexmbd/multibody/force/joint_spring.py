@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PPoly
 
+from flexmbd.given import is_number
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.functions.spline_table import Table as Points
 from flexmbd.multibody.functions.spline_table import spline
@@ -38,7 +39,8 @@ class JointSpring(OnCoordinate):
     def check(self) -> None:
         """Raise SceneError for a joint without that coordinate, or numbers that no spring has."""
         super().check()
-        check_numbers(self.what, least={"damping": self.damping, "|rest|": abs(self.rest)})
+        rest = abs(self.rest) if is_number(self.rest) else self.rest
+        check_numbers(self.what, least={"damping": self.damping, "|rest|": rest})
         if isinstance(self.stiffness, Points):
             spline(self.stiffness, self.what)
         else:

@@ -234,8 +234,9 @@ class OnCoordinate(OnJoint):
             raise SceneError(
                 f"{self.what}: a {type(joint).__name__} has no coordinate that is one number; act on frames instead"
             )
-        if not 0 <= self.coordinate < count:
-            raise SceneError(f"{self.what}: a {type(joint).__name__} has coordinates 0 to {count - 1}")
+        if not is_number(self.coordinate) or self.coordinate not in range(count):
+            there = f"a {type(joint).__name__} has coordinates 0 to {count - 1}"
+            raise SceneError(f"{self.what}: {there}, not {self.coordinate!r:.100}")
 
 
 class DrivesJoint(OnJoint):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.kernels.base.compiling import pickled_function
 from flexmbd.multibody.kernels.base.user_functions import (
@@ -84,6 +85,7 @@ def compiled(function: Callable[..., Any], *, breaks: ArrayLike = ()) -> Compile
 def compiled(function: None = None, *, breaks: ArrayLike = ()) -> Callable[[Callable[..., Any]], Compiled]: ...
 
 
+@checked("breaks")
 def compiled(
     function: Callable[..., Any] | None = None, *, breaks: ArrayLike = ()
 ) -> Compiled | Callable[[Callable[..., Any]], Compiled]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 
 
 class Way(Enum):
@@ -54,6 +54,7 @@ class Penalty:
         _check(self.stiffness, self.damping)
 
 
+@checked()
 @dataclass(frozen=True)
 class AugmentedLagrangian:
     """Constraints hold to a tolerance: reaction = nu* + stiffness phi + damping d phi/dt.

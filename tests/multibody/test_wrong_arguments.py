@@ -1,0 +1,41 @@
+"""Wrong types, shapes and numbers for every parameter of what is public, found by inspection: one clear error each."""
+
+from collections import defaultdict
+
+import matplotlib as mpl
+import pytest
+from public_calls import Public, public_calls
+from public_examples import left_out, right_call
+from public_untried import UNTRIED
+from wrong_values import judged, wrong_for
+
+mpl.use("Agg")
+#: Rooms whose calls are tried here, those of the root first.
+TRIED = ("", "joint", "force", "output", "parameter", "beams")
+#: What is not yet right: (place, parameter).
+OPEN = {("joint.Gear", "first"), ("joint.Gear", "second")}
+
+PUBLIC = [one for one in public_calls() if one.room in TRIED and not left_out(one) and one.name not in UNTRIED]
+
+
+@pytest.mark.parametrize("public", PUBLIC, ids=lambda one: one.name)
+def test_a_wrong_argument_is_an_answer_or_one_clear_error(public: Public, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    right_call(public)({})
+    found = defaultdict(list)
+    for name, parameter in public.parameters.items():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
+        for value, wrong in wrong_for(parameter.annotation):
+            fault = judged(lambda: right_call(public)({name: value}), public.name, name, value, wrong=wrong)  # noqa: B023
+            if fault is not None:
+                found[public.name, name].append(str(fault))
+    still = {place for place in OPEN if place[0] == public.name}
+    assert {place: faults for place, faults in found.items() if place not in OPEN} == {}
+    assert still <= set(found), "mended: take it off the list of what is open"
+
+
+def test_all_that_is_public_is_tried_or_listed():
+    """A new public name gets a right call in tests/helpers/public_examples.py; the list of those without only falls."""
+    names = {one.name for one in public_calls() if not left_out(one)}
+    assert UNTRIED <= names, UNTRIED - names
