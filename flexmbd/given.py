@@ -139,7 +139,9 @@ class _Scope(dict[str, Any]):
 _MARKERS = {"ArrayLike": _Numbers, "FloatArray": _Numbers}
 
 
-def checked(*names: str, error: type[FlexmbdError] = SceneError) -> Callable[[T], T]:
+def checked(
+    *names: str, error: type[FlexmbdError] = SceneError, agree: Callable[[Mapping[str, Any], str], str] | None = None
+) -> Callable[[T], T]:
     """Check the arguments of a public function, or of a class's constructor, by their annotations, before it begins.
 
     A float is one finite number, an int a whole one, a bool True or False, an ArrayLike finite numbers of any shape; a
@@ -149,6 +151,8 @@ def checked(*names: str, error: type[FlexmbdError] = SceneError) -> Callable[[T]
     Args:
         *names: the parameters that are checked; all without any.
         error: the kind of error.
+        agree: called with the arguments, by names, and what is wrong with them, empty where nothing is; returns what
+            all ranks are to be told.  For collective functions, in which no rank may stop alone.
 
     Raises:
         FlexmbdError: of that kind, naming parameter, value and what is wanted; on each rank that is given the value.
@@ -156,46 +160,62 @@ def checked(*names: str, error: type[FlexmbdError] = SceneError) -> Callable[[T]
 
     def decorate(thing: T) -> T:
         if isinstance(thing, type):
-            thing.__init__ = _wrapped(thing.__init__, thing.__name__, names, error)  # type: ignore[misc]
+            thing.__init__ = _wrapped(thing.__init__, thing.__name__, names, error, agree)  # type: ignore[misc]
             return thing
-        return _wrapped(thing, thing.__qualname__, names, error)  # type: ignore[attr-defined]
+        return _wrapped(thing, thing.__qualname__, names, error, agree)  # type: ignore[attr-defined]
 
     return decorate
 
 
-def _wrapped(function: Any, label: str, names: Collection[str], error: type[FlexmbdError]) -> Any:
+def _wrapped(
+    function: Any,
+    label: str,
+    names: Collection[str],
+    error: type[FlexmbdError],
+    agree: Callable[[Mapping[str, Any], str], str] | None,
+) -> Any:
     asked: dict[str, _Asked] = {}
     order: list[_Asked | None] = []
 
-    def learn() -> None:  # at the first call: only then is all imported that annotations name
-        scope = vars(sys.modules[function.__module__]) if function.__module__ in sys.modules else function.__globals__
-        for parameter in inspect.signature(function).parameters.values():
-            if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-                continue
-            kind = _annotated(parameter.annotation, scope) if not names or parameter.name in names else None
-            if kind is not None:
-                asked[parameter.name] = _or_default(kind, parameter.default)
-            if parameter.kind is not parameter.KEYWORD_ONLY:
-                order.append(asked.get(parameter.name))
-        order.append(None)
-
-    def refuse(kind: _Asked, value: object) -> FlexmbdError:
+    def said(kind: _Asked, value: object) -> str:
         name = next(name for name, one in asked.items() if one is kind)
-        return error(f"{label}: {name} must be {kind.wanted}, got {' '.join(repr(value).split()):.100}")
+        return f"{label}: {name} must be {kind.wanted}, got {' '.join(repr(value).split()):.100}"
+
+    def fault(args: tuple[Any, ...], kwargs: dict[str, Any]) -> str:
+        for kind, value in zip(order, args, strict=False):
+            if kind is not None and not kind.fits(value):
+                return said(kind, value)
+        for name, value in kwargs.items():
+            if name in asked and not asked[name].fits(value):
+                return said(asked[name], value)
+        return ""
 
     @wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
-        if not order:
-            learn()
-        for kind, value in zip(order, args, strict=False):
-            if kind is not None and not kind.fits(value):
-                raise refuse(kind, value)
-        for name, value in kwargs.items():
-            if name in asked and not asked[name].fits(value):
-                raise refuse(asked[name], value)
+        if not order:  # at the first call: only then is all imported that annotations name
+            _learn(function, names, asked, order)
+        found = fault(args, kwargs)
+        if agree is not None:
+            found = agree(inspect.signature(function).bind(*args, **kwargs).arguments, found)
+        if found:
+            raise error(found)
         return function(*args, **kwargs)
 
     return wrapper
+
+
+def _learn(function: Any, names: Collection[str], asked: dict[str, _Asked], order: list[_Asked | None]) -> None:
+    """Find what a function's parameters ask for: by name, and of those given by place in their order."""
+    scope = vars(sys.modules[function.__module__]) if function.__module__ in sys.modules else function.__globals__
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
+        kind = _annotated(parameter.annotation, scope) if not names or parameter.name in names else None
+        if kind is not None:
+            asked[parameter.name] = _or_default(kind, parameter.default)
+        if parameter.kind is not parameter.KEYWORD_ONLY:
+            order.append(asked.get(parameter.name))
+    order.append(None)
 
 
 def _or_default(kind: _Asked, default: object) -> _Asked:

@@ -11,6 +11,7 @@ from flexmbd.meshes import session
 from flexmbd.meshes.block import faces, fill_box
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     intervals,
     require_cell,
     require_degree,
@@ -18,6 +19,7 @@ from flexmbd.meshes.dimension import (
 )
 
 
+@checked_part
 def beam(
     length: float,
     width: float,

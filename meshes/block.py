@@ -14,15 +14,18 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     require_cell,
     require_counts,
     require_degree,
+    require_names,
     require_positive,
 )
 
 _AXES = "xyz"
 
 
+@checked_part
 def block(
     length: float,
     width: float,
@@ -137,8 +140,7 @@ def faces() -> dict[str, list[int]]:
 
 
 def _check_layers(layers: Sequence[str], along_z: int) -> None:
-    if isinstance(layers, str) or not all(isinstance(name, str) and name for name in layers):
-        raise MeshError(f'layers must be a list of names, as ["steel", "rubber"], got {layers!r}')
+    require_names("layers", layers, example='["steel", "rubber"]')
     if len(layers) == 0 or len(set(layers)) < len(layers):
         raise MeshError(f"layers must be at least one name, and no two alike, got {layers!r}")
     if along_z % len(layers) != 0:

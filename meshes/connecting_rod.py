@@ -14,14 +14,17 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     intervals,
     require_cell,
     require_degree,
+    require_fitting,
     require_positive,
 )
 from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
+@checked_part
 def connecting_rod(
     *,
     length: float = 0.3,
@@ -90,20 +93,16 @@ def connecting_rod(
         require_cell(cell)
         require_degree(degree)
         big_radius, small_radius = big_bore / 2 + big_wall, small_bore / 2 + small_wall
+        require_fitting(h, {"the eyes' diameters together,": 2 * (big_radius + small_radius)})
         if length <= big_radius + small_radius:
             raise MeshError(
                 f"length must exceed {big_radius + small_radius:g} m, or the eyes meet, got {length:g}"
             )
         if shank_thickness > thickness:
             raise MeshError(f"shank_thickness must be at most {thickness:g} m, got {shank_thickness:g}")
-        if shank_width_big >= 2 * big_radius:
-            raise MeshError(
-                f"shank_width_big must be below {2 * big_radius:g}, got {shank_width_big:g}"
-            )
-        if shank_width_small >= 2 * small_radius:
-            raise MeshError(
-                f"shank_width_small must be below {2 * small_radius:g}, got {shank_width_small:g}"
-            )
+        for name, width, radius in (("big", shank_width_big, big_radius), ("small", shank_width_small, small_radius)):
+            if width >= 2 * radius:
+                raise MeshError(f"shank_width_{name} must be below {2 * radius:g}, got {width:g}")
 
     check_arguments(comm, arguments, check)
     unit = session.working_unit(length)

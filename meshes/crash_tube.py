@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
 from flexmbd.errors import MeshError
-from flexmbd.meshes.dimension import check_arguments, require_counts, require_positive
+from flexmbd.meshes.dimension import check_arguments, checked_part, require_counts, require_positive
 
 FloatArray = NDArray[np.float64]
 
@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 _SAME = 1e-9
 
 
+@checked_part
 def crash_tube(
     width: float,
     wall: float,

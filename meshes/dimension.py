@@ -5,11 +5,29 @@ from __future__ import annotations
 import math
 import numbers
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
 
 from mpi4py import MPI
 
 from flexmbd.errors import MeshError
+from flexmbd.given import checked, is_number
+
+
+def _told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
+    """What is wrong on the lowest rank on which anything is; of a communicator that is none, here alone. Collective."""
+    part = arguments.get("part")
+    comm = arguments.get("comm", MPI.COMM_WORLD if part is None else getattr(part, "comm", None))
+    if not isinstance(comm, MPI.Comm) or comm == MPI.COMM_NULL:
+        return fault or f"comm must be a communicator of MPI, as MPI.COMM_WORLD, got {comm!r:.100}"
+    return next(filter(None, comm.allgather(fault)), "")
+
+
+#: For functions that make meshes: what is neither a size nor a choice is of its annotation's type, on all ranks.
+checked_part = checked(
+    "part", "path", "points", "beams", "solid", "glue", "comm",
+    error=MeshError, agree=_told_to_all,
+)  # fmt: skip
 
 
 def check_arguments(
@@ -68,8 +86,19 @@ def require_positive(**lengths: float) -> None:
         MeshError: names the first length that is at fault.
     """
     for name, value in lengths.items():
-        if not isinstance(value, numbers.Real) or not 0 < value < math.inf:
+        if not is_number(value) or not 0 < value < math.inf:
             raise MeshError(f"{name} must be a positive, finite length in m, got {value!r}")
+
+
+def require_fitting(h: float, lengths: Mapping[str, float]) -> None:
+    """Refuse cells that are larger than a part in every direction, as millimetres beside metres; not collective.
+
+    Raises:
+        MeshError: names the sizes.
+    """
+    if h > max(lengths.values()):
+        others = ", ".join(f"{name} {value:g} m" for name, value in lengths.items())
+        raise MeshError(f"h = {h:g} m exceeds {others}: sizes do not fit together; give all of them in metres")
 
 
 def require_degree(degree: int) -> None:
@@ -78,7 +107,7 @@ def require_degree(degree: int) -> None:
     Raises:
         MeshError: names the degree.
     """
-    if degree not in (1, 2):
+    if not is_number(degree) or degree not in (1, 2):
         raise MeshError(f"degree of the geometry must be 1 or 2, got {degree!r}")
 
 
@@ -90,7 +119,7 @@ def require_cell(
     Raises:
         MeshError: names the cell.
     """
-    if cell not in known:
+    if not isinstance(cell, str) or cell not in known:
         raise MeshError(f'cell must be "{known[0]}" or "{known[1]}", got {cell!r}')
 
 
@@ -103,10 +132,20 @@ def require_counts(name: str, counts: object, *, number: int) -> None:
     if (
         not isinstance(counts, tuple | list)
         or len(counts) != number
-        or not all(isinstance(n, numbers.Integral) and int(n) > 0 for n in counts)
+        or not all(isinstance(n, numbers.Integral) and is_number(n) and int(n) > 0 for n in counts)
     ):
         words = {2: "two", 3: "three"}
         raise MeshError(f"{name} must be {words[number]} positive whole numbers, got {counts!r}")
+
+
+def require_names(name: str, names: object, *, example: str) -> None:
+    """Refuse what is not a list of texts that are not empty; not collective.
+
+    Raises:
+        MeshError: names the list by `name`.
+    """
+    if not isinstance(names, Collection) or isinstance(names, str) or not all(isinstance(n, str) and n for n in names):
+        raise MeshError(f"{name} must be a list of names, as {example}, got {names!r}")
 
 
 def require_count(name: str, count: object) -> None:
@@ -115,7 +154,7 @@ def require_count(name: str, count: object) -> None:
     Raises:
         MeshError: names the count by `name`.
     """
-    if not isinstance(count, numbers.Integral) or int(count) <= 0:
+    if not isinstance(count, numbers.Integral) or not is_number(count) or int(count) <= 0:
         raise MeshError(f"{name} must be a positive whole number, got {count!r}")
 
 

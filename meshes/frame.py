@@ -11,9 +11,10 @@ import numpy as np
 from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
-from flexmbd.meshes.dimension import check_arguments, require_degree
+from flexmbd.meshes.dimension import check_arguments, checked_part, require_degree
 
 
+@checked_part
 def frame(
     points: Mapping[str, Point],
     beams: Mapping[str, Sequence[Beam]],

@@ -43,7 +43,7 @@ from flexmbd.continuum.parallel import on_root, raise_collectively
 from flexmbd.errors import MeshError, RecordError
 from flexmbd.files.tree_file import HEAD, FileKind, check_seal, seal
 from flexmbd.files.whole_file import first_line, open_part, take_part
-from flexmbd.meshes.dimension import check_arguments
+from flexmbd.meshes.dimension import check_arguments, checked_part
 from flexmbd.meshes.group_choice import chosen
 
 IntArray = npt.NDArray[np.int64]
@@ -53,6 +53,7 @@ MESH = FileKind("flexmbd mesh", 2, "flexmbd.meshes.write")
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
+@checked_part
 def write(part: TaggedMesh, path: str | Path) -> None:
     """Write a mesh with its groups to an .h5 file, which `read` reads share by share. Collective.
 

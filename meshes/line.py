@@ -10,12 +10,14 @@ from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     require_count,
     require_degree,
     require_positive,
 )
 
 
+@checked_part
 def line(
     length: float,
     *,

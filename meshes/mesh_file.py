@@ -14,7 +14,7 @@ from flexmbd.continuum.parallel import on_root
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.abaqus_file import read_abaqus
-from flexmbd.meshes.dimension import check_arguments, require_positive
+from flexmbd.meshes.dimension import check_arguments, checked_part, require_names, require_positive
 from flexmbd.meshes.foreign_mesh import ForeignMesh, solid_input
 from flexmbd.meshes.h5_file import h5_input
 from flexmbd.meshes.msh_file import merge
@@ -27,6 +27,7 @@ _READERS: dict[str, Callable[[Path], ForeignMesh]] = {
 }
 
 
+@checked_part
 def read(
     path: str | Path,
     *,
@@ -64,10 +65,8 @@ def read(
     def check() -> None:
         require_positive(scale=scale)
         for name, groups in (("cell_groups", cell_groups), ("facet_groups", facet_groups)):
-            if groups is not None and (
-                isinstance(groups, str) or not all(isinstance(group, str) for group in groups)
-            ):
-                raise MeshError(f'{name} must be a list of names, as ["foot", "pin"], got {groups!r}')
+            if groups is not None:
+                require_names(name, groups, example='["foot", "pin"]')
 
     check_arguments(comm, arguments, check)
     file = Path(path)

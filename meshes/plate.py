@@ -11,6 +11,7 @@ from flexmbd.meshes import session
 from flexmbd.meshes.block import faces, fill_box
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     intervals,
     require_cell,
     require_count,
@@ -19,6 +20,7 @@ from flexmbd.meshes.dimension import (
 )
 
 
+@checked_part
 def plate(
     length: float,
     width: float,

@@ -11,10 +11,11 @@ from flexmbd.continuum.grid.mesh_input import MeshInput
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
-from flexmbd.meshes.dimension import check_arguments, require_counts, require_degree, require_positive
+from flexmbd.meshes.dimension import check_arguments, checked_part, require_counts, require_degree, require_positive
 from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
+@checked_part
 def quarter_ring(
     height: float,
     outer_radius: float,

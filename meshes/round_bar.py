@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, from_arrays
-from flexmbd.meshes.dimension import check_arguments, require_counts, require_positive
+from flexmbd.meshes.dimension import check_arguments, checked_part, require_counts, require_positive
 
 # Half the side of the square in the middle, and its outward bulge, by the radius.
 _CORE, _BULGE = 0.5, 0.08
 
 
+@checked_part
 def round_bar(
     radius: float,
     length: float,

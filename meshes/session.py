@@ -136,7 +136,12 @@ def built_mesh(
     """
     def run() -> MeshInput:
         with model():
-            built = build()
+            try:
+                built = build()
+            except Exception as error:
+                if type(error) is not Exception:  # which gmsh alone raises
+                    raise
+                raise MeshError(f"gmsh cannot build this part: {error}; see whether its sizes fit together") from error
         return replace(built, points=unit * built.points)
 
     return spread(comm, from_root(comm, run))

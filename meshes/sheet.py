@@ -10,6 +10,7 @@ from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     require_cell,
     require_counts,
     require_degree,
@@ -17,6 +18,7 @@ from flexmbd.meshes.dimension import (
 )
 
 
+@checked_part
 def sheet(
     length: float,
     width: float,

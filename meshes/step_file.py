@@ -20,6 +20,7 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     require_cell,
     require_count,
     require_degree,
@@ -62,6 +63,7 @@ class StepPart:
 Tag: TypeAlias = SurfacePoint | Sequence[SurfacePoint] | Callable[[StepFace], bool]
 
 
+@checked_part
 def from_step(
     path: str | Path,
     *,
@@ -138,6 +140,7 @@ def from_step(
     return session.built_mesh(comm, build)
 
 
+@checked_part
 def step_faces(
     path: str | Path, *, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD
 ) -> tuple[StepFace, ...]:

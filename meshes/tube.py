@@ -16,6 +16,7 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
+    checked_part,
     intervals,
     require_cell,
     require_degree,
@@ -24,6 +25,7 @@ from flexmbd.meshes.dimension import (
 from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
 
 
+@checked_part
 def tube(
     length: float,
     outer_radius: float,
