@@ -252,7 +252,7 @@ def _kind(asked: Any) -> _Asked | None:
         return _Asked("a list", lambda value: isinstance(value, Iterable) and not isinstance(value, bytes | np.ndarray))
     if isinstance(origin, type) and issubclass(origin, Collection):
         return _several(_kind(parts[0]))
-    if not isinstance(asked, type) or asked in (object, inspect.Parameter.empty):
+    if not isinstance(asked, type) or asked in (object, Any, inspect.Parameter.empty):
         return None
     if getattr(asked, "_is_protocol", False) and not getattr(asked, "_is_runtime_protocol", False):
         return None

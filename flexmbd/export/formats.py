@@ -38,6 +38,7 @@ from flexmbd.export.superelements.simscape_file import CAPABILITIES as _SIMSCAPE
 from flexmbd.export.superelements.simscape_file import read_simscape, simscape
 from flexmbd.export.vtkhdf_file import CAPABILITIES as _VTKHDF
 from flexmbd.export.vtkhdf_file import vtkhdf_modes
+from flexmbd.given import checked
 from flexmbd.record.reduced_body import ReducedBody
 
 #: (body, path, lossy=...) -> what the file leaves out, a phrase each.
@@ -85,6 +86,7 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
+@checked(error=ExportError)
 def format_named(name: str) -> Format:
     """The format of that name, or that of a Python file where the name ends in .py: what it calls FORMAT.
 

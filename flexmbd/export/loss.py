@@ -12,8 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.given import refuse_no_truth
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
+
+#: For writers of formats: their arguments but for the body, which `check_losses` asks for.
+checked_writer = checked(
+    "path", "lossy", "name", "first", "fmi", "step", "binary", "windows", "nodes", "columns", "interface",
+    "gravity", error=ExportError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

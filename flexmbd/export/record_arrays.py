@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.loss import Capabilities, check_body
+from flexmbd.export.loss import Capabilities, check_body, checked_writer
 from flexmbd.files.archive import read_archive, write_archive
 from flexmbd.files.tree_file import Tree
+from flexmbd.given import checked
 from flexmbd.record.reduced_body import ReducedBody
 
 CAPABILITIES = Capabilities(nodal_interfaces=True, gyroscopic=True, stiffening=True, nodes=True, stress=True)
 
 
+@checked_writer
 def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
     """Write the whole record as an archive of arrays (.npz), without pickles. Not collective.
 
@@ -38,6 +40,7 @@ def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[st
     return ()
 
 
+@checked(error=ExportError)
 def read_npz(path: str | Path) -> ReducedBody:
     """Read what `npz` wrote, bit for bit. Not collective.
 

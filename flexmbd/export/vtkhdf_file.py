@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_body
+from flexmbd.export.loss import Capabilities, check_body, checked_writer
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
+from flexmbd.given import checked
 from flexmbd.multibody.interiors.observed import InteriorMesh
 from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -38,6 +39,7 @@ _POINT, _TRIANGLE = 1, 5
 _HEADERS = 1 << 16
 
 
+@checked_writer
 def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
     """Write the shapes of a body's modes as vectors on its surface, or at its nodes, for ParaView. Not collective.
 
@@ -78,6 +80,7 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
     return ("everything but the shapes and frequencies of the modes: the file is for pictures",)
 
 
+@checked(error=ExportError)
 def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> tuple[str, ...]:
     """Write a machine on its way, for ParaView: what a film shows of its bodies. Not collective; the root writes.
 

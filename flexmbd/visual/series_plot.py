@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.files.result_table import ResultTable
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.visual.destination import checked_path, save, write
@@ -34,6 +35,7 @@ SUFFIXES = (".pdf", ".png", ".svg")
 _INSTANTS = 2000
 
 
+@checked("title", "ylabel", error=PictureError)
 def plot_series(
     trajectory: RecordedMotion,
     series: Sequence[tuple[str, Drawn] | Connection | Frame | FlexibleBody] = (),
@@ -80,6 +82,7 @@ def plot_series(
     return figure
 
 
+@checked(error=PictureError)
 def plot_table(
     table: ResultTable, names: Sequence[str] = (), *, path: str | Path | None = None, title: str = ""
 ) -> Figure:

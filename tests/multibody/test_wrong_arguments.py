@@ -1,6 +1,10 @@
 """Wrong types, shapes and numbers for every parameter of what is public, found by inspection: one clear error each."""
 
+from __future__ import annotations
+
 from collections import defaultdict
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import pytest
@@ -9,9 +13,15 @@ from public_examples import left_out, right_call
 from public_untried import UNTRIED
 from wrong_values import judged, wrong_for
 
+from flexmbd import SceneError
+from flexmbd.given import checked
+
+if TYPE_CHECKING:
+    from flexmbd.visual import Look
+
 mpl.use("Agg")
 #: Rooms whose calls are tried here, those of the root first.
-TRIED = ("", "joint", "force", "output", "parameter", "beams")
+TRIED = ("", "joint", "force", "output", "parameter", "beams", "export")
 #: What is not yet right: (place, parameter).
 OPEN = {("joint.Gear", "first"), ("joint.Gear", "second")}
 
@@ -39,3 +49,16 @@ def test_all_that_is_public_is_tried_or_listed():
     """A new public name gets a right call in tests/helpers/public_examples.py; the list of those without only falls."""
     names = {one.name for one in public_calls() if not left_out(one)}
     assert UNTRIED <= names, UNTRIED - names
+
+
+def test_what_is_imported_for_type_checkers_alone_is_open():
+    @checked()
+    def shown(looks: Mapping[str, Look] | None = None, **more: Any) -> Any:
+        return looks
+
+    assert shown({"rod": 3}) == {"rod": 3}
+    assert shown() is shown(None) is None
+    with pytest.raises(SceneError, match="looks must be a mapping of a text to anything or None, got 3"):
+        shown(3)
+    with pytest.raises(SceneError, match="looks must be a mapping"):
+        shown({4: 3})

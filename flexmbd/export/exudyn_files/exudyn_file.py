@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses, checked_writer
 from flexmbd.files.archive import write_archive
 from flexmbd.record.groups import FloatArray, InterfaceFrame
 from flexmbd.record.point_masses import point_masses
@@ -39,6 +39,7 @@ class Rayleigh:
     stiffness: float
 
 
+@checked_writer
 def exudyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
     """Write a file that Exudyn's ``ObjectFFRFreducedOrderInterface.LoadFromFile`` reads. Not collective.
 

@@ -13,6 +13,7 @@ from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.normal_modes import normal_modes
 from flexmbd.files.archive import read_archive
 from flexmbd.files.whole_file import finite
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray, InterfaceFrame, NodalModes, Surface
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -29,6 +30,7 @@ _OURS = (
 _MOST_MODES = 5000
 
 
+@checked(error=ExportError)
 def read_exudyn(path: str | Path, *, interfaces: Mapping[str, Sequence[int]] | None = None) -> ReducedBody:
     """Read a reduced body of Exudyn (.npz). Not collective.
 

@@ -29,7 +29,7 @@ from flexmbd.export.functional_mockup.unit_build import (
     targets_of,
     zipped,
 )
-from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses, checked_writer
 from flexmbd.files.whole_file import write_file
 from flexmbd.given import refuse_no_truth
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
@@ -42,6 +42,7 @@ _WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _RATES = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
+@checked_writer
 def fmu(
     body: ReducedBody,
     path: str | Path,

@@ -12,6 +12,7 @@ import numpy as np
 from flexmbd.errors import ExportError
 from flexmbd.export.mbdyn_files.mbdyn_file import check_label, check_modes, number, vector
 from flexmbd.files.whole_file import write_file
+from flexmbd.given import checked, is_number
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -38,6 +39,7 @@ class MbdynPendulum:
     nodes: dict[str, int]
 
 
+@checked("body", "fem", "path", "hinge", "axis", error=ExportError)
 def mbdyn_deck(
     body: ReducedBody,
     fem: str | Path,
@@ -83,7 +85,7 @@ def mbdyn_deck(
         raise ExportError(
             f"the file name {name!r} cannot stand in a deck of MBDyn: rename it without quotes, \\ and line ends"
         )
-    if not all(np.isfinite(value) for value in (rate, gravity)) or not (0.0 < step <= end < np.inf):
+    if not all(map(is_number, (rate, gravity, step, end))) or not 0.0 < step <= end:
         raise ExportError(
             f"rate {rate!r} and gravity {gravity!r} must be numbers, and step {step!r} no longer than end {end!r}"
         )

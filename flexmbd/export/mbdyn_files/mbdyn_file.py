@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.point_masses import point_masses
@@ -32,6 +32,7 @@ _UNIT = 1e-9
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_.+-]{0,79}")
 
 
+@checked_writer
 def mbdyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
     """Write the data file of MBDyn's modal joint. Not collective.
 

@@ -13,6 +13,7 @@ from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.mbdyn_files.mbdyn_file import OURS
 from flexmbd.export.normal_modes import normal_modes
 from flexmbd.files.whole_file import finite, read_text
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray, InterfaceFrame, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -28,6 +29,7 @@ _MOST_MODES = 5000
 _AGREE = 1e-6
 
 
+@checked(error=ExportError)
 def read_mbdyn(path: str | Path, *, interfaces: Sequence[str] | None = None) -> ReducedBody:
     """Read a data file of MBDyn's modal joint. Not collective.
 

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from flexmbd.errors import ExportError, RecordError
-from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses, checked_writer
 from flexmbd.export.sid_files.sid_text import SidModal, SidNode, parse_sid, sid_text
 from flexmbd.export.sid_files.taylor_blocks import (
     AGREE,
@@ -24,6 +24,7 @@ from flexmbd.export.sid_files.taylor_blocks import (
     taylor_blocks,
 )
 from flexmbd.files.whole_file import write_file
+from flexmbd.given import checked
 from flexmbd.record.groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -46,6 +47,7 @@ class SidColumns(Enum):
     BY_AXIS = "x of all modes, then y, then z: SIMPACK's FEMBS and what reads its files, as DLR's FlexibleBodies"
 
 
+@checked_writer
 def sid(
     body: ReducedBody,
     path: str | Path,
@@ -153,6 +155,7 @@ def _hidden(name: str) -> str:
     return plain
 
 
+@checked(error=ExportError)
 def read_sid(path: str | Path, *, tolerance: float = AGREE) -> ReducedBody:
     """Read a SID_FEM file, ours or another program's. Not collective.
 

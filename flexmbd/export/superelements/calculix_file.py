@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.export.superelements.matrix_text import (
     Block,
     Dof,
@@ -37,6 +37,7 @@ from flexmbd.export.superelements.superelement_frames import (
 )
 from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
 from flexmbd.files.whole_file import read_text, write_file
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -49,6 +50,7 @@ _PARTS = {"K": ".sti", "M": ".mas", "D": ".dam"}
 _ABAQUS = {"K": "STIFFNESS", "M": "MASS", "D": "VISCOUSDAMPING"}
 
 
+@checked_writer
 def calculix(
     body: ReducedBody,
     path: str | Path,
@@ -131,6 +133,7 @@ def calculix(
     return left
 
 
+@checked("path", "interfaces", "frame", "mass", error=ExportError)
 def read_calculix(
     path: str | Path,
     *,

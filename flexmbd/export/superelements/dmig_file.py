@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.export.superelements.full_matrices import NodeSet
 from flexmbd.export.superelements.node_binding import (
     Interfaces,
@@ -37,6 +37,7 @@ from flexmbd.export.superelements.superelement_frames import (
 )
 from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
 from flexmbd.files.whole_file import read_text, write_file
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -48,6 +49,7 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[edED]?([+-]?\d+))?")
 _LARGEST_ID = 99_999_999
 
 
+@checked_writer
 def dmig(
     body: ReducedBody, path: str | Path, *, first: int = 1, units: str = SI, lossy: bool = False
 ) -> tuple[str, ...]:
@@ -129,6 +131,7 @@ def wide(value: float) -> str:
     return best
 
 
+@checked("path", "interfaces", "frame", "mass", error=ExportError)
 def read_dmig(
     path: str | Path,
     *,

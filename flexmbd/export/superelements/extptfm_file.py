@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_body, check_losses
+from flexmbd.export.loss import Capabilities, check_body, check_losses, checked_writer
 from flexmbd.export.superelements.superelement import Superelement, rigid_motion, superelement
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
@@ -24,6 +24,7 @@ from flexmbd.export.superelements.superelement_frames import (
     commented_interfaces,
 )
 from flexmbd.files.whole_file import read_text, write_file
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -32,6 +33,7 @@ CAPABILITIES = Capabilities(interfaces=1, large_motion=False)
 _MATRICES = {"!mass": "M", "!stiffness": "K", "!damping": "D"}
 
 
+@checked_writer
 def openfast(
     body: ReducedBody,
     path: str | Path,
@@ -82,6 +84,7 @@ def openfast(
     return left
 
 
+@checked(error=ExportError)
 def openfast_connections(
     body: ReducedBody,
     path: str | Path,
@@ -162,6 +165,7 @@ def _self_weight(M: FloatArray, gravity: float) -> tuple[FloatArray, FloatArray]
     return weight, stiffness
 
 
+@checked(error=ExportError)
 def read_openfast(
     path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None = None, frame: str | None = None
 ) -> ReducedBody:

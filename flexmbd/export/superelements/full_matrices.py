@@ -20,7 +20,7 @@ from flexmbd.export.superelements.superelement import Superelement, rigid_motion
 from flexmbd.export.superelements.superelement_body import reduced_body, resistance
 from flexmbd.export.superelements.unit_system import SI, unit_system
 from flexmbd.files.whole_file import read_text
-from flexmbd.given import refuse_no_truth
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.groups import FloatArray, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -37,6 +37,7 @@ _FREE = 1e-6
 _EQUILIBRIUM = 1e-6
 
 
+@checked(error=ExportError)
 @dataclass(frozen=True, eq=False)
 class NodeSet:
     """Nodes that move as one rigid frame.
@@ -52,6 +53,7 @@ class NodeSet:
     axes: ArrayLike = field(default_factory=lambda: np.eye(3))
 
 
+@checked(error=ExportError)
 def reduce_matrices(
     K: Sparse,
     M: Sparse,
@@ -124,6 +126,7 @@ def reduce_matrices(
     return replace(body, **changes)
 
 
+@checked(error=ExportError)
 def read_matrix_market(path: str | Path) -> Sparse:
     """A sparse real matrix from a file of MatrixMarket's kind, as Ansys, Exudyn and scipy write it. Not collective.
 
@@ -192,6 +195,7 @@ def _array(words: list[str], sizes: list[int], *, symmetric: bool) -> FloatArray
     return matrix + np.triu(matrix, 1).T
 
 
+@checked(error=ExportError)
 def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
     """A full matrix from lines ``node, component, node, component, value``, rows as a node table has them.
 

@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import ExportError
 from flexmbd.export.superelements.full_matrices import Sparse, node_table
 from flexmbd.files.whole_file import read_text
+from flexmbd.given import checked
 
 _DOF = re.compile(r"(\d{1,18})\.([123])", re.ASCII)
 
 
+@checked(error=ExportError)
 def read_matrix_storage(path: str | Path, nodes: ArrayLike) -> Sparse:
     """A full matrix that CalculiX stored, its rows as a node table has them, for `reduce_matrices`. Not collective.
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.export.superelements.op4_binary import binary_matrices, is_binary
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
@@ -26,6 +26,7 @@ from flexmbd.export.superelements.superelement_frames import (
 )
 from flexmbd.export.superelements.unit_system import SI
 from flexmbd.files.whole_file import read_file, read_text, write_file
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
@@ -36,6 +37,7 @@ _RECTANGULAR, _SYMMETRIC = 2, 6
 _HEADER = re.compile(r"([ \d-]{8})([ \d-]{8})([ \d]{8})([ \d]{8})(.{8})\s*(?:\d+P,?)?(\d+)[ED](\d+)\.\d+\s*", re.ASCII)
 
 
+@checked_writer
 def op4(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
     """Write K, M and D of a body as the matrices KAAX, MAAX and, where it is damped, BAAX. Not collective.
 
@@ -87,6 +89,7 @@ def _matrix_lines(name: str, matrix: FloatArray) -> Iterator[str]:
     yield f"{1.0:23.16E}"
 
 
+@checked("path", "interfaces", "frame", "mass", error=ExportError)
 def read_op4(
     path: str | Path,
     *,

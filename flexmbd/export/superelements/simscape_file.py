@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.loss import Capabilities, check_losses
+from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.export.superelements.mat_file import read_mat
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
@@ -24,6 +24,7 @@ from flexmbd.export.superelements.superelement_frames import (
     unit_quaternion,
 )
 from flexmbd.files.whole_file import write_file
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
@@ -34,6 +35,7 @@ _FLOATING = "(floating)"
 _NUMBERS = ("P", "K", "M", "D", "quaternions")
 
 
+@checked_writer
 def simscape(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
     """Write a body as variables of a MAT file. Not collective.
 
@@ -74,6 +76,7 @@ def simscape(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tup
     return left
 
 
+@checked(error=ExportError)
 def read_simscape(
     path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None = None, frame: str | None = None
 ) -> ReducedBody:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexmbd.errors import ExportError
+from flexmbd.given import checked
 from flexmbd.record.carrying_dofs import carrying_dofs
 from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.reduced_body import NodalInterfaces, ReducedBody
@@ -83,6 +84,7 @@ def rigid_motion(p: FloatArray) -> FloatArray:
     return motion
 
 
+@checked(error=ExportError)
 def superelement(
     body: ReducedBody, *, interfaces: Sequence[str] | None = None, nodes: bool = False
 ) -> Superelement:

@@ -20,6 +20,7 @@ from flexmbd.export.superelements.superelement import Superelement
 from flexmbd.export.superelements.superelement_body import reduced_body
 from flexmbd.export.superelements.unit_system import SI, to_si, unit_system
 from flexmbd.files.whole_file import LARGEST
+from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import from_quaternion, to_quaternion
@@ -30,6 +31,7 @@ _MARK = "flexmbd interface "
 _NODE_MARK = "flexmbd nodal interface "
 
 
+@checked(error=ExportError)
 @dataclass(frozen=True, eq=False)
 class InterfaceNode:
     """An interface of a file that another program wrote.
