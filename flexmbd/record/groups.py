@@ -177,12 +177,16 @@ class NonlinearStiffness:
         face_strain: (b, 6, n) S of each interface per unit modal coordinate, tensor components xx yy zz yz xz xy.
         energy: (1,) J, the largest strain energy of the states at which the body was compared with its full model; in a
             state of more energy nothing is known of its error.
+        tolerance: (1,) largest relative error of the strain energy that was allowed there.
+        compared: (n, r) modal forces of the loads of these states: their span is what the body was reduced for.
     """
 
     cubic: FloatArray
     quartic: FloatArray
     face_strain: FloatArray
     energy: FloatArray
+    tolerance: FloatArray
+    compared: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +342,8 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
         case NonlinearStiffness():
             cubic = n * (n + 1) * (n + 2) // 6
             strain = (len(group.face_strain), 6, n)
-            return {"cubic": (cubic,), "quartic": (cubic * (n + 3) // 4,), "face_strain": strain, "energy": (1,)}
+            one = {"energy": (1,), "tolerance": (1,), "compared": (n, group.compared.size // max(n, 1))}
+            return {"cubic": (cubic,), "quartic": (cubic * (n + 3) // 4,), "face_strain": strain, **one}
         case Gyroscopic():
             return {"momentum": (3,), "slope": (3, n), "G": (n, n)}
         case DistributedLoads():

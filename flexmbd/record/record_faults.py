@@ -90,6 +90,8 @@ def _nonlinear_faults(record: _RecordParts) -> Iterator[str]:
         yield f"nonlinear has {len(nonlinear.face_strain)} faces for {len(record.interfaces)} interfaces"
     if nonlinear.energy.size == 1 and not nonlinear.energy[0] >= 0.0:
         yield f"nonlinear has an energy of {nonlinear.energy[0]} J"
+    if nonlinear.tolerance.size == 1 and not nonlinear.tolerance[0] > 0.0:
+        yield f"nonlinear has a tolerance of {nonlinear.tolerance[0]}"
 
 
 def _mass_faults(record: _RecordParts) -> Iterator[str]:

@@ -79,17 +79,21 @@ class StrainPolynomial:
         cubic, quartic = (len(monomials(count, degree)) for degree in (3, 4))
         return StrainPolynomial(self.stiffness[:count], self.cubic[:cubic], self.quartic[:quartic])
 
-    def energy(self, q: FloatArray) -> float:
-        """V, J, at q (n,)."""
+    def energy(self, q: FloatArray) -> FloatArray:
+        """V (...), J, at q (..., n)."""
         linear, square = self._by_pairs
-        p = q[self._pairs].prod(axis=1)
-        return float(0.5 * self.stiffness @ q**2 + q @ (linear @ p) + 0.5 * p @ (square @ p))
+        p = q[..., self._pairs].prod(axis=-1)
+        return np.asarray(0.5 * q**2 @ self.stiffness + np.sum(p * (q @ linear + 0.5 * p @ square), axis=-1))
 
     def force(self, q: FloatArray) -> FloatArray:
-        """(n,) dV/dq."""
-        linear, square = self._by_pairs
-        p = q[self._pairs].prod(axis=1)
-        return np.asarray(self.stiffness * q + linear @ p + self._slopes(q).T @ (linear.T @ q + square @ p))
+        """dV/dq (..., n) at q (..., n)."""
+        (linear, square), (i, j) = self._by_pairs, self._pairs.T
+        p = q[..., self._pairs].prod(axis=-1)
+        by_pairs = q @ linear + p @ square
+        slopes = np.zeros((*q.shape, q.shape[-1]))
+        slopes[..., i, j] = by_pairs
+        slopes[..., j, i] += by_pairs
+        return np.asarray(self.stiffness * q + p @ linear.T + np.einsum("...ij,...j->...i", slopes, q))
 
     def tangent(self, q: FloatArray) -> FloatArray:
         """(n, n) second derivative of V."""

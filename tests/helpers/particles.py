@@ -89,7 +89,8 @@ def polynomial(stretch: ModalStretch | None, face: np.ndarray) -> NonlinearStiff
     if stretch is not None:
         cubic += 0.5 * np.einsum("mi,mjk->ijk", stretch.strain, stretch.P)
         quartic += 0.125 * np.einsum("mij,mkl->ijkl", stretch.P, stretch.P)
-    return NonlinearStiffness(packed(cubic), packed(quartic), face, np.array([1e3]))
+    more = np.array([1e3]), np.array([1e-3]), np.eye(n)
+    return NonlinearStiffness(packed(cubic), packed(quartic), face, *more)
 
 
 def packed(tensor: np.ndarray) -> np.ndarray:

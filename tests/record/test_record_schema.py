@@ -30,7 +30,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
 SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "c": 4, "w": 6}
-SIZE |= {"p3": 35, "p4": 70}
+SIZE |= {"p3": 35, "p4": 70, "r": 3}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
@@ -74,7 +74,14 @@ def full_record():
 def nonlinear_record():
     """One with `nonlinear` in the place of what it replaces."""
     rng = np.random.default_rng(8)
-    group = NonlinearStiffness(rng.normal(size=35), rng.normal(size=70), rng.normal(size=(2, 6, 5)), np.array([0.7]))
+    group = NonlinearStiffness(
+        rng.normal(size=35),
+        rng.normal(size=70),
+        rng.normal(size=(2, 6, 5)),
+        energy=np.array([0.7]),
+        tolerance=np.array([1e-3]),
+        compared=rng.normal(size=(5, 3)),
+    )
     return dataclasses.replace(full_record(), geometric=None, stretch=None, stress=None, nonlinear=group)
 
 
@@ -191,6 +198,8 @@ def test_nonlinear_stiffness_stands_alone_and_fits():
         "quartic": (np.zeros(35), r"quartic \(35,\), expected \(70,\)"),
         "face_strain": (np.zeros((1, 6, 5)), "1 faces for 2 interfaces"),
         "energy": (np.array([-1.0]), r"an energy of -1\.0 J"),
+        "tolerance": (np.zeros(1), r"a tolerance of 0\.0"),
+        "compared": (np.zeros((3, 5)), r"compared \(3, 5\), expected \(5, 3\)"),
     }
     for name, (value, message) in faults.items():
         with pytest.raises(RecordError, match=message):

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.matrices.blocks import FloatArray, multiply
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.record.groups import NonlinearStiffness
+from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.reduction.large_displacements.energy_polynomial import energy_polynomial
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives, force_derivatives
 from flexmbd.reduction.large_displacements.load_series import FaceFields, face_motions
@@ -32,6 +33,8 @@ class NonlinearShapes:
         face_strain: (b, 6, m) symmetric parts of the faces' motions, in B's axes.
         derivatives: of the body's internal forces.
         energy: J, the largest strain energy of the states that were compared.
+        tolerance: of the relative error there.
+        compared: (owned dofs, m) N, the loads of these states.
         notes: for the provenance.
     """
 
@@ -40,13 +43,15 @@ class NonlinearShapes:
     face_strain: FloatArray
     derivatives: ForceDerivatives
     energy: float
+    tolerance: float
+    compared: FloatArray
     notes: dict[str, str]
 
     def placed(self, first: int, n: int) -> LargeDisplacements:
         """Among n shapes of a basis, from a place on."""
         strain = np.zeros((*self.face_strain.shape[:2], n))
         strain[:, :, first : first + self.shapes.shape[1]] = self.face_strain
-        return LargeDisplacements(strain, self.derivatives, self.energy)
+        return LargeDisplacements(strain, self.derivatives, self.energy, self.tolerance, self.compared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +62,15 @@ class LargeDisplacements:
         face_strain: (b, 6, n) by the coordinates of the basis.
         derivatives: of the body's internal forces.
         energy: J.
+        tolerance: of the relative error.
+        compared: (owned dofs, m) N.
     """
 
     face_strain: FloatArray
     derivatives: ForceDerivatives
     energy: float
+    tolerance: float
+    compared: FloatArray
 
     def group(self, modes: FloatArray, change: FloatArray) -> tuple[NonlinearStiffness, str]:
         """The record's group for modes (local dofs including ghosts, n), by change (n, n) of the basis. Collective.
@@ -70,7 +79,10 @@ class LargeDisplacements:
         """
         found = energy_polynomial(self.derivatives, modes)
         strain = self.face_strain @ change
-        return NonlinearStiffness(found.cubic, found.quartic, strain, np.array([self.energy])), found.note
+        model = self.derivatives.model
+        forces = inner(model.comm, modes[: model.n_owned], self.compared)
+        numbers = np.array([self.energy]), np.array([self.tolerance])
+        return NonlinearStiffness(found.cubic, found.quartic, strain, *numbers, forces), found.note
 
 
 def nonlinear_shapes(
@@ -96,7 +108,10 @@ def nonlinear_shapes(
     known = FaceFields(np.asfortranarray(base), face_motions(statics, base))
     found = modal_derivatives(statics, known, derivatives, loads=every, choice=choice)
     rows, strain = _in_body_axes(statics.R, found.shapes.faces)
-    return NonlinearShapes(found.shapes.u, rows, strain, derivatives, found.energy, found.notes)
+    # what holds an interface loads it
+    stated = {*choice.loads, *(f"{name}.{dof}" for name in choice.held for dof in FRAME_DOFS)}
+    forces = every.forces[:, [name in stated for name in every.names]]
+    return NonlinearShapes(found.shapes.u, rows, strain, derivatives, found.energy, choice.tol, forces, found.notes)
 
 
 def _named(statics: Statics, loads: Sequence[Load]) -> UnitLoads:

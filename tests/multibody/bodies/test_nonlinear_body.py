@@ -20,7 +20,8 @@ def oscillator(quartic, *, energy=1e3):
     """One mode of w^2 = 90, a quartic energy, held at its root."""
     record = particle_body(4, modes=1).record
     face = np.zeros((2, 6, 1))
-    stiffness = NonlinearStiffness(np.zeros(1), np.array([quartic]), face, np.array([energy]))
+    range_of = np.array([energy]), np.array([1e-3]), np.eye(1)
+    stiffness = NonlinearStiffness(np.zeros(1), np.array([quartic]), face, *range_of)
     scene = fm.System()
     body = scene.add(fm.FlexibleBody(replace(record, nonlinear=stiffness, stiffness=np.array([90.0]))), name="spring")
     scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame("root"))
@@ -77,7 +78,12 @@ def turning_record(stiffness):
         partition=np.eye(2),
         partition_names=("sine", "cosine"),
         nonlinear=NonlinearStiffness(
-            packed(share * cubic) / size**3, packed(share * quartic) / size**4, face, np.array([1e-3])
+            packed(share * cubic) / size**3,
+            packed(share * quartic) / size**4,
+            face,
+            energy=np.array([1e-3]),
+            tolerance=np.array([1e-3]),
+            compared=np.eye(2),
         ),
     )
 
@@ -128,7 +134,8 @@ def stretched(*, polynomial):
         stretch, face = record.stretch, np.zeros((2, 6, 4))
         cubic = 0.5 * np.einsum("mi,mjk->ijk", stretch.strain, stretch.P)
         quartic = 0.125 * np.einsum("mij,mkl->ijkl", stretch.P, stretch.P)
-        nonlinear = NonlinearStiffness(packed(cubic), packed(quartic), face, np.array([1e3]))
+        more = np.array([1e3]), np.array([1e-3]), np.eye(4)
+        nonlinear = NonlinearStiffness(packed(cubic), packed(quartic), face, *more)
         record = replace(record, stretch=None, nonlinear=nonlinear)
     scene = fm.System(gravity=(0.0, 0.0, -9.81))
     body = scene.add(fm.FlexibleBody(record), name="body")
@@ -200,7 +207,7 @@ def test_face_that_is_turned_inside_out_is_named():
     record = particle_body(4, modes=1).record
     face = np.zeros((2, 6, 1))
     face[1, 0, 0] = -2.0
-    stiffness = NonlinearStiffness(np.zeros(1), np.zeros(1), face, np.array([1e3]))
+    stiffness = NonlinearStiffness(np.zeros(1), np.zeros(1), face, np.array([1e3]), np.array([1e-3]), np.eye(1))
     scene = fm.System()
     body = scene.add(fm.FlexibleBody(replace(record, nonlinear=stiffness)), name="rod")
     scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame("root"))

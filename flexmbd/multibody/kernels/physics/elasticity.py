@@ -88,6 +88,13 @@ def strain_energies(plan, flex, rows, o, out):
         out[k] = elastic_energy(plan, flex, rows[k, o : o + flex[at.N_MODES]])
 
 
+@entry_kernel
+def strain_forces(plan, flex, rows, o, rest, scratch, out):
+    """Add to out[k] (n,) the elastic forces in row k, as `strain_energies`; ``rest``: (n,) zeros, ``scratch``: (n,)."""
+    for k in range(rows.shape[0]):
+        elastic_forces(plan.modal, flex, rows[k, o : o + flex[at.N_MODES]], rest, scratch, out[k])
+
+
 @kernel
 def stretch(plan, flex, q, row):
     """A membrane strain (`ModalStretch`): offsets of its slope c and of its matrix C, e = c q and s = q^T C q / 2.
