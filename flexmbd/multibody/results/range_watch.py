@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(eq=False)
-class _Watched:
+class _KnownStates:
     """A body's largest known strain energy, J, what locks it, and which of the two it has not left so far."""
 
     most: float
@@ -36,7 +36,7 @@ class RangeWatch:
         self._scene = scene
         records = ((body, scene.index.now(body).reduced()) for body in bodies)
         self._watched = {
-            body: _Watched(float(record.nonlinear.energy[0]), LockedEnergy(record, record.nonlinear))
+            body: _KnownStates(float(record.nonlinear.energy[0]), LockedEnergy(record, record.nonlinear))
             for body, record in records
             if record is not None and record.nonlinear is not None
         }
@@ -71,7 +71,7 @@ class RangeWatch:
             if not (watched.inside or watched.free):
                 del self._watched[body]
 
-    def _judge_energy(self, body: Body, watched: _Watched, t: FloatArray, energy: FloatArray) -> None:
+    def _judge_energy(self, body: Body, watched: _KnownStates, t: FloatArray, energy: FloatArray) -> None:
         beyond = np.flatnonzero(energy > watched.most)
         if len(beyond):
             watched.inside = False
@@ -82,7 +82,7 @@ class RangeWatch:
                 RangeWarning,
             )
 
-    def _judge_loads(self, body: Body, watched: _Watched, t: FloatArray, share: FloatArray) -> None:
+    def _judge_loads(self, body: Body, watched: _KnownStates, t: FloatArray, share: FloatArray) -> None:
         allowed = watched.locks.tolerance
         beyond = np.flatnonzero(share > allowed)
         if len(beyond):
