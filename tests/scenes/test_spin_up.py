@@ -87,7 +87,7 @@ def test_with_stretch(cells, within):
 
 
 def test_with_nonlinear_stiffness():
-    """0.02 % of the lag by sixteen coordinates; without Poisson's contraction, which the rigid ends of a solid hinder."""
+    """Within 0.02 % of the lag; without Poisson's contraction, which the rigid ends of a solid hinder."""
     material = forms.solid_linear.Parameters(E=4.6667e9, nu=0.0, rho=200.0)
     mesh = meshes.block(
         LENGTH, SIDE, SIDE, divisions=(80, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF
