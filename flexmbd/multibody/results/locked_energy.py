@@ -53,13 +53,14 @@ class LockedEnergy:
         beside = force @ self._beside
         # a body that is locked altogether lacks the energy of the linear displacement, and none lacks more
         most = 0.5 * np.sum(beside**2, axis=1)
-        rows = np.flatnonzero(most > self.tolerance * energy)
+        # a Taylor polynomial may be negative far from rest; of such a state no share can be told
+        rows = np.flatnonzero((most > self.tolerance * energy) & (energy > 0.0))
         for i in range(0, len(rows), _ROWS):
             own = rows[i : i + _ROWS]
             aside = beside[own] @ self._beside.T
             rest = force[own] / self._K - aside
             locked = 0.5 * (self._unrelieved(rest + aside) + self._unrelieved(rest - aside)) - self._unrelieved(rest)
-            share[own] = np.minimum(locked, most[own]) / np.maximum(energy[own], np.finfo(float).tiny)
+            share[own] = np.minimum(locked, most[own]) / energy[own]
         return share
 
     def _unrelieved(self, s: FloatArray) -> FloatArray:
