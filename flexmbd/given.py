@@ -140,7 +140,10 @@ _MARKERS = {"ArrayLike": _Numbers, "FloatArray": _Numbers}
 
 
 def checked(
-    *names: str, error: type[FlexmbdError] = SceneError, agree: Callable[[Mapping[str, Any], str], str] | None = None
+    *names: str,
+    but: Collection[str] = (),
+    error: type[FlexmbdError] = SceneError,
+    agree: Callable[[Mapping[str, Any], str], str] | None = None,
 ) -> Callable[[T], T]:
     """Check the arguments of a public function, or of a class's constructor, by their annotations, before it begins.
 
@@ -150,6 +153,7 @@ def checked(
 
     Args:
         *names: the parameters that are checked; all without any.
+        but: parameters that are not.
         error: the kind of error.
         agree: called with the arguments, by names, and what is wrong with them, empty where nothing is; returns what
             all ranks are to be told.  For collective functions, in which no rank may stop alone.
@@ -158,11 +162,14 @@ def checked(
         FlexmbdError: of that kind, naming parameter, value and what is wanted; on each rank that is given the value.
     """
 
+    def is_checked(name: str) -> bool:
+        return (not names or name in names) and name not in but
+
     def decorate(thing: T) -> T:
         if isinstance(thing, type):
-            thing.__init__ = _wrapped(thing.__init__, thing.__name__, names, error, agree)  # type: ignore[misc]
+            thing.__init__ = _wrapped(thing.__init__, thing.__name__, is_checked, error, agree)  # type: ignore[misc]
             return thing
-        return _wrapped(thing, thing.__qualname__, names, error, agree)  # type: ignore[attr-defined]
+        return _wrapped(thing, thing.__qualname__, is_checked, error, agree)  # type: ignore[attr-defined]
 
     return decorate
 
@@ -170,7 +177,7 @@ def checked(
 def _wrapped(
     function: Any,
     label: str,
-    names: Collection[str],
+    is_checked: Callable[[str], bool],
     error: type[FlexmbdError],
     agree: Callable[[Mapping[str, Any], str], str] | None,
 ) -> Any:
@@ -193,7 +200,7 @@ def _wrapped(
     @wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
         if not order:  # at the first call: only then is all imported that annotations name
-            _learn(function, names, asked, order)
+            _learn(function, is_checked, asked, order)
         found = fault(args, kwargs)
         if agree is not None:
             found = agree(inspect.signature(function).bind(*args, **kwargs).arguments, found)
@@ -204,13 +211,15 @@ def _wrapped(
     return wrapper
 
 
-def _learn(function: Any, names: Collection[str], asked: dict[str, _Asked], order: list[_Asked | None]) -> None:
+def _learn(
+    function: Any, is_checked: Callable[[str], bool], asked: dict[str, _Asked], order: list[_Asked | None]
+) -> None:
     """Find what a function's parameters ask for: by name, and of those given by place in their order."""
     scope = vars(sys.modules[function.__module__]) if function.__module__ in sys.modules else function.__globals__
     for parameter in inspect.signature(function).parameters.values():
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             continue
-        kind = _annotated(parameter.annotation, scope) if not names or parameter.name in names else None
+        kind = _annotated(parameter.annotation, scope) if is_checked(parameter.name) else None
         if kind is not None:
             asked[parameter.name] = _or_default(kind, parameter.default)
         if parameter.kind is not parameter.KEYWORD_ONLY:

@@ -15,11 +15,8 @@ from flexmbd.errors import ExportError
 from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
 
-#: For writers of formats: their arguments but for the body, which `check_losses` asks for.
-checked_writer = checked(
-    "path", "lossy", "name", "first", "fmi", "step", "binary", "windows", "nodes", "columns", "interface",
-    "gravity", error=ExportError,
-)  # fmt: skip
+#: For writers of formats: all their arguments but the body and units, which have errors of their own.
+checked_writer = checked(but=("body", "units"), error=ExportError)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -75,6 +76,16 @@ def test_bending_out_of_the_stated_plane_is_told(record, share, towards):
         place, _ = swing(fm.FlexibleBody(record), "x_min", "x_max", share=share, towards=towards)
     assert np.abs(place - exact).max() > 0.01 * np.abs(exact[:, 1:]).max()
     assert sum("locks" in str(one.message) for one in told) == 1
+
+
+def test_noise_between_equal_loads_is_no_direction_that_it_was_reduced_for(record):
+    """A second load as the first but for 1e-10 aside, as solvers leave it."""
+    loads = record.nonlinear.compared
+    aside = next(one for one in record.interfaces if one.name == "x_max").modes[2]
+    noise = 1e-10 * np.linalg.norm(loads[:, 0]) / np.linalg.norm(aside) * aside
+    noisy = replace(record.nonlinear, compared=np.column_stack([loads, loads[:, 0] + noise]))
+    with pytest.warns(fm.RangeWarning, match="'blade' locks"):
+        swing(fm.FlexibleBody(replace(record, nonlinear=noisy)), "x_min", "x_max", share=0.02, towards=(0, 0, 1))
 
 
 def test_a_load_aside_of_no_weight_is_not_told(record):

@@ -40,7 +40,8 @@ class LockedEnergy:
         root = np.sqrt(self._K)[:, None]
         compared = stiffness.compared / root
         faces = np.hstack([one.modes.T for one in record.interfaces]) / root
-        known = scipy.linalg.orth(compared / np.maximum(np.linalg.norm(compared, axis=0), np.finfo(float).tiny))
+        units = compared / np.maximum(np.linalg.norm(compared, axis=0), np.finfo(float).tiny)
+        known = scipy.linalg.orth(units, rcond=_ROUND_OFF)
         size = np.linalg.norm(faces, axis=0)
         faces = faces[:, size > 0.0] / size[size > 0.0]
         beside = scipy.linalg.orth(faces - known @ (known.T @ faces), rcond=_ROUND_OFF) if faces.size else faces
