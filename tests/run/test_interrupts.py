@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import time
 
 import numpy as np
 import pytest
 
 import flexmbd as fm
 from flexmbd.multibody.functions import callback
+from flexmbd.run.interrupts import interrupts_handled
 
 WHEN = 0.3  # s: the first call after it is interrupted
 
@@ -127,3 +130,19 @@ def test_what_others_cannot_raise_goes_where_it_went(monkeypatch):
 
     Stranger()
     assert [str(one) for one in told] == ["not ours"]
+
+
+def test_what_comes_in_a_finaliser_comes_again():
+    class Dying:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def interrupted():
+        with interrupts_handled(signal.default_int_handler):
+            Dying()
+            time.sleep(30.0)
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - began < 20.0

@@ -12,7 +12,6 @@ exception on to and hands it to ``sys.unraisablehook``, where it is fetched back
 from __future__ import annotations
 
 import ctypes
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -25,6 +24,7 @@ from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.time_function import TimeRow, call_python, checked
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.team import Alone, Team
+from flexmbd.unraisable import taken_by
 
 FloatArray = NDArray[np.float64]
 
@@ -142,7 +142,7 @@ class Callbacks:
         self.flag[0] = 0
         self.error = None
         self._lost = None
-        _watch()
+        taken_by(_take_escaped)
 
     def keep_escaped(self, error: BaseException) -> None:
         """Take an exception that left a call outside of the user's function; other ranks learn it at the next call."""
@@ -200,23 +200,15 @@ class Callbacks:
 
 
 _calls: set[Any] = set()  # code of the functions that ctypes calls
-_before = sys.unraisablehook  # the hook for exceptions of other code
 
 
-def _watch() -> None:
-    """Install the hook for exceptions that ctypes cannot pass on; those of other code go to the former hook."""
-    global _before
-    if sys.unraisablehook is not _assign_to_callbacks:
-        _before, sys.unraisablehook = sys.unraisablehook, _assign_to_callbacks
-
-
-def _assign_to_callbacks(unraisable: Any) -> None:
-    """Give an exception that left one of our calls to its ``Callbacks``."""
+def _take_escaped(unraisable: Any) -> bool:
+    """Give an exception that left one of our calls, which ctypes cannot pass on, to its ``Callbacks``."""
     trace = unraisable.exc_traceback
-    if trace is not None and trace.tb_frame.f_code in _calls:
-        trace.tb_frame.f_locals["self"].keep_escaped(unraisable.exc_value)
-    elif _before is not _assign_to_callbacks:
-        _before(unraisable)
+    if trace is None or trace.tb_frame.f_code not in _calls:
+        return False
+    trace.tb_frame.f_locals["self"].keep_escaped(unraisable.exc_value)
+    return True
 
 
 def _address(thunk: Any) -> int:
