@@ -1,5 +1,8 @@
 """A compressed factor, or multigrid, with conjugate gradients: the same records, and when they are taken."""
 
+import resource
+from pathlib import Path
+
 from mpi4py import MPI
 
 import numpy as np
@@ -15,7 +18,7 @@ from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.files.memory import available_memory
 from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import Solver, craig_bampton, guyan
-from flexmbd.reduction.static_shapes import conjugate_gradients, memory
+from flexmbd.reduction.static_shapes import conjugate_gradients, factor, memory
 from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
@@ -151,6 +154,30 @@ def test_the_quickest_solver_that_fits_in_memory(monkeypatch, rank):
     has_memory(monkeypatch, int(beside), rank=rank)
     with pytest.raises(ReductionError, match=r"multigrid .* would take \d+ MB, and 0 MB are there.*take fewer modes"):
         guyan(model, frame="x_min")
+
+
+def reserved():
+    """Bytes of this process's addresses, touched or not."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
+def test_a_factor_reserves_no_more_than_its_size_asks(monkeypatch):
+    """What is reserved beyond the computer's memory keeps a process from forking, though nothing of it is touched."""
+    has_memory(monkeypatch, 20 * 10**9)
+    model = block(solid_linear, STEEL, (9, 5, 5))
+    before = reserved()
+    guyan(model, frame="x_min", geometric_stiffness=False)
+    assert reserved() - before < 10**9
+
+
+def test_a_factor_that_wants_more_than_most_gets_it(monkeypatch):
+    model = block(solid_linear, STEEL, (9, 5, 5))
+    usual = guyan(model, frame="x_min", geometric_stiffness=False)
+    tried = []
+    monkeypatch.setattr(factor, "_allowances", lambda dofs, limit: tried.append(limit) or [2 * 10**6, limit])
+    body = guyan(model, frame="x_min", geometric_stiffness=False)
+    assert tried
+    np.testing.assert_allclose(body.stiffness, usual.stiffness, rtol=1e-10)
 
 
 def test_where_the_memory_is_not_known_a_factor_is_made(monkeypatch):

@@ -21,6 +21,10 @@ _COMPRESSION, _TOLERANCE = 35, 7
 # MUMPS: which part of the factor's entries it expects to be left (per mille), by which it judges the memory. On blocks
 # of 80 000 to 317 000 dofs 0.77 to 0.58 were left at 1e-4, which falls with the power 0.2 of the dofs.
 _EXPECTED, _LEFT, _DOFS, _FALL = 38, 650, 317e3, 0.2
+# MUMPS reserves all the memory that it is allowed, touched or not, and a process that reserves more than the computer has
+# cannot fork. So it is first allowed what the factor of a compact solid takes, twice: so many numbers for each power
+# 4/3 of the dofs, beside some bytes of its own.
+_COMPACT, _OWN = 64.0, 10**7
 # MUMPS: operations of a factor, by its estimate.
 _OPERATIONS = 1
 # MUMPS: whether ScaLAPACK factorises the root; number of negative pivots.
@@ -61,33 +65,41 @@ class Factor:
         self._compressed = tolerance > 0.0
         self.memory = 0
         self._empty = matrix.getSize()[0] == 0
-        self._solver = PETSc.KSP().create(matrix.comm)
+        self._solver = PETSc.KSP()
         if self._empty:
             return
         # without this PETSc asks for an unsymmetric or indefinite factor, of twice the work
         matrix.setOption(PETSc.Mat.Option.SPD, definite)
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        for allowed in _allowances(matrix.getSize()[0], limit):
+            self._prepare(matrix, definite=definite, allowed=allowed, tolerance=tolerance)
+            try:
+                return self._factorise(allowed)
+            except ReductionError as reason:
+                self.destroy()
+                if allowed == limit or not isinstance(reason, TooLargeError):
+                    raise
+
+    def _prepare(self, matrix: PETSc.Mat, *, definite: bool, allowed: int | None, tolerance: float) -> None:
+        """Tell MUMPS what is wanted, with so many bytes for a rank. Collective."""
+        self._solver = PETSc.KSP().create(matrix.comm)
         self._solver.setOperators(matrix)
         self._solver.setType(PETSc.KSP.Type.PREONLY)
         pc = self._solver.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
         pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
         pc.setFactorSetUpSolverType()
+        factor = pc.getFactorMatrix()
         if not definite:
             # all pivots are counted only where ScaLAPACK does not take over the last part
-            pc.getFactorMatrix().setMumpsIcntl(_ROOT, 1)
+            factor.setMumpsIcntl(_ROOT, 1)
         if self._compressed:
-            pc.getFactorMatrix().setMumpsIcntl(_COMPRESSION, 2)
-            pc.getFactorMatrix().setMumpsCntl(_TOLERANCE, tolerance)
+            factor.setMumpsIcntl(_COMPRESSION, 2)
+            factor.setMumpsCntl(_TOLERANCE, tolerance)
             left = _LEFT * (max(matrix.getSize()[0], 1) / _DOFS) ** -_FALL
-            pc.getFactorMatrix().setMumpsIcntl(_EXPECTED, int(min(left, 1000)))
-        if limit is not None:
-            pc.getFactorMatrix().setMumpsIcntl(_LARGEST_MEMORY, max(1, limit // 10**6))
-        try:
-            self._factorise(limit)
-        except ReductionError:
-            self.destroy()
-            raise
+            factor.setMumpsIcntl(_EXPECTED, int(min(left, 1000)))
+        if allowed is not None:
+            factor.setMumpsIcntl(_LARGEST_MEMORY, max(1, allowed // 10**6))
 
     def solve(self, block: FloatArray) -> FloatArray:
         """The inverse times a block (rows of this rank, k), all columns at once. Collective."""
@@ -142,6 +154,12 @@ class Factor:
         memory = failed == PETSc.PC.FailedReason.FACTOR_OUTMEMORY
         remedy = "take a coarser mesh or more memory" if memory else SINGULAR
         raise ReductionError(f"the stiffness of the interior could not be factorised: {remedy}")
+
+
+def _allowances(dofs: int, limit: int | None) -> list[int | None]:
+    """Bytes that MUMPS may reserve on a rank, one after the other until they do; None: no limit."""
+    usual = int(8 * _COMPACT * dofs ** (4 / 3)) + _OWN
+    return [limit] if limit is None or limit <= usual else [usual, limit]
 
 
 def operations(matrix: PETSc.Mat) -> float:
