@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import os
 import sys
@@ -161,11 +162,11 @@ def open_window(
 ) -> None:
     """Show a scene in a window, or in the notebook that runs this; with a slider where it moves. Not collective."""
     drawn = SceneView(scene, size=size, view=view, off_screen=bool(load("pyvista").OFF_SCREEN))
-    still = drawn.plotter.notebook and not _has_trame()
-    if len(times) > 1 and not still and not drawn.plotter.off_screen:
+    live = _has_trame() if drawn.plotter.notebook else not drawn.plotter.off_screen
+    if len(times) > 1 and live:
         _add_slider(drawn, times)
     if drawn.plotter.notebook:
-        drawn.plotter.show(jupyter_backend="static" if still else "trame")
+        drawn.plotter.show(jupyter_backend="trame" if live else "static")
     else:
         drawn.plotter.show()
 
@@ -208,4 +209,9 @@ def _in_notebook() -> bool:
 
 
 def _has_trame() -> bool:
-    return all(importlib.util.find_spec(name) is not None for name in ("trame", "trame_vtk"))
+    """Whether pyvista has what it needs to show a scene live in a notebook; which packages, its versions differ in."""
+    try:
+        importlib.import_module("pyvista.trame")
+    except ImportError:
+        return False
+    return importlib.util.find_spec("ipywidgets") is not None

@@ -1,5 +1,9 @@
 """What pictures are made of: shapes, colours that never repeat, cameras that see the whole motion, scales, meshes."""
 
+import importlib.machinery
+import sys
+import types
+
 import numpy as np
 import pytest
 
@@ -176,3 +180,20 @@ def test_a_window_is_opened_where_there_is_a_display(flight, monkeypatch):
     monkeypatch.setattr(pyvista.Plotter, "show", lambda self, **how: shown.append(self.window_size))
     assert show_machine(flight, size=SMALL) is None
     assert shown == [list(SMALL)]
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_notebook_has_the_slider_where_it_can_be_moved(flight, monkeypatch, live):
+    pyvista = pytest.importorskip("pyvista")
+    monkeypatch.setattr(pyvista.plotting.plotter.scooby, "in_ipykernel", lambda: True)
+    monkeypatch.setenv("DISPLAY", ":77")
+    missing = None if not live else types.ModuleType("trame")
+    for name in ("pyvista.trame", "ipywidgets"):
+        monkeypatch.setitem(sys.modules, name, missing)
+        if live:
+            missing.__spec__ = importlib.machinery.ModuleSpec(name, None)
+    sliders, shown = [], []
+    monkeypatch.setattr(pyvista.Plotter, "add_slider_widget", lambda self, *given, **how: sliders.append(how["value"]))
+    monkeypatch.setattr(pyvista.Plotter, "show", lambda self, **how: shown.append(how["jupyter_backend"]))
+    show_machine(flight, size=SMALL)
+    assert (shown, sliders) == ((["trame"], [0.0]) if live else (["static"], []))

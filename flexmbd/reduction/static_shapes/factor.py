@@ -21,9 +21,9 @@ _COMPRESSION, _TOLERANCE = 35, 7
 # MUMPS: which part of the factor's entries it expects to be left (per mille), by which it judges the memory. On blocks
 # of 80 000 to 317 000 dofs 0.77 to 0.58 were left at 1e-4, which falls with the power 0.2 of the dofs.
 _EXPECTED, _LEFT, _DOFS, _FALL = 38, 650, 317e3, 0.2
-# MUMPS reserves all the memory that it is allowed, touched or not, and a process that reserves more than the computer has
-# cannot fork. So it is first allowed what the factor of a compact solid takes, twice: so many numbers for each power
-# 4/3 of the dofs, beside some bytes of its own.
+# MUMPS reserves all the memory that it is allowed, touched or not, and a process that reserves more than the computer
+# has cannot fork. So it is first allowed what the factor of a compact solid takes, twice: so many numbers for each
+# power 4/3 of the dofs, beside some bytes of its own.
 _COMPACT, _OWN = 64.0, 10**7
 # MUMPS: operations of a factor, by its estimate.
 _OPERATIONS = 1
