@@ -65,8 +65,9 @@ class DrawnScene:
 
     @property
     def quantities(self) -> tuple[tuple[str, str], ...]:
-        """What colours mean and its SI unit, each once."""
-        return tuple(dict.fromkeys(part.quantity for part in self.parts if part.colour is None))
+        """What colours mean and its SI unit, each once; nothing of what is zero at all instants."""
+        found = dict.fromkeys(part.quantity for part in self.parts if part.colour is None)
+        return tuple(quantity for quantity in found if self.largest(quantity) > 0.0)
 
     def largest(self, quantity: tuple[str, str]) -> float:
         """The largest value over all instants."""

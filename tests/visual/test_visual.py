@@ -102,6 +102,12 @@ def test_film_moves(machine, tmp_path, suffix):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+def test_what_nowhere_deforms_has_no_scale_of_deformation(bar):
+    run, _ = bar
+    assert machine_parts(run, run.t[:1]).quantities == ()
+    assert machine_parts(run, run.t).quantities == (("displacement", "m"),)
+
+
 def test_film_of_a_surface(bar, tmp_path):
     run, _ = bar
     path = run.animate(tmp_path / "bar.gif", slow_motion=2.0, amplification=3.0, **SMALL)
