@@ -9,7 +9,6 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
@@ -17,6 +16,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.grid.pieces import pieces
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
+from flexmbd.record.carrying_dofs import independent_rows
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes
 
 #: Relative size below which a rigid motion leaves dofs at rest; found from squares, whose rounding is that of 1e-8.
@@ -65,18 +65,18 @@ def _gram(model: LinearModel, rows: FloatArray) -> FloatArray:
 def minimal_support(model: LinearModel, rigid: RigidModes) -> NDArray[np.bool_]:
     """(owned dofs,) six dofs on all ranks that together keep the body from moving. Collective.
 
-    The pivots of a QR factorisation of the rigid motions: dofs far apart.
+    They are far apart: the pivots of a QR factorisation of the rigid motions.
     """
     reach = np.linalg.norm(model.node_x - rigid.com, axis=1).max(initial=0.0)
     reach = model.comm.allreduce(reach, op=MPI.MAX)
     rows = rigid.motions / np.repeat([1.0, reach], 3)
-    mine = _pivots(rows)
+    mine, _ = independent_rows(rows)
     gathered = model.comm.gather((mine, rows[mine]), root=0) or []
 
     def choose() -> list[tuple[int, int]]:
         found = [(rank, dof) for rank, (dofs, _) in enumerate(gathered) for dof in dofs.tolist()]
         together = np.vstack([rows for _, rows in gathered])
-        chosen = _pivots(together)
+        chosen, _ = independent_rows(together)
         sizes = np.linalg.svd(together[chosen])[1]
         if len(sizes) < 6 or not sizes[-1] > AT_REST * sizes[0]:
             raise ReductionError(
@@ -90,11 +90,3 @@ def minimal_support(model: LinearModel, rigid: RigidModes) -> NDArray[np.bool_]:
         if rank == model.comm.rank:
             support[dof] = True
     return support
-
-
-def _pivots(rows: FloatArray) -> NDArray[np.intp]:
-    """At most six rows that are far from depending on each other."""
-    if len(rows) == 0:
-        return np.zeros(0, dtype=np.intp)
-    order: NDArray[np.intp] = scipy.linalg.qr(rows.T, mode="r", pivoting=True)[1]
-    return order[:6]
