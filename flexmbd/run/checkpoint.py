@@ -18,10 +18,11 @@ from flexmbd.multibody.bodies.continuum_body import Memory
 from flexmbd.multibody.interiors.scene_interiors import InteriorSnapshot
 from flexmbd.multibody.kernels.base.array_struct import names_of
 from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.run.event import EventMemory
 from flexmbd.run.sampling import SamplingMemory
 from flexmbd.run.snapshot import Snapshot, new_groups
 
-_VERSION = 8
+_VERSION = 9
 # Arrays of whole numbers; arrays (ne, 2).
 _WHOLE = ("state.counts", "groups.of", "groups.kind", "rows", "sample")
 _BY_ELEMENT = ("stiffness", "softest")
@@ -85,6 +86,9 @@ class Checkpoint:
             "sample": snapshot.sampling.next,
             "signals": snapshot.sampling.values,
             "controller_states": snapshot.sampling.states,
+            "event_codes": np.array(snapshot.events.codes, dtype=np.str_),
+            "events": snapshot.events.followed,
+            "new_pace": snapshot.events.new_pace,
             "wrenches": snapshot.interiors.wrenches,
             "bodies": len(snapshot.interiors.memories),
             **{
@@ -115,7 +119,10 @@ class Checkpoint:
             kept = InteriorSnapshot(_part(file, "wrenches", 2), memories)
             following, signals, states = (_part(file, name, 1) for name in ("sample", "signals", "controller_states"))
             sampling = SamplingMemory(str(file["controllers"]), following, signals, states)
-            snapshot = Snapshot(state, groups, own, float(first_step), _part(file, "rows", 1), kept, sampling)
+            codes = tuple(str(code) for code in file["event_codes"])
+            events = EventMemory(codes, _part(file, "events", 2), bool(file["new_pace"].item()))
+            parts = state, groups, own, float(first_step), _part(file, "rows", 1), kept, sampling, events
+            snapshot = Snapshot(*parts)
             return Checkpoint(str(file["method"]), str(file["scene"]), float(t_start), snapshot)
         except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as reason:
             raise RecordError(f"{path} is not a checkpoint of a machine: {reason}") from reason
@@ -179,6 +186,10 @@ def _refuse_damaged(snapshot: Snapshot, start: Start) -> None:
         faults["its bodies with history are others"] = (
             len(snapshot.interiors.memories) != len(kept) or snapshot.interiors.wrenches.shape != wrenches
         )
+    events = snapshot.events
+    faults["its events are impossible"] = (
+        events.followed.shape != (5, len(events.codes)) or not np.isin(events.followed[:2], (-1.0, 0.0, 1.0)).all()
+    )
     for what, found in faults.items():
         if found:
             raise RecordError(f"the checkpoint is damaged: {what}; take the one before, or start anew")

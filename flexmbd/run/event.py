@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError, described
 from flexmbd.given import numbers, refuse_no_function, refuse_no_name, refuse_no_truth, refuse_other
+from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -140,6 +141,31 @@ class Event:
         if before == 0.0 or after == before or after == 0.0:
             return False
         return self.direction is Direction.EITHER or after == self.direction.value
+
+
+@dataclass(frozen=True, eq=False)
+class EventMemory:
+    """What the search for events remembers from step to step.
+
+    Attributes:
+        codes: (n,) digests of the events, by which a restart knows them again.
+        followed: (5, n) of each event's function: its side of zero (-1, 0, 1), from which side (-1, 1) an action has
+            thrown it back, when (s) it passed last, how long (s) that was after the time before, its last value.
+        new_pace: whether a function may pass at another pace than before.
+    """
+
+    codes: tuple[str, ...]
+    followed: FloatArray
+    new_pace: bool
+
+
+NO_EVENTS = EventMemory((), np.zeros((5, 0)), True)
+
+
+def codes_of(events: Sequence[Event]) -> tuple[str, ...]:
+    """Digests of events by name, direction and function, no two alike."""
+    codes = [f"{event.name} {event.direction.name} {fingerprint(event.function)}" for event in events]
+    return tuple(f"{code} {codes[:k].count(code)}" for k, code in enumerate(codes))
 
 
 @dataclass(frozen=True, eq=False)

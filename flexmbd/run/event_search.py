@@ -13,7 +13,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series, interpolated_coordinates
 from flexmbd.multibody.start.consistent_start import match_motion
 from flexmbd.multibody.team import Team
-from flexmbd.run.event import Event, Moment, Occurrence
+from flexmbd.run.event import NO_EVENTS, Event, EventMemory, Moment, Occurrence, codes_of
 from flexmbd.run.snapshot import Snapshot
 from flexmbd.run.stepping import Integration, evaluate_inputs
 
@@ -47,24 +47,33 @@ class EventSearch:
         events: Sequence[Event],
         bodies: Mapping[str, Body],
         team: Team,
+        at: EventMemory = NO_EVENTS,
     ) -> None:
+        """Begin where an integration stands; after a checkpoint with what was remembered there."""
         self._integration = integration
         self._events = events
         self._bodies = bodies
         self._team = team
         self.occurred: list[Occurrence] = []
         self.stopped = False
-        self._signs = self._signs_now()
-        # from which side (-1, 1) an action has thrown each function back, until it is off zero
-        self._thrown_back = np.zeros(len(events))
         self._coordinates = interpolated_coordinates(integration.start.scene.plan)
-        # when each function passed through zero last, and how long that was after the time before
-        self._last_passage = np.full(len(events), -np.inf)
-        self._spacing = np.full(len(events), np.inf)
-        self._new_pace = True  # whether a function may pass at another pace than before
-        # where the last step ended, NaN where an event took place there
-        self._values: FloatArray = np.full(len(events), np.nan)
+        self._codes = codes_of(events)
+        n = len(events)
+        # of each function: its side of zero; from which side (-1, 1) an action has thrown it back, until it is off
+        # zero; when it passed through zero last, and how long that was after the time before; its value where the last
+        # step ended, NaN where an event took place there
+        followed = np.array([self._signs_now(), *np.outer([0.0, -np.inf, np.inf, np.nan], np.ones(n))])
+        known = [at.codes.index(code) if code in at.codes else -1 for code in self._codes]
+        self._new_pace = at.new_pace or -1 in known  # whether a function may pass at another pace than before
+        here = np.array(known, np.int64) >= 0
+        followed[:, here] = at.followed[:, np.array(known, np.int64)[here]]
+        self._signs, self._thrown_back, self._last_passage, self._spacing, self._values = followed
         self._warned: set[int] = set()
+
+    def memory(self) -> EventMemory:
+        """A copy of what is remembered, for a checkpoint."""
+        parts = self._signs, self._thrown_back, self._last_passage, self._spacing, self._values
+        return EventMemory(self._codes, np.array(parts), self._new_pace)
 
     def advance(self, t_end: float) -> int:
         """One step towards ``t_end`` (s), cut short at the first event in it; the stepper's code."""

@@ -25,7 +25,7 @@ from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.controller import Controller
 from flexmbd.run.creep_watch import CreepWatch
-from flexmbd.run.event import Occurrence
+from flexmbd.run.event import NO_EVENTS, Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.failures import interrupted, refuse_broken_off, refuse_stopped
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
@@ -70,7 +70,8 @@ def run(
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     with open_stream(start, settings, integration, team) as stream:
-        trajectory = _run(start, integration, bodies, settings, team, stream=stream, set_out=set_out)
+        search = EventSearch(integration, settings.events, bodies, team, snapshot.events) if settings.events else None
+        trajectory = _run(start, integration, bodies, settings, team, search=search, stream=stream, set_out=set_out)
         if stream is not None:
             stream.end(trajectory)
     return trajectory
@@ -83,12 +84,13 @@ def _run(
     settings: RunSettings,
     team: Team,
     *,
+    search: EventSearch | None,
     stream: RunStream | None,
     set_out: float,
 ) -> Trajectory:
     """Step to the end; ``set_out``: s, when the run began."""
     method, purpose = integration.method, type(integration.method).__name__
-    events, begun, t_end, saves = settings.events, settings.begun, settings.t_end, saves_of(settings)
+    begun, t_end, saves = settings.begun, settings.t_end, saves_of(settings)
     budget = _Budget(limits_of(settings), integration, team, set_out)
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*settings.checkpoints, *saved}), t_end]
@@ -97,7 +99,6 @@ def _run(
     compiled = began
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
-    search = EventSearch(integration, events, bodies, team) if events else None
     watched = bodies.values() if team.is_root else ()
     watch, ranges, creep = (
         StretchWatch(start.scene, bodies.values()),
@@ -127,7 +128,8 @@ def _run(
                 creep.look()
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
-                checkpoint = Checkpoint(method.name, start.scene.digest(), begun, integration.checkpoint())
+                snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
+                checkpoint = Checkpoint(method.name, start.scene.digest(), begun, snapshot)
                 if stop in settings.checkpoints:
                     kept.append(checkpoint)
                 if stream is not None:  # which then holds all up to where a restart begins

@@ -15,6 +15,7 @@ from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSn
 from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, stiffness_may_change
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.run.event import NO_EVENTS, EventMemory
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.sampling import NO_SAMPLING, SamplingMemory
 
@@ -33,6 +34,7 @@ class Snapshot:
         rows: (m,) which of all constraint rows are kept.
         interiors: what bodies with history remember.
         sampling: what controllers remember.
+        events: what the search for events remembers.
     """
 
     state: st.State
@@ -42,6 +44,7 @@ class Snapshot:
     rows: IntArray
     interiors: InteriorSnapshot = NO_INTERIORS
     sampling: SamplingMemory = NO_SAMPLING
+    events: EventMemory = NO_EVENTS
 
 
 def new_snapshot(

@@ -38,6 +38,7 @@ from flexmbd.meshes.h5_file import MESH
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.team import Alone
 from flexmbd.record.file_kind import RECORD
+from flexmbd.run import checkpoint
 from flexmbd.run.recorded_instants import RECORDING
 from flexmbd.run.recording_file import RecordingFile
 from flexmbd.run.result_file import TRAJECTORY
@@ -335,7 +336,7 @@ def test_arrays_of_a_checkpoint_changed(tmp_path):
     path, random = tmp_path / "checkpoint.npz", np.random.default_rng(2)
     ran(tmp_path / "run.h5").checkpoints[0].save(path)
     go_on(path)
-    arrays = read_arrays(path, version=8)
+    arrays = read_arrays(path, version=checkpoint._VERSION)
     refused = 0
     for number in range(200):
         other = with_one_changed(arrays, random)
