@@ -171,6 +171,49 @@ def test_a_bar_that_a_spring_guides_buckles_and_bears_less():
     assert (bent.unstable[1:] == 1).all()
 
 
+def post_on_an_arm():
+    """A post of 2 m on an arm that turns under the load as well; a spring to the ground, 10 N m, holds the post upright.
+
+    Its angle is the sum of two coordinates, so that the mode in which it gives way is not normal to the path.
+    """
+    scene = fm.System()
+    arm = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="arm")
+    post = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="post")
+    root = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame(), name="root")
+    foot = scene.connect(fm.joint.Revolute("z"), arm.frame(p=(1.0, 0.0, 0.0)), post.frame(), name="foot")
+    scene.add_force(fm.force.JointSpring(root, 500.0, 0.0, 0.0))
+    upright = fm.force.Bushing(scene.ground.frame(), post.frame(), stiffness=np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 10.0]))
+    scene.add_force(upright)
+    scene.add_force(fm.force.FrameForce(post.frame(p=(0.0, 2.0, 0.0)), (0.0, lambda t: -t, 0.0)))
+    return scene, lambda path: path.beta(root) + path.beta(foot)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("to", [5.01, 5.5, 8.0, 500.0])
+def test_a_branch_is_found_whatever_the_range_of_factors(to, side):
+    """Another one than that of the path on which the bifurcation was found: 2 P sin(a) = k a."""
+    scene, angle_of = post_on_an_arm()
+    (critical,) = scene.equilibrium(path=fm.Continuation(to=8.0)).critical
+    bent = scene.equilibrium(about=critical, path=fm.Continuation(to=to, side=side))
+    angle = angle_of(bent)[1:]
+    assert (np.sign(angle) == side).all()
+    assert bent.factors[1:] == pytest.approx(5.0 * angle / np.sin(angle), rel=1e-9)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_branch_that_rises_to_one_side_and_falls_to_the_other(side):
+    """P sin(a) = 10 a + 200 a^2: its first steps are steep in the factor's range."""
+    law = fm.compiled(lambda t, a, rate: -10.0 * a - 200.0 * a * a)
+    scene, foot = bar(lambda scene, foot, top: scene.add_force(fm.force.JointLaw(foot, law)))
+    (critical,) = scene.equilibrium(path=fm.Continuation(to=20.0)).critical
+    to = 10.0 + 10.0 * side
+    bent = scene.equilibrium(about=critical, path=fm.Continuation(to=to, side=side))
+    angle = bent.beta(foot)[1:]
+    assert (np.sign(angle) == side).all()
+    assert bent.factors[-1] == to
+    assert bent.factors[1:] == pytest.approx((10.0 * angle + 200.0 * angle**2) / np.sin(angle), rel=1e-7)
+
+
 def test_a_small_follower_leaves_a_machine_where_it_settles():
     """A double pendulum that starts nearly upright hangs in the end, a little aside: not at an unstable equilibrium."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))

@@ -126,19 +126,20 @@ def _does_anything(space: PathSpace, there: PathPoint, to: float) -> bool:
 
 def _beside(space: PathSpace, begin: CriticalPoint, path: Continuation) -> Station:
     """A station on the other path through a bifurcation, or on the same beyond a limit point."""
-    there, tangent = space.at(begin.x, begin.t), PathDirection(begin.tangent[:-1], float(begin.tangent[-1]))
-    mode = PathDirection(begin.mode, 0.0)
+    # of length 1 in the range of factors that it was found in, not in this one
+    there, tangent = space.at(begin.x, begin.t), space.unit(PathDirection(begin.tangent[:-1], float(begin.tangent[-1])))
+    direction = across = tangent
     if begin.kind is CriticalKind.BIFURCATION:
-        mode = mode.plus(tangent.times(-space.product(mode, tangent)))
-    else:
-        mode = tangent
-    mode = space.unit(mode).times(float(path.side))
-    share = path.longest_step / space.largest(mode)
+        direction = space.other_path(there, PathDirection(begin.mode, 0.0), tangent)
+        # no point of the first path lies in a plane along it
+        across = space.unit(direction.plus(tangent.times(-space.product(direction, tangent))))
+    direction, across = direction.times(float(path.side)), across.times(float(path.side))
+    share = path.longest_step / space.largest(direction)
     for _ in range(_HALVINGS):
-        point = until(partial(space.correct, there, mode.times(share), mode))
+        point = until(partial(space.correct, there, direction.times(share), across))
         if point is not None:
-            found = station(space, point, mode)
-            if space.product(found.tangent, mode) > 0.5:
+            found = station(space, point, direction)
+            if space.product(found.tangent, direction) > 0.5:
                 return found
         share *= 0.5
     raise SceneError(

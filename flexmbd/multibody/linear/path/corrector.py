@@ -29,6 +29,7 @@ _ITERATIONS = 12
 _CLOSE = 1e-7  # rad, of the extent or of the range: after a correction of this size the next one is round-off
 _GROWS = 2.0  # corrections that grow by more do not converge
 _SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in the unit of its own stiffness
+_APART = float(np.finfo(float).eps ** (1 / 3))  # rad, of the extent or the range: between points of a difference
 _ASTRAY = 0.7  # of the step: a larger correction leads to another path
 
 
@@ -128,6 +129,29 @@ class PathSpace:
     def tangent(self, here: PathPoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
         return self.unit(self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
+
+    def other_path(self, here: PathPoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
+        """Unit direction of the path that crosses another one at a bifurcation.
+
+        It is m + s t of the mode m and the other path's tangent t.  With the derivatives of the stiffness K along both,
+        and its left null vector l, 2 s l.K'(t)m + l.K'(m)m = 0 (Seydel 2010, Practical Bifurcation and Stability
+        Analysis, section 5.6.2): s = 0 where bending to either side is alike.
+        """
+        z, stiffness = here.at.by.z, here.at.stiffness()
+        unit = 1.0 / own_stiffness(stiffness, self.size[z])
+        left = unit * np.linalg.svd(unit[:, None] * stiffness * unit)[0][:, -1]
+
+        def slope(along: PathDirection) -> float:
+            length = _APART / self.largest(along)
+            beside = [self.at(*self._moved(here.x, here.factor, along.times(side))).at for side in (-length, length)]
+            if not all(np.array_equal(one.by.z, z) for one in beside):  # of a loop whose dependent coordinates change
+                return 0.0
+            change = beside[1].stiffness() - beside[0].stiffness()
+            return float(left @ change @ mode.xi[z]) / (2.0 * length)
+
+        by_path = slope(tangent)
+        share = -0.5 * slope(mode) / by_path if by_path != 0.0 else 0.0
+        return self.unit(mode.plus(tangent.times(share)))
 
     def newton_step(self, here: PathPoint, across: PathDirection) -> PathDirection:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
