@@ -172,7 +172,7 @@ def test_a_bar_that_a_spring_guides_buckles_and_bears_less():
 
 
 def post_on_an_arm():
-    """A post of 2 m on an arm that turns under the load as well; a spring to the ground, 10 N m, holds the post upright.
+    """A post of 2 m on an arm that turns under the load; a spring to the ground, 10 N m, holds the post upright.
 
     Its angle is the sum of two coordinates, so that the mode in which it gives way is not normal to the path.
     """
