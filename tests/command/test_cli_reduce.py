@@ -181,7 +181,7 @@ def test_reduce_by_interface_modes_and_free_modes(beam_file, capsys):
 def test_reduce_to_nodes(beam_file, capsys):
     output = beam_file.with_name("beam.h5")
     arguments = ["reduce", str(beam_file), "--form", "solid_linear", *STEEL, "--modes", "3", "-o", str(output)]
-    assert main([*arguments, "--interface", "end:nodal", "--interface", "start"]) == 0
+    assert main([*arguments, "--degree", "1", "--interface", "end:nodal", "--interface", "start"]) == 0
     body = ReducedBody.load(output)
     assert (body.frame, body.nodal.names) == ("start", ("end",))
     assert body.partition_names[0] == f"end.{body.nodal.node[0]}.x"

@@ -211,7 +211,8 @@ def _contracted(
     of_fields, of_modes = by_node(fields), by_node(modes)
     nodes = points.model.space.dofmap.list
     total = np.zeros((count, n, n))
-    for cells, operator, weights in point_gradients(points, chunk=_CHUNK // n**2):
+    # of many modes the result leaves the cache with each chunk, which then is no smaller than it
+    for cells, operator, weights in point_gradients(points, chunk=max(_CHUNK // n**2, count)):
         size = weights.size
         stress = elastic @ field_gradients(operator, of_fields, nodes[cells]) * weights.reshape(-1, 1, 1)
         stress = stress.reshape(size, 3, 3, count)
