@@ -45,13 +45,22 @@ def _candidates(side: int) -> tuple[FloatArray, FloatArray]:
 def _farthest(count: int, side: int) -> tuple[str, ...]:
     rgb, lab = _candidates(side)
     taken = _oklab(np.array([[int(text[k : k + 2], 16) / 255.0 for k in (1, 3, 5)] for text in (*_TAKEN, *_FIRST)]))
-    distance = np.min(np.linalg.norm(lab[:, None] - taken, axis=2), axis=1)
+    along = np.ascontiguousarray(lab.T)
+    squares = np.full(len(lab), np.inf)
+    for colour in taken:
+        squares = np.minimum(squares, _squares(along, colour))
     chosen = []
     for _ in range(count):
-        best = int(np.argmax(distance))
+        best = int(np.argmax(squares))
         chosen.append("#" + "".join(f"{round(255.0 * part):02x}" for part in rgb[best]))
-        distance = np.minimum(distance, np.linalg.norm(lab - lab[best], axis=1))
+        np.minimum(squares, _squares(along, lab[best]), out=squares)
     return tuple(chosen)
+
+
+def _squares(along: FloatArray, colour: FloatArray) -> FloatArray:
+    """Squares of the distances of colours (3, k) from one."""
+    first, second, third = (part - own for part, own in zip(along, colour, strict=True))
+    return np.asarray(first * first + second * second + third * third)
 
 
 def _oklab(rgb: FloatArray) -> FloatArray:
