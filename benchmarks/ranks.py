@@ -57,7 +57,7 @@ def pairs() -> list[Pair]:
 
 
 def stages(seconds: dict[str, float]) -> dict[str, float]:
-    """Of the reduction without geometric stiffness; what is none of them, as checks of the model, is each rank's own."""
+    """Of the reduction without geometric stiffness; what belongs to none, as checks of the model, is the rest."""
     found = {name: seconds[name] for name in WORK}
     return {**found, REST: seconds["total"] - sum(found.values())}
 
