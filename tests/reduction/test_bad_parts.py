@@ -9,9 +9,10 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.grid import tagged_mesh
-from flexmbd.errors import InterfaceError, MeshError
+from flexmbd.errors import InterfaceError, MeshError, ReductionError
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import Solver, craig_bampton
+from flexmbd.reduction import Solver, Truncation, craig_bampton
+from flexmbd.reduction.static_shapes import memory
 
 pytestmark = pytest.mark.mpi
 
@@ -45,6 +46,29 @@ def test_interfaces_that_share_nodes():
     mesh = meshes.block(0.3, 0.1, 0.1, divisions=(3, 2, 2))
     with pytest.raises(InterfaceError, match="share"):
         ContinuumModel(mesh, solid_linear, STEEL, degree=1, interfaces=[Interface("x_min"), Interface("y_min")])
+
+
+def bar():
+    mesh = meshes.block(0.2, 0.1, 0.1, divisions=(2, 1, 1))
+    return ContinuumModel(mesh, solid_linear, STEEL, degree=1, interfaces=[Interface("x_min")])
+
+
+def test_more_modes_than_there_are():
+    """Beside the held face are two sections of four nodes."""
+    with pytest.raises(ReductionError, match="1000 fixed-interface modes were asked for, and the interior has 24 dofs"):
+        craig_bampton(bar(), modes=1000, frame="x_min")
+    body = craig_bampton(bar(), modes=Truncation(below_hz=1e12), frame="x_min", geometric_stiffness=False)
+    assert body.n_modes == 24
+    assert body.provenance["completeness"] == "counted, 24 below 1e+12 Hz"
+
+
+def test_memory_that_does_not_suffice(monkeypatch):
+    """On one rank alone: all refuse."""
+    model = bar()
+    if COMM.rank == COMM.size - 1:
+        monkeypatch.setattr(memory, "available_memory", lambda: 1000)
+    with pytest.raises(ReductionError, match=r"multigrid .* would take \d+ MB, and 0 MB are there"):
+        craig_bampton(model, modes=2, frame="x_min", solver=Solver.ITERATIVE)
 
 
 @pytest.mark.parametrize("solver", list(Solver))
