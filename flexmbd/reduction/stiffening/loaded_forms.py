@@ -58,7 +58,8 @@ def _centrifugal_work(
     velocity = turned([r[i] + at[i] for i in range(3)])
     along = turned(ufl.TestFunction(model.space))
     forms = (ufl.derivative(energy, at, along) for energy in model.kinetic_energy(at))
-    return [ufl.replace(ufl.algorithms.expand_derivatives(form), {at: velocity}) for form in forms]
+    works = [ufl.replace(ufl.algorithms.expand_derivatives(form), {at: velocity}) for form in forms]
+    return [work for work in works if not work.empty()]  # of what a spin does not stretch nothing is left
 
 
 def assembled_vector(forms: Sequence[fem.Form], model: LinearModel) -> FloatArray:
