@@ -146,16 +146,28 @@ def correct(plan, state, scratch, h):
 
 
 @kernel
+def _linearise(plan, work, state, scratch, h):
+    """Factor the iteration matrix where the step was evaluated last; False, with the outcome, if it is singular."""
+    if scratch.tangent_stiffness.shape[0] > 0:
+        take_stiffness(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
+    if not linearise(plan, work, state, scratch, h):
+        state.counts[st.OUTCOME] = st.RANK_LOST
+        return False
+    return True
+
+
+@kernel
 def _remaining_error(contraction):
     """The error left after a linear iteration, over its last correction."""
     return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
 
 
 @kernel
-def _newton(plan, work, state, scratch, h, tolerance, evaluated, last):
+def _newton(plan, work, state, scratch, h, tolerance, evaluated, last, full):
     """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
 
     ``evaluated``: ``s.equation`` is that of the first guess.  ``last``: round-off that stalls it ends it.
+    ``full``: with new factors at each iteration, whose first corrections may grow.
     """
     loops = plan.rows.shape[0] > 0
     before = 0.0
@@ -165,6 +177,8 @@ def _newton(plan, work, state, scratch, h, tolerance, evaluated, last):
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
             evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
+        if full and iteration > 0 and not _linearise(plan, work, state, scratch, h):
+            return -1
         state.counts[st.ITERATIONS] += 1
         size, imbalance = correct(plan, state, scratch, h)
         if not np.isfinite(size + imbalance):
@@ -175,7 +189,7 @@ def _newton(plan, work, state, scratch, h, tolerance, evaluated, last):
             imbalance_ratio = imbalance / imbalance_before if imbalance_before > 0.0 else 0.0
             balanced = balanced or imbalance * _remaining_error(imbalance_ratio) <= tolerance
             stalled = (contraction > 0.7 and size > tolerance) or (imbalance_ratio > 0.7 and not balanced)
-            if stalled:
+            if stalled and not (full and max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]):
                 # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
                 if not last or max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]:
                     return 0
@@ -196,7 +210,7 @@ def _newton(plan, work, state, scratch, h, tolerance, evaluated, last):
                 scratch.memory.contraction[0] = min(1.3 * contraction, 1.0)
                 return 1
             scratch.memory.contraction[0] = min(contraction, 1.0)
-            if contraction > _RENEW:
+            if full or contraction > _RENEW:
                 scratch.memory.step_factored[0] = 0.0
             return 1
     return 0
@@ -268,27 +282,28 @@ def solve_step(plan, work, state, scratch, h, tolerance):
     """
     renew = scratch.memory.renewals[0] > 0
     for attempt in range(3):
+        full = attempt == 2 and state.counts[st.FIXED_STEP] == 1
         if attempt == 0:
             if renew or scratch.memory.step_factored[0] != h:
                 continue
             predict(plan, state, scratch, h, True)
         elif attempt == 1:
             predict(plan, state, scratch, h, renew)
+        elif full:
+            predict(plan, state, scratch, h, False)
         finite = True
         for i in range(scratch.unknown.shape[0]):
             finite = finite and np.isfinite(scratch.unknown[i])
         if not finite:
             break
-        # the second time linearised where the first iterations led
+        # the second time linearised where the first iterations led; a step that is given, and cannot be made
+        # shorter, is begun anew with Newton's full iteration, which converges from farther away
         if attempt > 0:
             evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
-            if scratch.tangent_stiffness.shape[0] > 0:
-                take_stiffness(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
-            if not linearise(plan, work, state, scratch, h):
-                state.counts[st.OUTCOME] = st.RANK_LOST
+            if not _linearise(plan, work, state, scratch, h):
                 break
         evaluated = attempt > 0 and plan.rows.shape[0] == 0
-        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2) == 1:
+        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2, full) == 1:
             if renew:
                 scratch.memory.renewals[0] -= 1
             elif attempt == 0:
