@@ -186,10 +186,7 @@ def _refuse_damaged(snapshot: Snapshot, start: Start) -> None:
         faults["its bodies with history are others"] = (
             len(snapshot.interiors.memories) != len(kept) or snapshot.interiors.wrenches.shape != wrenches
         )
-    events = snapshot.events
-    faults["its events are impossible"] = (
-        events.followed.shape != (5, len(events.codes)) or not np.isin(events.followed[:2], (-1.0, 0.0, 1.0)).all()
-    )
+    faults["its events are impossible"] = snapshot.events.is_damaged
     for what, found in faults.items():
         if found:
             raise RecordError(f"the checkpoint is damaged: {what}; take the one before, or start anew")

@@ -158,6 +158,14 @@ class EventMemory:
     followed: FloatArray
     new_pace: bool
 
+    @property
+    def is_damaged(self) -> bool:
+        """Whether no search could have left this."""
+        if self.followed.shape != (5, len(self.codes)):
+            return True
+        sides, last, spacing = self.followed[:2], self.followed[2], self.followed[3]
+        return not (np.isin(sides, (-1.0, 0.0, 1.0)).all() and (last < np.inf).all() and (spacing > 0.0).all())
+
 
 NO_EVENTS = EventMemory((), np.zeros((5, 0)), True)
 

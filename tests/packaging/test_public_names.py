@@ -112,7 +112,7 @@ ASKED_BY_THE_MACHINE = {"rows", "steps", "assemble", "stepper", "check", "rule",
 #: Types that users pass on and do not look into, or that belong to the compiled machine.
 OPAQUE = {
     "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
-    "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
+    "EventMemory", "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
     "PlacedInterior", "Bearing", "UserBody", "ElementKind",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")

@@ -11,7 +11,6 @@ import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.run.stopped import SimulationError
 
-METHODS = [fm.ExplicitRungeKutta(), fm.GeneralizedAlpha(), fm.RadauIIA()]
 PERIOD = 4.0 / np.sqrt(9.81) * ellipk(0.5)
 
 
@@ -212,50 +211,3 @@ def test_a_short_dip_within_a_long_step_is_found():
     scene, *_ = pendulum()
     dip = fm.Event(lambda now: abs(now.t - 0.537) - 1e-2)
     assert [one.t for one in scene.simulate(1.0, rtol=1e-3, events=[dip]).events] == pytest.approx([0.527, 0.547])
-
-
-def two_hits(drop):
-    """A ball that bounces, and what it passes; one function touches zero, some lie on it at a checkpoint."""
-
-    def bounce(moment):
-        moment.set_rate(drop, -0.5 * moment.beta_rate(drop))
-
-    return [
-        fm.Event(lambda m: m.beta(drop), direction=fm.Direction.FALLING, action=bounce, name="ground"),
-        fm.Event(lambda m: m.beta(drop) - 0.1, name="low"),
-        fm.Event(lambda m: m.t - 0.5, name="half"),
-        fm.Event(lambda m: (m.t - 0.5) ** 2, name="touched"),
-        fm.Event(lambda m: 0.5 - m.t, direction=fm.Direction.RISING, name="never"),
-        fm.Event(lambda m: np.sin(200.0 * m.t), name="often"),
-    ]
-
-
-@pytest.mark.filterwarnings("ignore:the function of event 'often':flexmbd.errors.EventWarning")
-@pytest.mark.parametrize("how", [{"h": 2.0**-7}, {"rtol": 1e-6}], ids=["h", "rtol"])
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-def test_a_restart_finds_the_events_of_the_run_that_went_on(method, how, tmp_path):
-    scene, drop = falling_ball(1.0)
-    places = [0.25, 0.5, 0.625]
-    whole = scene.simulate(0.75, integrator=method, events=two_hits(drop), checkpoints=places, **how)
-    assert [one.t for one in whole.events if one.name == "half"] == pytest.approx([0.5], abs=1e-12)
-    assert len([one for one in whole.events if one.name == "often"]) == 47
-    for checkpoint in whole.checkpoints:
-        scene, drop = falling_ball(1.0)
-        kept = fm.Checkpoint.load(checkpoint.save(tmp_path / "kept.npz"))
-        left = [place for place in places if place > kept.t]
-        rest = scene.simulate(
-            0.75, integrator=method, events=two_hits(drop), checkpoints=left, restart=kept, **how
-        )
-        later = [(one.name, one.t) for one in whole.events if one.row >= len(whole.t) - len(rest.t)]
-        assert [(one.name, one.t) for one in rest.events] == later
-        np.testing.assert_array_equal(rest.x, whole.x[len(whole.t) - len(rest.t) :])
-
-
-def test_other_events_than_before_a_checkpoint_begin_anew():
-    """Of the same name, but another function: what side the former was on says nothing."""
-    scene, _ = falling_ball(1.0)
-    clock = fm.Event(lambda m: m.t - 0.3)
-    whole = scene.simulate(0.5, h=2.0**-7, events=[clock], checkpoints=[0.25])
-    events = [fm.Event(lambda m: 0.1 - m.t), clock, fm.Event(lambda m: m.t - 0.4)]
-    rest = scene.simulate(0.5, h=2.0**-7, restart=whole.checkpoints[0], events=events)
-    assert [one.t for one in rest.events] == pytest.approx([0.3, 0.4], abs=1e-12)
