@@ -135,11 +135,8 @@ class FunctionWriter:
                 before.append(f"{lane.c} t{k} = {value};")
                 value = f"t{k}"
             after.append(f"{name} = {value};")
-        copies = "\n".join([*before, *after])
-        braces = ("{\n", "\n}") if before else ("", "\n" if after else "")
-        return f"{braces[0]}{copies}{braces[1]}goto {self._labels[target]};" if not before else (
-            "{\n" + copies + f"\ngoto {self._labels[target]};\n}}"
-        )
+        copies = "\n".join([*before, *after, f"goto {self._labels[target]};"])
+        return f"{{\n{copies}\n}}" if before else copies
 
 
 def _texts(block: Block) -> list[str]:

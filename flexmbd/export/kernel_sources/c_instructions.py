@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flexmbd.export.kernel_sources import c_calls
-from flexmbd.export.kernel_sources.c_operations import binary, cast, compare, with_sign
+from flexmbd.export.kernel_sources.c_operations import binary, cast, compare, fitted, with_sign
 from flexmbd.export.kernel_sources.ir_text import Lane, Reader, c_lane
 from flexmbd.export.kernel_sources.ir_types import (
     ADDRESS,
@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from flexmbd.export.kernel_sources.c_function import FunctionWriter
 
 _FLAGS = ("nuw", "nsw", "exact", "disjoint", "nneg", "samesign", "inbounds", "nusw")
+_SHARED = ("atomic", "volatile")
 _FAST = ("fast", "nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc")
-_BINARY = (
-    "add sub mul udiv sdiv urem srem shl lshr ashr and or xor fadd fsub fmul fdiv frem".split()
-)  # fmt: skip
+_BINARY = "add sub mul udiv sdiv urem srem shl lshr ashr and or xor fadd fsub fmul fdiv frem".split()
 _CASTS = "trunc zext sext fptrunc fpext fptoui fptosi uitofp sitofp ptrtoint inttoptr bitcast".split()
 
 
@@ -46,8 +45,10 @@ def write(here: FunctionWriter, result: str, text: str) -> None:
     if word == "call":
         c_calls.write(here, result, reader)
         return
-    if result and not here.used[result]:
-        return  # nothing else has effects and a result
+    if word not in _KNOWN:
+        raise no_c(f"the instruction {word!r} is not known")
+    if result and not here.used[result] and reader.next not in _SHARED:
+        return  # nothing else that is known has effects and a result
     if word in _BINARY:
         kind = reader.value_type()
         a, b = _two(reader, kind)
@@ -59,14 +60,13 @@ def write(here: FunctionWriter, result: str, text: str) -> None:
         kind, values = reader.operand()
         reader.expect("to")
         new = reader.value_type()
-        lanes = zip(lanes_of(kind), lanes_of(new), texts(kind, values), strict=len(lanes_of(kind)) == len(lanes_of(new)))
         if len(lanes_of(kind)) != len(lanes_of(new)):
-            raise no_c(f"the conversion {word!r} between unlike numbers of lanes is not known")
+            _regroup(here, result, kind, new, texts(kind, values))
+            return
+        lanes = zip(lanes_of(kind), lanes_of(new), texts(kind, values), strict=True)
         here.assign(result, new, [cast(word, old, fresh, value) for old, fresh, value in lanes])
-    elif word in _OTHERS:
-        _OTHERS[word](here, result, reader)
     else:
-        raise no_c(f"the instruction {word!r} is not known")
+        _OTHERS[word](here, result, reader)
 
 
 def texts(kind: Type, values: list[Lane]) -> list[str]:
@@ -94,6 +94,25 @@ def _compare(here: FunctionWriter, result: str, reader: Reader) -> None:
     answers = [compare(what, lane, one, two) for lane, one, two in zip(lanes_of(kind), a, b, strict=True)]
     truth = Scalar("i", 1)
     here.assign(result, Sequence(kind.count, truth, True) if isinstance(kind, Sequence) else truth, answers)
+
+
+def _regroup(here: FunctionWriter, result: str, kind: Type, new: Type, values: list[str]) -> None:
+    """The same bits as other lanes, as long as all of them are one word."""
+    old, fresh = lanes_of(kind), lanes_of(new)
+    if sum(lane.bits for lane in old) > INT64.bits or sum(lane.bits for lane in fresh) > INT64.bits:
+        raise no_c("bits of more than one word as other lanes are not known")
+    parts, place = [], 0
+    for lane, value in zip(old, values, strict=True):
+        whole = value if lane.kind != "f" else f"bits_f{lane.bits}({value})"
+        parts.append(f"(uint64_t){whole} << {place}")
+        place += lane.bits
+    place = 0
+    here.lines.append(f"{{\nuint64_t word = {' | '.join(parts)};")
+    for name, lane in zip(here.define(result, new), fresh, strict=True):
+        whole = fitted(f"(word >> {place})", Scalar("i", lane.bits))
+        here.lines.append(f"{name} = {whole};" if lane.kind != "f" else f"{name} = f{lane.bits}_of({whole});")
+        place += lane.bits
+    here.lines.append("}")
 
 
 def _negate(here: FunctionWriter, result: str, reader: Reader) -> None:
@@ -143,7 +162,7 @@ def store(lane: Scalar, address: str, value: str, place: int = 0) -> str:
 
 
 def _load(here: FunctionWriter, result: str, reader: Reader) -> None:
-    if reader.next in ("atomic", "volatile"):
+    if reader.next in _SHARED:
         raise no_c("memory that is shared between threads")
     kind = reader.value_type()
     _, (address,) = _next(reader)
@@ -152,7 +171,7 @@ def _load(here: FunctionWriter, result: str, reader: Reader) -> None:
 
 
 def _store(here: FunctionWriter, result: str, reader: Reader) -> None:
-    if reader.next in ("atomic", "volatile"):
+    if reader.next in _SHARED:
         raise no_c("memory that is shared between threads")
     kind, values = reader.operand()
     _, (address,) = _next(reader)
@@ -299,3 +318,4 @@ _OTHERS = {
     "ret": _return,
     "unreachable": _unreachable,
 }
+_KNOWN = {*_BINARY, *_CASTS, "icmp", "fcmp", *_OTHERS}
