@@ -107,7 +107,10 @@ def results_of(function, inputs, folder, optimise):
 
 def same(a, b):
     """Equal numbers with equal signs, or both none."""
-    return all((x != x and y != y) or (x == y and np.copysign(1.0, x) == np.copysign(1.0, y)) for x, y in zip(a, b))
+    return all(
+        (x != x and y != y) or (x == y and np.copysign(1.0, x) == np.copysign(1.0, y))
+        for x, y in zip(a, b, strict=True)
+    )
 
 
 @pytest.mark.parametrize("optimise", ["-O1", "-O2"])
@@ -153,57 +156,64 @@ def module_of(operations):
             result = line.split("call ")[1].split(" @")[0]
             given = ", ".join(" ".join(one.split()[:-1]) for one in line.split(name + "(")[1].rstrip(")").split(", "))
             intrinsics.append(f"declare {result} @{name}({given})")
-    return (
-        f"define i32 @f(i64 %a, i64 %b, double %x, double %y, ptr %out) {{\n  {body}\n  ret i32 0\n}}\n"
-        + "\n".join(sorted(set(intrinsics)))
+    return f"define i32 @f(i64 %a, i64 %b, double %x, double %y, ptr %out) {{\n  {body}\n  ret i32 0\n}}\n" + "\n".join(
+        sorted(set(intrinsics))
     )
 
 
-def operations():
-    """Each instruction with some widths."""
-    found = []
-    for kind in ("i1", "i7", "i8", "i16", "i24", "i32", "i48", "i64"):
-        for name in ("add", "sub", "mul", "and", "or", "xor"):
-            found.append((kind, f"%r = {name} {kind} {{a}}, {{b}}"))
-        width = int(kind[1:])
-        for name in ("shl", "lshr", "ashr"):
-            found.append((kind, f"%{{k}} = urem {kind} {{b}}, {min(width, 2 ** (width - 1) - 1) if width > 1 else 1}; "
-                          f"%r = {name} {kind} {{a}}, %{{k}}"))  # fmt: skip
-        if width > 1:
-            for name in ("udiv", "urem"):
-                found.append((kind, f"%{{k}} = or {kind} {{b}}, 1; %r = {name} {kind} {{a}}, %{{k}}"))
-            for name in ("sdiv", "srem"):  # by 1, 3 or -5
-                found.append((kind, f"%{{k}}t = icmp slt {kind} {{b}}, 0; %{{k}} = select i1 %{{k}}t, {kind} -3, {kind} 2; "
-                              f"%r = {name} {kind} {{a}}, %{{k}}"))  # fmt: skip
-        for order in ("eq", "ne", "ugt", "uge", "ult", "ule", "sgt", "sge", "slt", "sle"):
-            found.append(("i64", f"%{{k}}a = trunc i64 %a to {kind}; %{{k}}b = trunc i64 %b to {kind}; "
-                          f"%{{k}} = icmp {order} {kind} %{{k}}a, %{{k}}b; %r = zext i1 %{{k}} to i64")
-                         if width < 64 else
-                         ("i64", f"%{{k}} = icmp {order} i64 %a, %b; %r = sext i1 %{{k}} to i64"))  # fmt: skip
-        if width < 64:
-            found.append(("i64", f"%{{k}} = trunc i64 %a to {kind}; %r = sext {kind} %{{k}} to i64"))
-        if width in (8, 32, 64):
-            for name in ("smax", "smin", "umax", "umin", "uadd.sat", "usub.sat"):
-                found.append((kind, f"%r = call {kind} @llvm.{name}.{kind}({kind} {{a}}, {kind} {{b}})"))
-            for name in ("fshl", "fshr"):
-                found.append((kind, f"%r = call {kind} @llvm.{name}.{kind}({kind} {{a}}, {kind} {{b}}, {kind} {{b}})"))
-            found.append((kind, f"%r = call {kind} @llvm.ctpop.{kind}({kind} {{a}})"))
-            for name in ("ctlz", "cttz", "abs"):
-                found.append((kind, f"%r = call {kind} @llvm.{name}.{kind}({kind} {{a}}, i1 false)"))
-            for name in ("uadd", "usub", "umul", "sadd", "ssub", "smul"):
-                call = f"%{{k}} = call {{{{ {kind}, i1 }}}} @llvm.{name}.with.overflow.{kind}({kind} {{a}}, {kind} {{b}})"
-                found.append((kind, f"{call}; %r = extractvalue {{{{ {kind}, i1 }}}} %{{k}}, 0"))
-                found.append((kind, f"{call}; %{{k}}e = extractvalue {{{{ {kind}, i1 }}}} %{{k}}, 1; "
-                              f"%r = sext i1 %{{k}}e to {kind}"))  # fmt: skip
-    for order in "oeq ogt oge olt ole one ord ueq ugt uge ult ule une uno".split():
-        found.append(("i64", f"%{{k}} = fcmp {order} double %x, %y; %r = zext i1 %{{k}} to i64"))
-    for name in ("fadd", "fsub", "fmul", "fdiv"):
-        found.append(("double", f"%r = {name} double %x, %y"))
+def whole_operations(kind):
+    """Instructions of whole numbers of one width."""
+    width, most = int(kind[1:]), 2 ** (int(kind[1:]) - 1) - 1
+    found = [(kind, f"%r = {name} {kind} {{a}}, {{b}}") for name in ("add", "sub", "mul", "and", "or", "xor")]
+    for name in ("shl", "lshr", "ashr"):
+        within = f"%{{k}} = urem {kind} {{b}}, {min(width, most) if width > 1 else 1}"
+        found.append((kind, f"{within}; %r = {name} {kind} {{a}}, %{{k}}"))
+    if width > 1:
+        for name in ("udiv", "urem"):
+            found.append((kind, f"%{{k}} = or {kind} {{b}}, 1; %r = {name} {kind} {{a}}, %{{k}}"))
+        chosen = f"%{{k}}t = icmp slt {kind} {{b}}, 0; %{{k}} = select i1 %{{k}}t, {kind} -3, {kind} 2"
+        found += [(kind, f"{chosen}; %r = {name} {kind} {{a}}, %{{k}}") for name in ("sdiv", "srem")]
+    cut = f"%{{k}}a = trunc i64 %a to {kind}; %{{k}}b = trunc i64 %b to {kind}; "
+    left, right = ("%{k}a", "%{k}b") if width < 64 else ("%a", "%b")
+    for order in ("eq", "ne", "ugt", "uge", "ult", "ule", "sgt", "sge", "slt", "sle"):
+        compared = f"%{{k}} = icmp {order} {kind} {left}, {right}; %r = sext i1 %{{k}} to i64"
+        found.append(("i64", (cut if width < 64 else "") + compared))
+    if width < 64:
+        found.append(("i64", f"%{{k}} = trunc i64 %a to {kind}; %r = sext {kind} %{{k}} to i64"))
+    return found + (built_in(kind) if width in (8, 32, 64) else [])
+
+
+def built_in(kind):
+    """Functions of LLVM's on whole numbers."""
+    two, found = f"({kind} {{a}}, {kind} {{b}})", []
+    for name in ("smax", "smin", "umax", "umin", "uadd.sat", "usub.sat"):
+        found.append((kind, f"%r = call {kind} @llvm.{name}.{kind}{two}"))
+    for name in ("fshl", "fshr"):
+        found.append((kind, f"%r = call {kind} @llvm.{name}.{kind}({kind} {{a}}, {kind} {{b}}, {kind} {{b}})"))
+    found.append((kind, f"%r = call {kind} @llvm.ctpop.{kind}({kind} {{a}})"))
+    for name in ("ctlz", "cttz", "abs"):
+        found.append((kind, f"%r = call {kind} @llvm.{name}.{kind}({kind} {{a}}, i1 false)"))
+    for name in ("uadd", "usub", "umul", "sadd", "ssub", "smul"):
+        pair = f"{{{{ {kind}, i1 }}}}"
+        call = f"%{{k}} = call {pair} @llvm.{name}.with.overflow.{kind}{two}"
+        found.append((kind, f"{call}; %r = extractvalue {pair} %{{k}}, 0"))
+        found.append((kind, f"{call}; %{{k}}e = extractvalue {pair} %{{k}}, 1; %r = sext i1 %{{k}}e to {kind}"))
+    return found
+
+
+def real_operations():
+    """Instructions of floating-point numbers."""
+    orders = "oeq ogt oge olt ole one ord ueq ugt uge ult ule une uno".split()
+    found = [("i64", f"%{{k}} = fcmp {order} double %x, %y; %r = zext i1 %{{k}} to i64") for order in orders]
+    found += [("double", f"%r = {name} double %x, %y") for name in ("fadd", "fsub", "fmul", "fdiv")]
     found += [("double", "%r = fneg double %x"), ("double", "%r = bitcast i64 %a to double")]
     found += [("i64", "%r = bitcast double %x to i64"), ("double", "%r = uitofp i64 %a to double")]
-    found += [("double", "%{k} = fptrunc double %x to float; %{k}p = fmul float %{k}, 3.0; %r = fpext float %{k}p to double")]
-    found += [("i64", "%{k} = call double @llvm.fabs.f64(double %y); %{k}b = fcmp olt double %{k}, 1.0e9; "
-               "%{k}c = select i1 %{k}b, double %y, double 7.5; %r = fptosi double %{k}c to i64")]  # fmt: skip
+    single = "%{k} = fptrunc double %x to float; %{k}p = fmul float %{k}, 3.0"
+    found.append(("double", f"{single}; %r = fpext float %{{k}}p to double"))
+    size = "%{k} = call double @llvm.fabs.f64(double %y); %{k}b = fcmp olt double %{k}, 1.0e9"
+    found.append(
+        ("i64", f"{size}; %{{k}}c = select i1 %{{k}}b, double %y, double 7.5; %r = fptosi double %{{k}}c to i64")
+    )
     for name in ("minnum", "maxnum"):  # of two zeros either may be the one
         call = f"%{{k}} = call double @llvm.{name}.f64(double %x, double %y)"
         found.append(("double", f"{call}; %r = fadd double %{{k}}, 0.0"))
@@ -212,6 +222,11 @@ def operations():
         found.append(("double", f"%r = call double @llvm.{name}.f64({given})"))
     return found
 
+
+OPERATIONS = [
+    *(one for kind in ("i1", "i7", "i8", "i16", "i24", "i32", "i48", "i64") for one in whole_operations(kind)),
+    *real_operations(),
+]
 
 VECTORS = """
 define i32 @f(i64 %a, i64 %b, double %x, double %y, ptr %out) {
@@ -301,7 +316,7 @@ def test_instructions_are_those_of_llvm(tmp_path, optimise):
     """LLVM's own machine code of the same text."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    texts = [module_of(operations()), VECTORS]
+    texts = [module_of(OPERATIONS), VECTORS]
     folders = [tmp_path / str(k) for k in range(len(texts))]
     word, real = ctypes.c_int64, ctypes.c_double
     whole = [numbers(WHOLE, 2**62, seed=seed) for seed in range(2)]
@@ -310,19 +325,20 @@ def test_instructions_are_those_of_llvm(tmp_path, optimise):
         folder.mkdir()
         module = llvm.parse_assembly(text)
         printed = str(module)  # before machine code is made, which changes it
-        count = len(operations()) if text is texts[0] else 10
+        count = len(OPERATIONS) if text is texts[0] else 10
         engine = llvm.create_mcjit_compiler(module, llvm.Target.from_default_triple().create_target_machine())
         engine.finalize_object()
         kinds = (ctypes.c_int32, word, word, real, real, ctypes.c_void_p)
         theirs = ctypes.CFUNCTYPE(*kinds)(engine.get_function_address("f"))
         ours = library([c_source(printed, "f", "f")], folder, optimise).f
         ours.argtypes = kinds[1:]
-        for given in zip(whole[0].tolist(), np.roll(whole[1], 3).tolist(), x.tolist(), np.roll(y, 5).tolist(), strict=True):
+        columns = whole[0].tolist(), np.roll(whole[1], 3).tolist(), x.tolist(), np.roll(y, 5).tolist()
+        for given in zip(*columns, strict=True):
             wanted, found = np.zeros(count, np.uint64), np.zeros(count, np.uint64)
             theirs(*given, wanted.ctypes.data)
             ours(*given, found.ctypes.data)
             off = (found != wanted) & ~(np.isnan(found.view(float)) & np.isnan(wanted.view(float)))
-            told = [operations()[k] for k in np.flatnonzero(off)[:3]] if text is texts[0] else np.flatnonzero(off)
+            told = [OPERATIONS[k] for k in np.flatnonzero(off)[:3]] if text is texts[0] else np.flatnonzero(off)
             assert not off.any(), (given, told)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -81,8 +82,8 @@ SOURCE_SYMBOLS = b"#define SYMBOL(name) /* the names are those of the sources */
 
 
 def c_names(kernels: Iterable[Kernel]) -> dict[str, str]:
-    """What C calls each kernel, by its symbol."""
-    return {kernel.symbol: f"kernel_{k}" for k, kernel in enumerate(kernels)}
+    """What C calls each kernel, by its symbol: the same in every unit."""
+    return {one.symbol: f"kernel_{sha256(one.symbol.encode()).hexdigest()[:16]}" for one in kernels}
 
 
 def c_call(kernel: str, symbol: str, arguments: Sequence[Any], memory: MemoryImage, *, name: str) -> str:
@@ -143,6 +144,10 @@ def bind_deferred(deferred: Mapping[bytes, Kernel], names: Mapping[str, str]) ->
         lines += [f"static const unsigned char name_{k}[] = {{{numbers}}};"]
         test = f"size == sizeof name_{k} && memcmp((void *)(uintptr_t)name, name_{k}, sizeof name_{k}) == 0"
         cases += [f"    if ({test})", f"        found = (uint64_t)(uintptr_t)&{called};"]
-    lines += ["", "uint32_t flexmbd_bind_deferred(uint64_t name, uint64_t size, uint64_t slot) {", "    uint64_t found = 0;"]
+    lines += [
+        "",
+        "uint32_t flexmbd_bind_deferred(uint64_t name, uint64_t size, uint64_t slot) {",
+        "    uint64_t found = 0;",
+    ]
     ending = ["    (void)name, (void)size;", "    memcpy((void *)(uintptr_t)slot, &found, sizeof found);"]
     return "\n".join([*lines, *cases, *ending, "    return found ? 0 : 2;", "}", ""])

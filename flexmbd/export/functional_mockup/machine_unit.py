@@ -10,16 +10,8 @@ from types import NoneType
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.functional_mockup.kernel_code import (
-    OBJECT_SYMBOLS,
-    SOURCE_SYMBOLS,
-    SYMBOLS,
-    MemoryImage,
-    bind_deferred,
-    c_call,
-    c_names,
-    lay_out,
-)
+from flexmbd.export.functional_mockup.kernel_code import SYMBOLS, MemoryImage, bind_deferred, c_call, c_names, lay_out
+from flexmbd.export.functional_mockup.machine_build import kernel_sources, linked
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions, with_tangents
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
@@ -34,16 +26,13 @@ from flexmbd.export.functional_mockup.machine_ports import (
 from flexmbd.export.functional_mockup.model_description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.export.functional_mockup.unit_build import (
-    Target,
     c_array,
-    compile_library,
     layer_sources,
     processor,
     source,
     targets_of,
     zipped,
 )
-from flexmbd.export.kernel_sources.c_module import HEADER, c_source, header
 from flexmbd.files.whole_file import write_file
 from flexmbd.given import refuse_no_truth, refuse_other
 from flexmbd.integrate import state as st
@@ -51,25 +40,11 @@ from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
-from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for, object_code
+from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Acceleration, Output
 from flexmbd.system import System
-
-_EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"
-
-#: What kernels call by its name, in machine.c and deferred.c.
-_CALLED = ("numba_attempt_nocopy_reshape", "flexmbd_bind_deferred")
-
-_IMAGE = """#if defined(_WIN32)
-#define READ_ONLY ".section .rdata,\\"dr\\"\\n"
-#else
-#define READ_ONLY ".section .rodata\\n"
-#endif
-__asm__(READ_ONLY ".balign 64\\n.globl machine_image\\nmachine_image: .incbin \\"image.bin\\"\\n.text\\n");
-typedef int image_only; /* C wants a declaration */
-"""
 
 
 def fmu_machine(
@@ -166,33 +141,13 @@ def fmu_machine(
         "data.c": (data + f'const char model_token[] = "{token}";\n').encode(),
         "deferred.c": bind_deferred(deferred, names).encode(),
     }
-    written = {**files, **_kernel_sources(kernels, names, memory)} if sources or not targets else {}
+    written = {**files, **kernel_sources(kernels, names, memory)} if sources or not targets else {}
     name = Path(path).stem
     text = f"Multibody machine, {integrator.name}, steps of at most {h:g} s"
     exact = not any(isinstance(one, Acceleration) and isinstance(one.of, Frame) for _, one in named(outputs))
     unit = Description(name, identifier_of(name), token, text, variables, step, inner_step=h, differentiable=exact)
-    libraries = {one: _library(files, kernels, memory, one) for one in targets}
+    libraries = {one: linked(files, kernels, memory, one) for one in targets}
     write_file(path, zipped(unit_members(unit, version, written, libraries)))
-
-
-def _library(files: Mapping[str, bytes], kernels: Sequence[Kernel], memory: MemoryImage, target: Target) -> bytes:
-    """The C files and the kernels as a shared library."""
-    objects = {f"kernel{k}.o": object_code(kernel, target.triple) for k, kernel in enumerate(kernels)}
-    exported = {"exports.map": _EXPORTS} if target.map_exports else {}
-    image = {"image.c": _IMAGE.encode(), "image.bin": memory.image, SYMBOLS: OBJECT_SYMBOLS}
-    options = [f"-Wl,--version-script={name}" for name in exported]
-    return compile_library({**files, **image, **objects, **exported}, target, link=(*objects, *options))
-
-
-def _kernel_sources(kernels: Sequence[Kernel], names: Mapping[str, str], memory: MemoryImage) -> dict[str, bytes]:
-    """C99 of the kernels and of the memory's image."""
-    found = {
-        f"{names[one.symbol]}.c": c_source(one.program, one.symbol, names[one.symbol], known=_CALLED).encode()
-        for one in kernels
-    }
-    rows = [", ".join(map(str, memory.image[k : k + 32])) for k in range(0, len(memory.image), 32)]
-    image = '#include "machine.h"\n\nconst unsigned char machine_image[] = {\n' + ",\n".join(rows or ["0"]) + "};\n"
-    return {**found, HEADER: header(), SYMBOLS: SOURCE_SYMBOLS, "image.c": image.encode()}
 
 
 def _compiled(parts: Parts) -> dict[str, Kernel]:
@@ -303,12 +258,13 @@ def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], names:
 
 
 #: LAPACK as kernels call it.
-_LAPACK = """static void factor(uint64_t rows, uint64_t columns, uint64_t a, uint64_t lda, uint64_t pivot, uint64_t info) {
+_LAPACK = """static void factor(uint64_t rows, uint64_t columns, uint64_t a, uint64_t lda, uint64_t pivot,
+                   uint64_t info) {
     machine_dgetrf(AT(rows), AT(columns), AT(a), AT(lda), AT(pivot), AT(info));
 }
 
-static void solve(uint64_t transposed, uint64_t size, uint64_t sides, uint64_t a, uint64_t lda, uint64_t pivot, uint64_t b,
-                  uint64_t ldb, uint64_t info) {
+static void solve(uint64_t transposed, uint64_t size, uint64_t sides, uint64_t a, uint64_t lda, uint64_t pivot,
+                  uint64_t b, uint64_t ldb, uint64_t info) {
     machine_dgetrs(AT(transposed), AT(size), AT(sides), AT(a), AT(lda), AT(pivot), AT(b), AT(ldb), AT(info));
 }
 

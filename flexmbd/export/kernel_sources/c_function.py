@@ -71,7 +71,9 @@ class FunctionWriter:
         for name, kind in self.variables.items():
             if seen[name]:
                 kinds.setdefault(kind, []).append(name)
-        head = [f"{kind} {', '.join(names[k : k + 16])};" for kind, names in kinds.items() for k in range(0, len(names), 16)]
+        head = [
+            f"{kind} {', '.join(names[k : k + 16])};" for kind, names in kinds.items() for k in range(0, len(names), 16)
+        ]
         names = [name for _, name in arguments]
         idle = [f"(void){name};" for name in names if not seen[name]]
         idle += [f"(void){name};" for name in self.variables if seen[name] and seen[name] == assigned[name]]

@@ -101,7 +101,9 @@ class _ModuleWriter:
                 raise no_c(f"the global {name[1:]} holds an address at a place that is not its own")
             else:
                 addresses[place] = value
-        words = [addresses.get(k, f"{int.from_bytes(memory[k : k + 8], 'little')}ull") for k in range(0, len(memory), 8)]
+        words = [
+            addresses.get(k, f"{int.from_bytes(memory[k : k + 8], 'little')}ull") for k in range(0, len(memory), 8)
+        ]
         self.prototypes[name] = f"static uint64_t {self.names[name]}[{count}];"
         return f"static uint64_t {self.names[name]}[{count}] = {{{', '.join(words)}}};\n"
 
@@ -138,5 +140,3 @@ class _ModuleWriter:
         parts = " ".join(f"{lane.c} e{k};" for k, lane in enumerate(lanes))
         self.results[name] = f"typedef struct {{ {parts} }} {name};"
         return name
-
-

@@ -14,8 +14,8 @@ _OPPOSITE = {"eq": "ne", "ne": "eq", "gt": "le", "ge": "lt", "lt": "ge", "le": "
 #: C's functions of doubles, by how many arguments.
 MATHEMATICS = {
     **dict.fromkeys(
-        "sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh exp exp2 expm1 log log2 log10 log1p fabs floor "
-        "ceil trunc round rint nearbyint cbrt erf erfc tgamma lgamma".split(),
+        "sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh exp exp2 expm1 log log2 log10 log1p fabs "
+        "floor ceil trunc round rint nearbyint cbrt erf erfc tgamma lgamma".split(),
         1,
     ),
     **dict.fromkeys("atan2 pow fmod hypot copysign fmin fmax fdim remainder nextafter".split(), 2),
@@ -141,8 +141,8 @@ def intrinsic(name: str, kind: Scalar, given: Sequence[str]) -> str:
         high, low, by = (f"(uint64_t){one}" for one in given)
         left = f"({by} % {kind.bits}u)" if name == "fshl" else f"({kind.bits}u - {by} % {kind.bits}u)"
         right = f"({kind.bits}u - {by} % {kind.bits}u)" if name == "fshl" else f"({by} % {kind.bits}u)"
-        whole = low if name == "fshr" else high
-        return f"{by} % {kind.bits}u == 0 ? {fitted(whole, kind)} : {fitted(f'({high} << {left} | {low} >> {right})', kind)}"
+        whole = fitted(low if name == "fshr" else high, kind)
+        return f"{by} % {kind.bits}u == 0 ? {whole} : {fitted(f'({high} << {left} | {low} >> {right})', kind)}"
     elif name == "expect":
         return given[0]
     raise no_c(f"the function llvm.{name} is not known")

@@ -1,8 +1,9 @@
-"""A module of LLVM IR in its parts: named types, globals, functions with their blocks; the text alone is taken apart."""
+"""A module of LLVM IR in its parts: named types, globals, functions with their blocks."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 
@@ -56,7 +57,7 @@ _TYPE = re.compile(r'(%"[^"]*"|%[\w.$-]+) = type (.*)')
 _NAME = re.compile(r'@"[^"]*"|@[\w.$-]+')
 _LABEL = re.compile(r'("[^"]*"|[\w.$-]+):')
 _RESULT = re.compile(r'\s*(?:(%"[^"]*"|%[\w.$-]+) = )?(.*)')
-_PHI = re.compile(r'phi (?:(?:reassoc|contract|fast|nnan|ninf|nsz|arcp|afn) )*(.*?) (\[ .*)')
+_PHI = re.compile(r"phi (?:(?:reassoc|contract|fast|nnan|ninf|nsz|arcp|afn) )*(.*?) (\[ .*)")
 _CHOICE = re.compile(r'\[ (.*?), (%"[^"]*"|%[\w.$-]+) \]')
 _METADATA = re.compile(r", ![\w.]+.*| #\d+$")
 
@@ -84,10 +85,10 @@ def _name_of(line: str) -> str:
     return found[0] if found else ""
 
 
-def _fill(function: Function, lines: object) -> None:
+def _fill(function: Function, lines: Iterator[str]) -> None:
     """Take the blocks from the lines up to the bracket that ends them."""
     block: Block | None = None
-    for line in lines:  # type: ignore[attr-defined]
+    for line in lines:
         if line == "}":
             return
         if not line.strip() or line.lstrip().startswith((";", "#dbg")):
@@ -98,14 +99,13 @@ def _fill(function: Function, lines: object) -> None:
         if block is None:  # without a name it has the number after those of the arguments without one
             block = function.blocks[f"%{_unnamed(function.head)}"] = Block()
         while line.rstrip().endswith("["):  # a switch has its cases on lines of their own
-            for case in lines:  # type: ignore[attr-defined]
+            for case in lines:
                 line += case
                 if case.strip().startswith("]"):
                     break
             line = line.rstrip() + ";"
-        found = _RESULT.match(line)
-        assert found is not None
-        name, text = found[1] or "", _METADATA.sub("", found[2])
+        name, text = _RESULT.findall(line)[0]
+        text = _METADATA.sub("", text)
         if phi := _PHI.match(text):
             block.phis.append(Phi(name, phi[1], {one[2]: one[1] for one in _CHOICE.finditer(phi[2])}))
         else:

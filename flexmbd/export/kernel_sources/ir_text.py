@@ -196,9 +196,13 @@ class Reader:
         raise no_c(f"the constant {name!r} is not known")
 
     def offset(self, kind: Type) -> tuple[int, list[tuple[int, Type, list[Lane]]]]:
-        """What indices that follow, each after a comma, add to an address: bytes modulo 2^64, and size, type and lanes
-        of those that are known in a run alone."""
-        offset, variable, first = 0, [], True
+        """What indices that follow, each after a comma, add to an address.
+
+        Returns:
+            Bytes modulo 2^64; and of indices that are known in a run alone what each is times, its type and lanes.
+        """
+        offset, first = 0, True
+        variable: list[tuple[int, Type, list[Lane]]] = []
         while self.skip(","):
             index_kind, lanes = self.operand()
             whole = signed(lanes[0], lanes_of(index_kind)[0]) if len(lanes) == 1 and isinstance(lanes[0], int) else None
