@@ -1,10 +1,14 @@
-"""Arguments of compiled kernels laid out in one block of memory, and calls of the kernels from C."""
+"""Arguments of compiled kernels laid out in one block of memory, and calls of the kernels from C.
+
+Kernels are called in one way, whether they are machine code or C: whole numbers and addresses are unsigned numbers.
+"""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -71,26 +75,37 @@ def arrays_in(arguments: Iterable[Any]) -> list[np.ndarray]:
     return found
 
 
-def c_call(kernel: Kernel, arguments: Sequence[Any], memory: MemoryImage, *, name: str) -> str:
+#: What the files of calls include: SYMBOL, by which kernels are found that are linked as object code.
+SYMBOLS = "kernel_symbols.h"
+OBJECT_SYMBOLS = b"#define SYMBOL(name) __asm__(name)\n"
+SOURCE_SYMBOLS = b"#define SYMBOL(name) /* the names are those of the sources */\n"
+
+
+def c_names(kernels: Iterable[Kernel]) -> dict[str, str]:
+    """What C calls each kernel, by its symbol: the same in every unit."""
+    return {one.symbol: f"kernel_{sha256(one.symbol.encode()).hexdigest()[:16]}" for one in kernels}
+
+
+def c_call(kernel: str, symbol: str, arguments: Sequence[Any], memory: MemoryImage, *, name: str) -> str:
     """A C function ``static int name(unsigned char *m, void *result)`` that calls the kernel; 0, or what it raised.
 
     Each array is numba's record of it: no owner, its numbers, where it lies in the block at m, shape and strides; each
     structure is a pointer to its words.
     """
-    kinds, values = ["void *", "void **"], ["result", "&raised"]
+    kinds, values = ["uint64_t", "uint64_t"], ["WORD(result)", "WORD(&raised)"]
     blocks: list[str] = []
     for one in arguments:
         if isinstance(one, ArrayStruct):
-            kinds.append("int64_t *")
-            values.append(_c_block(one, memory, blocks))
+            kinds.append("uint64_t")
+            values.append(f"WORD({_c_block(one, memory, blocks)})")
         else:
             for kind, value in _c_values(one, memory):
                 kinds.append(kind)
                 values.append(value)
     return (
-        f'extern int32_t {name}_kernel({", ".join(kinds)}) __asm__("{kernel.symbol}");\n\n'
-        f"static int {name}(unsigned char *m, void *result) {{\n    void *raised = 0;\n{''.join(blocks)}"
-        f"    return {name}_kernel({', '.join(values)});\n}}\n\n"
+        f'extern uint32_t {kernel}({", ".join(kinds)}) SYMBOL("{symbol}");\n\n'
+        f"static int {name}(unsigned char *m, void *result) {{\n    void *raised = 0;\n    (void)m;\n{''.join(blocks)}"
+        f"    return (int){kernel}({', '.join(values)});\n}}\n\n"
     )
 
 
@@ -99,34 +114,40 @@ def _c_block(struct: ArrayStruct, memory: MemoryImage, blocks: list[str]) -> str
     found: list[str] = []
     for one in struct.fields().values():
         if isinstance(one, np.ndarray):
-            found += [f"(int64_t)(m + {memory.place(one)})", *map(str, one.shape)]
+            found += [f"WORD(m + {memory.place(one)})", *map(str, one.shape)]
         elif isinstance(one, ArrayStruct):
-            found.append(f"(int64_t){_c_block(one, memory, blocks)}")
+            found.append(f"WORD({_c_block(one, memory, blocks)})")
         else:
-            found += map(str, words(one))
+            found += [f"(uint64_t){word}" for word in words(one)]
     name = f"b{len(blocks)}"
-    blocks.append(f"    int64_t {name}[] = {{{', '.join(found)}}};\n")
+    blocks.append(f"    uint64_t {name}[] = {{{', '.join(found)}}};\n")
     return name
 
 
 def _c_values(one: Any, memory: MemoryImage) -> list[tuple[str, str]]:
     """Types and values of the C arguments that an array or a number is."""
     if isinstance(one, np.ndarray):
-        numbers = [("int64_t", str(number)) for number in (*one.shape, *one.strides)]
-        head = [("int64_t", str(number)) for number in (one.size, one.itemsize)]
-        return [("void *", "0"), ("void *", "0"), *head, ("void *", f"m + {memory.place(one)}"), *numbers]
-    return [("double", repr(one))] if isinstance(one, float) else [("int64_t", str(int(one)))]
+        numbers = [("uint64_t", str(number)) for number in (*one.shape, *one.strides)]
+        head = [("uint64_t", str(number)) for number in (0, 0, one.size, one.itemsize)]
+        return [*head, ("uint64_t", f"WORD(m + {memory.place(one)})"), *numbers]
+    return [("double", repr(one))] if isinstance(one, float) else [("uint64_t", f"(uint64_t){int(one)}")]
 
 
-def bind_deferred(deferred: Mapping[bytes, Kernel]) -> str:
+def bind_deferred(deferred: Mapping[bytes, Kernel], names: Mapping[str, str]) -> str:
     """The C function by which kernels find those that they call by address, from what names each."""
-    lines = ["#include <stdint.h>", "#include <string.h>", ""]
+    lines = ["#include <stdint.h>", "#include <string.h>", "", f'#include "{SYMBOLS}"', ""]
+    lines += ["uint32_t flexmbd_bind_deferred(uint64_t name, uint64_t size, uint64_t slot);", ""]
     cases = []
     for k, (what, kernel) in enumerate(deferred.items()):
-        numbers = ", ".join(map(str, what))
-        lines += [f'extern void kernel_{k}(void) __asm__("{kernel.symbol}");']
+        called, numbers = names[kernel.symbol], ", ".join(map(str, what))
+        lines += [f'extern void {called}(void) SYMBOL("{kernel.symbol}");']
         lines += [f"static const unsigned char name_{k}[] = {{{numbers}}};"]
-        test = f"size == sizeof name_{k} && memcmp(name, name_{k}, sizeof name_{k}) == 0"
-        cases += [f"    if ({test})", f"        return *slot = (int64_t)&kernel_{k}, 0;"]
-    lines += ["", "int32_t flexmbd_bind_deferred(const void *name, int64_t size, int64_t *slot) {"]
-    return "\n".join([*lines, *cases, "    return 2;", "}", ""])
+        test = f"size == sizeof name_{k} && memcmp((void *)(uintptr_t)name, name_{k}, sizeof name_{k}) == 0"
+        cases += [f"    if ({test})", f"        found = (uint64_t)(uintptr_t)&{called};"]
+    lines += [
+        "",
+        "uint32_t flexmbd_bind_deferred(uint64_t name, uint64_t size, uint64_t slot) {",
+        "    uint64_t found = 0;",
+    ]
+    ending = ["    (void)name, (void)size;", "    memcpy((void *)(uintptr_t)slot, &found, sizeof found);"]
+    return "\n".join([*lines, *cases, *ending, "    return found ? 0 : 2;", "}", ""])

@@ -8,16 +8,19 @@
 
 #include "model.h"
 
-/* Numba's kernels call this to see contiguous arrays in another shape: strides follow from the shape alone. */
-int numba_attempt_nocopy_reshape(intptr_t nd, const intptr_t *shape, const intptr_t *strides, intptr_t new_nd,
-                                 const intptr_t *new_shape, intptr_t *new_strides, intptr_t itemsize, int fortran);
+/* Kernels call this to see contiguous arrays in another shape: strides follow from the shape alone. Whole numbers and
+   addresses come as they do in the kernels, without a sign. */
+uint32_t numba_attempt_nocopy_reshape(uint64_t nd, uint64_t shape, uint64_t strides, uint64_t new_nd, uint64_t new_shape,
+                                      uint64_t new_strides, uint64_t itemsize, uint32_t fortran);
 
-int numba_attempt_nocopy_reshape(intptr_t nd, const intptr_t *shape, const intptr_t *strides, intptr_t new_nd,
-                                 const intptr_t *new_shape, intptr_t *new_strides, intptr_t itemsize, int fortran) {
+uint32_t numba_attempt_nocopy_reshape(uint64_t nd, uint64_t shape, uint64_t strides, uint64_t new_nd, uint64_t new_shape,
+                                      uint64_t new_strides, uint64_t itemsize, uint32_t fortran) {
+    const int64_t *sizes = (const int64_t *)(uintptr_t)new_shape;
+    int64_t *found = (int64_t *)(uintptr_t)new_strides, step = (int64_t)itemsize;
     (void)nd, (void)shape, (void)strides;
-    for (intptr_t k = new_nd - 1; k >= 0; k--) {
-        new_strides[k] = itemsize;
-        itemsize *= new_shape[k];
+    for (uint64_t k = new_nd; k-- > 0;) {
+        found[k] = step;
+        step *= sizes[k];
     }
     return !fortran;
 }

@@ -10,7 +10,8 @@ from types import NoneType
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.export.functional_mockup.kernel_code import MemoryImage, bind_deferred, c_call, lay_out
+from flexmbd.export.functional_mockup.kernel_code import SYMBOLS, MemoryImage, bind_deferred, c_call, c_names, lay_out
+from flexmbd.export.functional_mockup.machine_build import kernel_sources, linked
 from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions, with_tangents
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
@@ -25,9 +26,7 @@ from flexmbd.export.functional_mockup.machine_ports import (
 from flexmbd.export.functional_mockup.model_description import Description, Fmi, identifier_of
 from flexmbd.export.functional_mockup.reduced_unit import token_of, unit_members, version_of
 from flexmbd.export.functional_mockup.unit_build import (
-    Target,
     c_array,
-    compile_library,
     layer_sources,
     processor,
     source,
@@ -41,13 +40,11 @@ from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
-from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for, object_code
+from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Acceleration, Output
 from flexmbd.system import System
-
-_EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"
 
 
 def fmu_machine(
@@ -63,6 +60,8 @@ def fmu_machine(
     windows: bool = False,
     about: WorkingPoint | None = None,
     model_exchange: bool = False,
+    binary: bool = True,
+    sources: bool = False,
 ) -> None:
     """Write a whole machine as an FMU for co-simulation, whose host needs no Python. Not collective.
 
@@ -88,13 +87,17 @@ def fmu_machine(
         windows: compile for 64-bit Windows as well, with mingw-w64.
         about: where to begin, of ``scene.equilibrium()``, instead of what joints and bodies are given. It is an
             equilibrium with the forces that the scene holds, and for as long as inputs keep their start values.
+        binary: compile with gcc for this computer; else the sources alone.
+        sources: put C99 of all of it into the unit as well, kernels included, some megabytes; always where there is
+            no binary.
         model_exchange: for model exchange as well: its states are the joint and modal coordinates and velocities,
             ``state.<coordinate>`` and ``state.<coordinate>.rate``, with exact directional derivatives of all but
             accelerations of frames. Of machines without loops, quaternions, prescribed motions, memories and jumps.
 
     Raises:
         ExportError: a body with history, or a function that is not a number, table or sine; an input or output that
-            does not fit; names that FMI does not carry; no compiler; the destination cannot be written.
+            does not fit; names that FMI does not carry; no compiler; a kernel that has no C; the destination cannot be
+            written.
         SceneError, AssemblyError: as `System.start`.
     """
     version = version_of(fmi)
@@ -104,9 +107,10 @@ def fmu_machine(
     step = 10.0 * h if step is None else step
     if not (np.isfinite([h, step]).all() and h > 0.0 and step > 0.0):
         raise ExportError(f"h is {h} s and step {step} s; both must be positive and finite")
-    refuse_no_truth(ExportError, windows=windows, model_exchange=model_exchange)
+    refuse_no_truth(ExportError, windows=windows, model_exchange=model_exchange, binary=binary, sources=sources)
     refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
-    targets = targets_of(version, windows=windows)
+    without = "; or write the sources alone, binary=False, to be compiled elsewhere"
+    targets = targets_of(version, windows=windows, binary=binary, otherwise=without)
     if windows and processor() != "x86_64":
         raise ExportError(f"machines leave for Windows from x86_64 alone, as their kernels do; this is {processor()}")
     forces = [(name, replaced(one)) for name, one in named(inputs)]
@@ -126,31 +130,24 @@ def fmu_machine(
     code = _compiled(parts)
     mark_compiled(type(integrator).__name__)
     nominal = [one.nominal for one in states if one.nominal is not None]
-    data = _data(parts, memory, code, drives, observed, h) + c_array("model_nominal", nominal)
-    token = token_of(version, data + sha256(memory.image).hexdigest(), variables)
     deferred = deferred_kernels(code.values())
     kernels = tuple({one.symbol: one for one in (*code.values(), *deferred.values())}.values())
+    names = c_names(kernels)
+    data = _data(parts, memory, code, names, drives, observed, h) + c_array("model_nominal", nominal)
+    token = token_of(version, data + sha256(memory.image).hexdigest(), variables)
     files = {
         **layer_sources(version),
         **{one: source(one) for one in ("machine.c", "machine_exchange.c", "machine.h", "lapack.c", "lapack.h")},
         "data.c": (data + f'const char model_token[] = "{token}";\n').encode(),
-        "deferred.c": bind_deferred(deferred).encode(),
-        "image.bin": memory.image,
+        "deferred.c": bind_deferred(deferred, names).encode(),
     }
+    written = {**files, **kernel_sources(kernels, names, memory)} if sources or not targets else {}
     name = Path(path).stem
     text = f"Multibody machine, {integrator.name}, steps of at most {h:g} s"
     exact = not any(isinstance(one, Acceleration) and isinstance(one.of, Frame) for _, one in named(outputs))
     unit = Description(name, identifier_of(name), token, text, variables, step, inner_step=h, differentiable=exact)
-    libraries = {one: _library(files, kernels, one) for one in targets}
-    write_file(path, zipped(unit_members(unit, version, {}, libraries)))
-
-
-def _library(files: Mapping[str, bytes], kernels: Sequence[Kernel], target: Target) -> bytes:
-    """The C files and the kernels as a shared library."""
-    objects = {f"kernel{k}.o": object_code(kernel, target.triple) for k, kernel in enumerate(kernels)}
-    exported = {"exports.map": _EXPORTS} if target.map_exports else {}
-    options = [f"-Wl,--version-script={name}" for name in exported]
-    return compile_library({**files, **objects, **exported}, target, link=(*objects, *options))
+    libraries = {one: linked(files, kernels, memory, one) for one in targets}
+    write_file(path, zipped(unit_members(unit, version, written, libraries)))
 
 
 def _compiled(parts: Parts) -> dict[str, Kernel]:
@@ -163,7 +160,7 @@ def _compiled(parts: Parts) -> dict[str, Kernel]:
 
 
 def _data(
-    parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], drives: Sequence[Drive],
+    parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], names: Mapping[str, str], drives: Sequence[Drive],
     observed: Sequence[ObservedVariable], h: float,
 ) -> str:  # fmt: skip
     """The numbers of model.h and machine.h, and the calls of the kernels, as C."""
@@ -212,11 +209,8 @@ def _data(
         "machine_full": st.OUTPUT,
     }
     return (
-        '#include "lapack.h"\n#include "machine.h"\n#include "model.h"\n\n'
-        '#if defined(_WIN32)\n#define READ_ONLY ".section .rdata,\\"dr\\"\\n"\n#else\n'
-        '#define READ_ONLY ".section .rodata\\n"\n#endif\n'
-        '__asm__(READ_ONLY ".balign 64\\n.globl machine_image\\nmachine_image: .incbin \\"image.bin\\"\\n'
-        '.text\\n");\n\n'
+        f'#include "{SYMBOLS}"\n#include "lapack.h"\n#include "machine.h"\n#include "model.h"\n\n'
+        "#define WORD(address) ((uint64_t)(uintptr_t)(address))\n#define AT(word) ((void *)(uintptr_t)(word))\n\n"
         + "".join(f"const size_t {name} = {value};\n" for name, value in sizes.items())
         + "".join(f"const int {name} = {value};\n" for name, value in entries.items())
         + f"const double model_start[] = {{{starts}}};\n"
@@ -229,16 +223,19 @@ def _data(
         f"const size_t machine_input_places[] = {{{places_in}}};\n"
         f"const size_t machine_output_places[] = {{{places_out}}};\n"
         f"const size_t machine_frame_places[] = {{{', '.join(map(str, rows)) or '0'}}};\n\n"
-        + _calls(parts, memory, code)
+        + _calls(parts, memory, code, names)
     )
 
 
-def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel]) -> str:
+def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], names: Mapping[str, str]) -> str:
     """The functions of machine.h as C."""
     calls = [("run", parts.run), ("refresh", parts.refresh)]
     calls += [(f"frame{k}", one.call) for k, one in enumerate(parts.frames)]
     calls += [(f"tangent{k}", one) for k, one in enumerate(parts.tangents)]
-    text = "".join(c_call(code[name], call.arguments, memory, name=name) for name, call in calls)
+    symbols = {name: one.symbol for name, one in code.items()}
+    text = "".join(
+        c_call(names[symbols[name]], symbols[name], call.arguments, memory, name=name) for name, call in calls
+    )
     for name in ("run", "refresh"):
         text += (
             f"int64_t machine_{name}(unsigned char *m) {{\n    int64_t code = -1;\n"
@@ -250,16 +247,28 @@ def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel]) -> str
             f"int machine_{name}s(unsigned char *m) {{\n    void *nothing = 0;\n    int failed = 0;\n    (void)m;\n"
             f"{several}    (void)nothing;\n    return failed ? -1 : 0;\n}}\n\n"
         )
-    addresses = {
-        memory.place(parts.plan.lapack, k): name for k, name in enumerate(("machine_dgetrf", "machine_dgetrs"))
-    }
+    text += _LAPACK
+    addresses = {memory.place(parts.plan.lapack, k): name for k, name in enumerate(("factor", "solve"))}
     for k, (array, _) in enumerate(parts.behind):
-        text += f'extern void behind{k}(void) __asm__("{code[f"behind{k}"].symbol}");\n'
-        addresses[memory.place(array)] = f"behind{k}"
-    lines = "".join(
-        f"    *(int64_t *)(m + {place}) = (int64_t)(intptr_t){name};\n" for place, name in addresses.items()
-    )
+        symbol = symbols[f"behind{k}"]
+        text += f'extern void {names[symbol]}(void) SYMBOL("{symbol}");\n'
+        addresses[memory.place(array)] = names[symbol]
+    lines = "".join(f"    *(uint64_t *)(m + {place}) = WORD(&{name});\n" for place, name in addresses.items())
     return text + f"\nvoid machine_bind(unsigned char *m) {{\n{lines}}}\n"
+
+
+#: LAPACK as kernels call it.
+_LAPACK = """static void factor(uint64_t rows, uint64_t columns, uint64_t a, uint64_t lda, uint64_t pivot,
+                   uint64_t info) {
+    machine_dgetrf(AT(rows), AT(columns), AT(a), AT(lda), AT(pivot), AT(info));
+}
+
+static void solve(uint64_t transposed, uint64_t size, uint64_t sides, uint64_t a, uint64_t lda, uint64_t pivot,
+                  uint64_t b, uint64_t ldb, uint64_t info) {
+    machine_dgetrs(AT(transposed), AT(size), AT(sides), AT(a), AT(lda), AT(pivot), AT(b), AT(ldb), AT(info));
+}
+
+"""
 
 
 def _follows_time(plan: Plan, drives: Sequence[Drive]) -> bool:

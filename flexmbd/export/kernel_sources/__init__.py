@@ -1,0 +1,1 @@
+"""LLVM IR of kernels, written as C99; it knows nothing of machines."""
