@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
-from flexmbd.export.kernel_sources import c_instructions as ins
+from flexmbd.export.kernel_sources.c_function import FunctionWriter
+from flexmbd.export.kernel_sources.c_lanes import load, store, texts
 from flexmbd.export.kernel_sources.c_operations import binary, intrinsic, overflowing
 from flexmbd.export.kernel_sources.ir_text import Reader
 from flexmbd.export.kernel_sources.ir_types import Scalar, Type, lane_places, lanes_of, no_c
-
-if TYPE_CHECKING:
-    from flexmbd.export.kernel_sources.c_function import FunctionWriter
 
 _WITHOUT_EFFECT = re.compile(r"lifetime\.|assume$|dbg\.|experimental\.noalias|donothing|prefetch|invariant\.")
 _KINDS = re.compile(r"(\.(v\d+)?(f\d+|i\d+|p\d+))+$")
@@ -34,7 +31,7 @@ def write(here: FunctionWriter, result: str, reader: Reader) -> None:
     given: Operands = []
     while not reader.skip(")"):
         one, lanes = reader.operand()
-        given.append((one, ins.texts(one, lanes)))
+        given.append((one, texts(one, lanes)))
         reader.skip(",")
     if callee.startswith("@llvm."):
         _built_in(here, result, kind, _KINDS.sub("", callee[6:]), given)
@@ -69,11 +66,11 @@ def _built_in(here: FunctionWriter, result: str, kind: Type | None, name: str, g
     elif name == "masked.store":
         (of, values), (_, (address,)), mask = given[0], given[1], given[-1][1]
         for lane, value, place, ask in zip(lanes_of(of), values, lane_places(of), mask, strict=True):
-            here.lines += [f"if ({ask})", ins.store(lane, address, value, place)]
+            here.lines += [f"if ({ask})", store(lane, address, value, place)]
     elif name == "masked.scatter":
         (of, values), (_, addresses), mask = given[0], given[1], given[-1][1]
         for lane, value, address, ask in zip(lanes_of(of), values, addresses, mask, strict=True):
-            here.lines += [f"if ({ask})", ins.store(lane, address, value)]
+            here.lines += [f"if ({ask})", store(lane, address, value)]
     elif kind is None:
         raise no_c(f"the function llvm.{name} is not known")
     elif here.used[result]:
@@ -88,7 +85,7 @@ def _values(kind: Type, name: str, given: Operands) -> list[str]:
         places = lane_places(kind) if name == "masked.load" else [0] * len(lanes)
         where = addresses * len(lanes) if name == "masked.load" else addresses
         every = zip(lanes, mask, where, places, otherwise, strict=True)
-        return [f"{ask} ? ({ins.load(lane, p, place)}) : {other}" for lane, ask, p, place, other in every]
+        return [f"{ask} ? ({load(lane, p, place)}) : {other}" for lane, ask, p, place, other in every]
     if name.endswith(".with.overflow"):
         (of, a), (_, b) = given
         pairs = [overflowing(name.split(".")[0], lane, x, y) for lane, x, y in zip(lanes_of(of), a, b, strict=True)]

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
-from flexmbd.export.kernel_sources import c_instructions
 from flexmbd.export.kernel_sources.ir_module import Block, Function
 from flexmbd.export.kernel_sources.ir_text import Lane, Reader, c_lane
 from flexmbd.export.kernel_sources.ir_types import Scalar, Type, lanes_of, no_c
@@ -50,8 +49,13 @@ class FunctionWriter:
         self.used = Counter(_LOCAL.findall("\n".join(line for one in function.blocks.values() for line in _texts(one))))
         self.result_type: Type | None = None
 
-    def write(self, declare: Callable[[str], str]) -> str:
-        """The text of the function, whose head ``declare`` makes of its arguments."""
+    def write(self, declare: Callable[[str], str], instruction: Callable[[FunctionWriter, str, str], None]) -> str:
+        """The text of the function.
+
+        Args:
+            declare: makes its head of its arguments.
+            instruction: adds the statements of one, by its result's name and its text.
+        """
         arguments = self._head()
         for number, (name, block) in enumerate(self.function.blocks.items()):
             self.block = name
@@ -60,7 +64,7 @@ class FunctionWriter:
             start = len(self.lines)
             self.lines.append(f"{self._labels[name]}:;")
             for result, text in block.lines:
-                c_instructions.write(self, result, text)
+                instruction(self, result, text)
             if number == 0 and self._labels[name] not in self._targets:
                 del self.lines[start]
         lines = [one for one in self.lines if not re.fullmatch(r"L\d+:;", one) or one[:-2] in self._targets]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from flexmbd.export.kernel_sources import c_calls
+from flexmbd.export.kernel_sources.c_function import FunctionWriter
+from flexmbd.export.kernel_sources.c_lanes import load, store, texts
 from flexmbd.export.kernel_sources.c_operations import binary, cast, compare, fitted, with_sign
-from flexmbd.export.kernel_sources.ir_text import Lane, Reader, c_lane
+from flexmbd.export.kernel_sources.ir_text import Reader, c_lane
 from flexmbd.export.kernel_sources.ir_types import (
     ADDRESS,
     INT64,
@@ -19,9 +19,6 @@ from flexmbd.export.kernel_sources.ir_types import (
     part_of,
     size_of,
 )
-
-if TYPE_CHECKING:
-    from flexmbd.export.kernel_sources.c_function import FunctionWriter
 
 _FLAGS = ("nuw", "nsw", "exact", "disjoint", "nneg", "samesign", "inbounds", "nusw")
 _SHARED = ("atomic", "volatile")
@@ -63,15 +60,10 @@ def write(here: FunctionWriter, result: str, text: str) -> None:
         if len(lanes_of(kind)) != len(lanes_of(new)):
             _regroup(here, result, kind, new, texts(kind, values))
             return
-        lanes = zip(lanes_of(kind), lanes_of(new), texts(kind, values), strict=True)
-        here.assign(result, new, [cast(word, old, fresh, value) for old, fresh, value in lanes])
+        each = zip(lanes_of(kind), lanes_of(new), texts(kind, values), strict=True)
+        here.assign(result, new, [cast(word, old, fresh, value) for old, fresh, value in each])
     else:
         _OTHERS[word](here, result, reader)
-
-
-def texts(kind: Type, values: list[Lane]) -> list[str]:
-    """Lanes as C."""
-    return [c_lane(lane, value) for lane, value in zip(lanes_of(kind), values, strict=True)]
 
 
 def _two(reader: Reader, kind: Type) -> tuple[list[str], list[str]]:
@@ -142,23 +134,6 @@ def _allocate(here: FunctionWriter, result: str, reader: Reader) -> None:
     (name,) = here.define(result, ADDRESS)
     here.arrays.append(f"uint64_t {name}_m[{max(1, -(-size // 8))}];")
     here.lines.append(f"{name} = (uint64_t)(uintptr_t){name}_m;")
-
-
-def _memory_word(kind: Scalar) -> str:
-    if kind.bits % 8 and kind.bits != 1:
-        raise no_c(f"whole numbers of {kind.bits} bits in memory are not known")
-    return f"{'f' if kind.kind == 'f' else 'i'}{8 * kind.size}"
-
-
-def load(lane: Scalar, address: str, place: int = 0) -> str:
-    """What lies at an address."""
-    found = f"load_{_memory_word(lane)}({address}{f' + {place}u' if place else ''})"
-    return f"{found} & 1u" if lane.bits == 1 else found
-
-
-def store(lane: Scalar, address: str, value: str, place: int = 0) -> str:
-    """A statement that puts a value there."""
-    return f"store_{_memory_word(lane)}({address}{f' + {place}u' if place else ''}, {value});"
 
 
 def _load(here: FunctionWriter, result: str, reader: Reader) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from importlib import resources
 
+from flexmbd.export.kernel_sources import c_instructions
 from flexmbd.export.kernel_sources.c_function import FunctionWriter
 from flexmbd.export.kernel_sources.c_operations import MATHEMATICS
 from flexmbd.export.kernel_sources.ir_module import Module, module_of
@@ -78,7 +79,7 @@ class _ModuleWriter:
             heads.append(f"{within}{self.result(writer.result_type)} {self.names[name]}({arguments})")
             return heads[0]
 
-        text = writer.write(declare)
+        text = writer.write(declare, c_instructions.write)
         self.prototypes[name] = heads[0] + ";"
         return text
 

@@ -96,7 +96,8 @@ class Reader:
 
     def type(self) -> Type | None:
         """A type, None for void."""
-        token, found = self.take(), None
+        token = self.take()
+        found: Type | None = None
         if token == "ptr":
             found = ADDRESS
         elif re.fullmatch(r"i\d+", token):
