@@ -102,7 +102,7 @@ def test_bad_input(tmp_path):
         load_body(bar(hencky_plasticity, MPI.COMM_SELF, yield_stress=2e4), tmp_path / "body.npz")
     with pytest.raises(RecordError, match="not a checkpoint of a body that runs by itself"):
         one.simulate(0.03, restart=tmp_path / "body.npz")
-    np.savez(tmp_path / "other.npz", version=8)
+    np.savez(tmp_path / "other.npz", version=9)
     with pytest.raises(RecordError, match="not a checkpoint of a machine"):
         fm.Checkpoint.load(tmp_path / "other.npz")
     with pytest.raises(RecordError, match="cannot be written"):

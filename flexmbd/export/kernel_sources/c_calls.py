@@ -7,7 +7,7 @@ import re
 from flexmbd.export.kernel_sources.c_function import FunctionWriter
 from flexmbd.export.kernel_sources.c_lanes import load, store, texts
 from flexmbd.export.kernel_sources.c_operations import binary, intrinsic, overflowing
-from flexmbd.export.kernel_sources.ir_text import Reader
+from flexmbd.export.kernel_sources.ir_text import LineReader
 from flexmbd.export.kernel_sources.ir_types import Scalar, Type, lane_places, lanes_of, no_c
 
 _WITHOUT_EFFECT = re.compile(r"lifetime\.|assume$|dbg\.|experimental\.noalias|donothing|prefetch|invariant\.")
@@ -18,7 +18,7 @@ _EXTREME = {"smax": "smax", "smin": "smin", "umax": "umax", "umin": "umin", "fma
 Operands = list[tuple[Type, list[str]]]
 
 
-def write(here: FunctionWriter, result: str, reader: Reader) -> None:
+def write(here: FunctionWriter, result: str, reader: LineReader) -> None:
     """Add the statements of a call; the reader stands behind the word ``call``."""
     reader.leave_attributes()
     kind = reader.type()

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
-from flexmbd.export.kernel_sources.ir_module import Block, Function
-from flexmbd.export.kernel_sources.ir_text import Lane, Reader, c_lane
+from flexmbd.export.kernel_sources.ir_module import BasicBlock, Function
+from flexmbd.export.kernel_sources.ir_text import Lane, LineReader, c_lane
 from flexmbd.export.kernel_sources.ir_types import Scalar, Type, lanes_of, no_c
 
 _LOCAL = re.compile(r'%"[^"]*"|%[\w.$-]+')
@@ -95,9 +95,9 @@ class FunctionWriter:
                 del self.variables[variable]
         return arguments
 
-    def reader(self, text: str) -> Reader:
+    def reader(self, text: str) -> LineReader:
         """A reader of a line within this function."""
-        return Reader(text, self.around.types, self.around.address, self._value)
+        return LineReader(text, self.around.types, self.around.address, self._value)
 
     def names(self, name: str, count: int) -> list[str]:
         """What C calls the lanes of a value."""
@@ -145,11 +145,11 @@ class FunctionWriter:
         return f"{{\n{copies}\n}}" if before else copies
 
 
-def _texts(block: Block) -> list[str]:
+def _texts(block: BasicBlock) -> list[str]:
     return [text for _, text in block.lines] + [one for phi in block.phis for one in phi.values.values()]
 
 
-def signature(reader: Reader) -> tuple[Type | None, list[Type], list[str]]:
+def signature(reader: LineReader) -> tuple[Type | None, list[Type], list[str]]:
     """Result, arguments' types and names of a function's head."""
     reader.leave_attributes()
     result = reader.type()

@@ -6,7 +6,7 @@ from flexmbd.export.kernel_sources import c_calls
 from flexmbd.export.kernel_sources.c_function import FunctionWriter
 from flexmbd.export.kernel_sources.c_lanes import load, store, texts
 from flexmbd.export.kernel_sources.c_operations import binary, cast, compare, fitted, with_sign
-from flexmbd.export.kernel_sources.ir_text import Reader, c_lane
+from flexmbd.export.kernel_sources.ir_text import LineReader, c_lane
 from flexmbd.export.kernel_sources.ir_types import (
     ADDRESS,
     INT64,
@@ -66,20 +66,20 @@ def write(here: FunctionWriter, result: str, text: str) -> None:
         _OTHERS[word](here, result, reader)
 
 
-def _two(reader: Reader, kind: Type) -> tuple[list[str], list[str]]:
+def _two(reader: LineReader, kind: Type) -> tuple[list[str], list[str]]:
     a = texts(kind, reader.value(kind))
     reader.expect(",")
     return a, texts(kind, reader.value(kind))
 
 
-def _next(reader: Reader) -> tuple[Type, list[str]]:
+def _next(reader: LineReader) -> tuple[Type, list[str]]:
     """An operand after a comma."""
     reader.expect(",")
     kind, values = reader.operand()
     return kind, texts(kind, values)
 
 
-def _compare(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _compare(here: FunctionWriter, result: str, reader: LineReader) -> None:
     what = reader.take()
     kind = reader.value_type()
     a, b = _two(reader, kind)
@@ -107,17 +107,17 @@ def _regroup(here: FunctionWriter, result: str, kind: Type, new: Type, values: l
     here.lines.append("}")
 
 
-def _negate(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _negate(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     here.assign(result, kind, [f"-{value}" for value in texts(kind, values)])
 
 
-def _same(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _same(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     here.assign(result, kind, texts(kind, values))
 
 
-def _select(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _select(here: FunctionWriter, result: str, reader: LineReader) -> None:
     condition, which = reader.operand()
     kind, a = _next(reader)
     _, b = _next(reader)
@@ -126,7 +126,7 @@ def _select(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.assign(result, kind, [f"{c} ? {one} : {two}" for c, one, two in zip(chosen, a, b, strict=True)])
 
 
-def _allocate(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _allocate(here: FunctionWriter, result: str, reader: LineReader) -> None:
     size = size_of(reader.value_type())
     first = next(iter(here.function.blocks))
     if here.block != first or (reader.skip(",") and reader.next != "align"):
@@ -136,7 +136,7 @@ def _allocate(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.lines.append(f"{name} = (uint64_t)(uintptr_t){name}_m;")
 
 
-def _load(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _load(here: FunctionWriter, result: str, reader: LineReader) -> None:
     if reader.next in _SHARED:
         raise no_c("memory that is shared between threads")
     kind = reader.value_type()
@@ -145,7 +145,7 @@ def _load(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.assign(result, kind, [load(lane, address, place) for lane, place in pairs])
 
 
-def _store(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _store(here: FunctionWriter, result: str, reader: LineReader) -> None:
     if reader.next in _SHARED:
         raise no_c("memory that is shared between threads")
     kind, values = reader.operand()
@@ -154,7 +154,7 @@ def _store(here: FunctionWriter, result: str, reader: Reader) -> None:
         here.lines.append(store(lane, address, value, place))
 
 
-def _element(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _element(here: FunctionWriter, result: str, reader: LineReader) -> None:
     """The address of a part: that of the whole, and what the indices add to it."""
     kind = reader.value_type()
     base_kind, bases = _next(reader)
@@ -173,13 +173,13 @@ def _element(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.assign(result, Sequence(count, ADDRESS, True) if many else ADDRESS, found)
 
 
-def _extract_value(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _extract_value(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     first, inner = _part(reader, kind)
     here.assign(result, inner, texts(kind, values)[first : first + len(lanes_of(inner))])
 
 
-def _insert_value(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _insert_value(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     _, given = _next(reader)
     first, _ = _part(reader, kind)
@@ -188,7 +188,7 @@ def _insert_value(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.assign(result, kind, found)
 
 
-def _part(reader: Reader, kind: Type) -> tuple[int, Type]:
+def _part(reader: LineReader, kind: Type) -> tuple[int, Type]:
     first = 0
     while reader.skip(","):
         before, kind, _ = part_of(kind, int(reader.take()))
@@ -196,7 +196,7 @@ def _part(reader: Reader, kind: Type) -> tuple[int, Type]:
     return first, kind
 
 
-def _index(reader: Reader) -> int:
+def _index(reader: LineReader) -> int:
     reader.expect(",")
     _, (index,) = reader.operand()
     if not isinstance(index, int):
@@ -204,13 +204,13 @@ def _index(reader: Reader) -> int:
     return index
 
 
-def _extract_element(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _extract_element(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     index = _index(reader)
     here.assign(result, lanes_of(kind)[index], [texts(kind, values)[index]])
 
 
-def _insert_element(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _insert_element(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     _, (value,) = _next(reader)
     index = _index(reader)
@@ -219,7 +219,7 @@ def _insert_element(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.assign(result, kind, found)
 
 
-def _shuffle(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _shuffle(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, a = reader.operand()
     found = texts(kind, a) + _next(reader)[1]
     reader.expect(",")
@@ -230,7 +230,7 @@ def _shuffle(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.assign(result, Sequence(len(order), kind.of, True), values)
 
 
-def _branch(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _branch(here: FunctionWriter, result: str, reader: LineReader) -> None:
     if reader.skip("label"):
         here.lines.append(here.jump(reader.take()))
         return
@@ -243,7 +243,7 @@ def _branch(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.lines += [f"if ({texts(kind, values)[0]}) {{", here.jump(targets[0]), "}", here.jump(targets[1])]
 
 
-def _switch(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _switch(here: FunctionWriter, result: str, reader: LineReader) -> None:
     kind, values = reader.operand()
     reader.expect(",")
     reader.expect("label")
@@ -258,7 +258,7 @@ def _switch(here: FunctionWriter, result: str, reader: Reader) -> None:
     here.lines += ["default:", here.jump(default), "}"]
 
 
-def _return(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _return(here: FunctionWriter, result: str, reader: LineReader) -> None:
     if reader.skip("void"):
         here.lines.append("return;")
         return
@@ -271,7 +271,7 @@ def _return(here: FunctionWriter, result: str, reader: Reader) -> None:
         here.lines.append(f"{{\n{here.around.result(kind)} found;\n{parts}\nreturn found;\n}}")
 
 
-def _unreachable(here: FunctionWriter, result: str, reader: Reader) -> None:
+def _unreachable(here: FunctionWriter, result: str, reader: LineReader) -> None:
     here.lines.append("abort();")
 
 

@@ -10,7 +10,7 @@ from flexmbd.export.kernel_sources import c_instructions
 from flexmbd.export.kernel_sources.c_function import FunctionWriter
 from flexmbd.export.kernel_sources.c_operations import MATHEMATICS
 from flexmbd.export.kernel_sources.ir_module import Module, module_of
-from flexmbd.export.kernel_sources.ir_text import Reader
+from flexmbd.export.kernel_sources.ir_text import LineReader
 from flexmbd.export.kernel_sources.ir_types import Scalar, Type, lane_places, lanes_of, no_c, size_of
 
 HEADER = "kernel_words.h"
@@ -64,8 +64,8 @@ class _ModuleWriter:
         parts = [f'#include "{HEADER}"', "#include <stdlib.h>", *self.results.values(), *self.prototypes.values()]
         return "\n".join([*parts, *self.data, *(body for body in bodies if body), ""])
 
-    def _reader(self, text: str) -> Reader:
-        return Reader(text, self.types, self.address)
+    def _reader(self, text: str) -> LineReader:
+        return LineReader(text, self.types, self.address)
 
     def _function(self, name: str) -> str:
         function = self.module.functions[name]

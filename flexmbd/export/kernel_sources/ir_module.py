@@ -23,7 +23,7 @@ class Phi:
 
 
 @dataclass
-class Block:
+class BasicBlock:
     """Instructions that follow each other, each with the name of its result or "" for none."""
 
     phis: list[Phi] = field(default_factory=list)
@@ -40,7 +40,7 @@ class Function:
     """
 
     head: str
-    blocks: dict[str, Block]
+    blocks: dict[str, BasicBlock]
 
 
 @dataclass(frozen=True)
@@ -87,17 +87,17 @@ def _name_of(line: str) -> str:
 
 def _fill(function: Function, lines: Iterator[str]) -> None:
     """Take the blocks from the lines up to the bracket that ends them."""
-    block: Block | None = None
+    block: BasicBlock | None = None
     for line in lines:
         if line == "}":
             return
         if not line.strip() or line.lstrip().startswith((";", "#dbg")):
             continue
         if not line.startswith(" ") and (label := _LABEL.match(line)):
-            block = function.blocks["%" + label[1]] = Block()
+            block = function.blocks["%" + label[1]] = BasicBlock()
             continue
         if block is None:  # without a name it has the number after those of the arguments without one
-            block = function.blocks[f"%{_unnamed(function.head)}"] = Block()
+            block = function.blocks[f"%{_unnamed(function.head)}"] = BasicBlock()
         while line.rstrip().endswith("["):  # a switch has its cases on lines of their own
             for case in lines:
                 line += case

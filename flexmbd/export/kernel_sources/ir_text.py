@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from flexmbd.export.kernel_sources.ir_types import (
     ADDRESS,
     INT32,
+    LayoutType,
     Scalar,
     Sequence,
-    Structure,
     Type,
     lanes_of,
     no_c,
@@ -36,7 +36,7 @@ _ATTRIBUTE = re.compile(
 Lane = int | str
 
 
-class Reader:
+class LineReader:
     """Reads one line's tokens from left to right.
 
     Args:
@@ -117,7 +117,7 @@ class Reader:
                 self.skip(",")
             if packed:
                 self.expect(">")
-            found = Structure(tuple(parts), packed)
+            found = LayoutType(tuple(parts), packed)
         elif token in self._named:
             found = self._named[token]
         elif token != "void":
@@ -207,7 +207,7 @@ class Reader:
         while self.skip(","):
             index_kind, lanes = self.operand()
             whole = signed(lanes[0], lanes_of(index_kind)[0]) if len(lanes) == 1 and isinstance(lanes[0], int) else None
-            if isinstance(kind, Structure) and not first:
+            if isinstance(kind, LayoutType) and not first:
                 if whole is None:
                     raise no_c("a part of a structure that is known in a run alone")
                 _, kind, place = part_of(kind, whole)

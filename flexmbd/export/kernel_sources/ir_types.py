@@ -51,14 +51,14 @@ class Sequence:
 
 
 @dataclass(frozen=True)
-class Structure:
+class LayoutType:
     """Parts one after the other."""
 
     parts: tuple[Type, ...]
     packed: bool
 
 
-Type = Scalar | Sequence | Structure
+Type = Scalar | Sequence | LayoutType
 
 ADDRESS, INT32, INT64 = Scalar("p", 64), Scalar("i", 32), Scalar("i", 64)
 
@@ -95,7 +95,7 @@ def size_of(kind: Type) -> int:
     return _up(end, alignment(kind))
 
 
-def places_of(kind: Structure) -> list[int]:
+def places_of(kind: LayoutType) -> list[int]:
     """Offsets of a structure's parts (bytes)."""
     found, end = [], 0
     for part in kind.parts:
@@ -119,7 +119,7 @@ def part_of(kind: Type, index: int) -> tuple[int, Type, int]:
     """Of a part: its first lane among the whole's, its type, its offset (bytes)."""
     if isinstance(kind, Sequence):
         return index * len(lanes_of(kind.of)), kind.of, index * size_of(kind.of)
-    if isinstance(kind, Structure):
+    if isinstance(kind, LayoutType):
         before = sum(len(lanes_of(part)) for part in kind.parts[:index])
         return before, kind.parts[index], places_of(kind)[index]
     raise no_c("a part of a scalar is asked for")
