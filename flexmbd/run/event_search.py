@@ -63,10 +63,11 @@ class EventSearch:
         # zero; when it passed through zero last, and how long that was after the time before; its value where the last
         # step ended, NaN where an event took place there
         followed = np.array([self._signs_now(), *np.outer([0.0, -np.inf, np.inf, np.nan], np.ones(n))])
-        known = [at.codes.index(code) if code in at.codes else -1 for code in self._codes]
-        self._new_pace = at.new_pace or -1 in known  # whether a function may pass at another pace than before
-        here = np.array(known, np.int64) >= 0
-        followed[:, here] = at.followed[:, np.array(known, np.int64)[here]]
+        places = np.array([at.codes.index(code) if code in at.codes else -1 for code in self._codes], np.float64)
+        known = team.agree(places).astype(np.int64)  # functions may differ between ranks: rank 0's count
+        here = known >= 0
+        self._new_pace = at.new_pace or not here.all()  # whether a function may pass at another pace than before
+        followed[:, here] = at.followed[:, known[here]]
         self._signs, self._thrown_back, self._last_passage, self._spacing, self._values = followed
         self._warned: set[int] = set()
 

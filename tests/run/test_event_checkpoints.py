@@ -148,7 +148,7 @@ def test_a_damaged_memory_of_events_is_refused(tmp_path):
 
 
 @pytest.mark.mpi
-def test_a_restart_on_several_ranks():
+def test_a_restart_on_several_ranks(tmp_path):
     from mpi4py import MPI
 
     from flexmbd.continuum import MpiTeam
@@ -158,6 +158,11 @@ def test_a_restart_on_several_ranks():
         scene, _ = ball(team=MpiTeam(MPI.COMM_WORLD, collective_functions=collective))
         event = clock(at=STOP + MPI.COMM_WORLD.rank)  # what functions do is rank 0's
         kept = scene.simulate(END, events=[event], checkpoints=[STOP]).checkpoints[0]
+        path = MPI.COMM_WORLD.bcast(tmp_path / f"{collective}.npz")
+        if MPI.COMM_WORLD.rank == 0:
+            kept.save(path)
+        MPI.COMM_WORLD.barrier()
+        kept = fm.Checkpoint.load(path)  # whose codes are rank 0's
         found.append([one.t for one in scene.simulate(END, events=[event], restart=kept).events])
     assert found[0] == found[1]
     assert len(found[0]) == 1
