@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import Any
 from flexmbd.unraisable import taken_by
 
 #: How long a Ctrl-C that came in a finaliser waits to come again, s: the finaliser is over then.
-_AGAIN_AFTER = 0.01
+_AGAIN_AFTER = 0.05
 
 
 @dataclass
@@ -51,16 +52,23 @@ def interrupts_wait() -> Iterator[Noted]:
 def interrupts_handled(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
     """Within the block Ctrl-C calls a handler: in the main thread, and where it is Python's to handle.
 
-    A KeyboardInterrupt that Python cannot pass on, as out of a finaliser, comes again.
+    A KeyboardInterrupt that Python cannot pass on, as out of a finaliser, comes again: at the block's end at the
+    latest, and never after it.
     """
     if not may_handle():
         yield
         return
     taken_by(_come_again, at_last=True)  # what left a compiled step's call stops that step
+    block = _Block()
     before = signal.signal(signal.SIGINT, handler)
+    _blocks.append(block)
     try:
         yield
+        if block.may_send():
+            signal.raise_signal(signal.SIGINT)
     finally:
+        block.may_send()  # another exception ends the block: nothing is to come after it
+        _blocks.remove(block)
         signal.signal(signal.SIGINT, before)
 
 
@@ -70,12 +78,41 @@ def may_handle() -> bool:
     return is_main and callable(signal.getsignal(signal.SIGINT))
 
 
+class _Block:
+    """A block in which Ctrl-C calls a handler, and the Ctrl-C that is to come again there, if any."""
+
+    def __init__(self) -> None:
+        self._waits = threading.Lock()  # held while one waits to come again
+
+    def come_again(self) -> None:
+        """Send the main thread another Ctrl-C soon, unless the block is over by then."""
+        if not self._waits.acquire(blocking=False):
+            return  # one waits already
+        left = threading.Event()
+        threading.Thread(target=self._send, args=(threading.main_thread().ident, left), daemon=True).start()
+        left.set()  # last: what comes before the hook has returned would be lost like the first
+
+    def may_send(self) -> bool:
+        """Whether a Ctrl-C waited, which is now the caller's to send."""
+        try:
+            self._waits.release()
+        except RuntimeError:  # none did, or the other thread was first
+            return False
+        return True
+
+    def _send(self, main: int, left: threading.Event) -> None:
+        left.wait()
+        time.sleep(_AGAIN_AFTER)
+        if self.may_send():
+            signal.pthread_kill(main, signal.SIGINT)
+
+
+_blocks: list[_Block] = []  # the innermost last
+
+
 def _come_again(unraisable: Any) -> bool:
-    """Send the main thread another Ctrl-C for one that was raised where nothing can catch it."""
-    if not issubclass(unraisable.exc_type, KeyboardInterrupt) or not may_handle():
+    """Have a Ctrl-C that was raised where nothing can catch it come again in the block that it belongs to."""
+    if not (_blocks and may_handle() and issubclass(unraisable.exc_type, KeyboardInterrupt)):
         return False
-    main = threading.main_thread().ident
-    again = threading.Timer(_AGAIN_AFTER, signal.pthread_kill, (main, signal.SIGINT))
-    again.daemon = True
-    again.start()
+    _blocks[-1].come_again()
     return True

@@ -132,11 +132,14 @@ def test_what_others_cannot_raise_goes_where_it_went(monkeypatch):
     assert [str(one) for one in told] == ["not ours"]
 
 
-def test_what_comes_in_a_finaliser_comes_again():
-    class Dying:
-        def __del__(self):
-            signal.raise_signal(signal.SIGINT)
+class Dying:
+    """Is interrupted while it is finalised, where nothing can catch it."""
 
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_what_comes_in_a_finaliser_comes_again():
     def interrupted():
         with interrupts_handled(signal.default_int_handler):
             Dying()
@@ -146,3 +149,37 @@ def test_what_comes_in_a_finaliser_comes_again():
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert time.monotonic() - began < 20.0
+
+
+def test_what_comes_again_comes_within_its_block():
+    def interrupted():
+        with interrupts_handled(signal.default_int_handler):
+            Dying()
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    time.sleep(0.2)  # a stray one would stop the tests
+
+
+def test_what_ends_a_block_is_not_followed_by_an_interrupt():
+    def failing():
+        with interrupts_handled(signal.default_int_handler):
+            Dying()
+            raise ValueError("its own end")
+
+    with pytest.raises(ValueError, match="its own end"):
+        failing()
+    time.sleep(0.2)
+
+
+def test_what_comes_again_is_heard_once():
+    heard = []
+    with interrupts_handled(lambda *_: heard.append("outer") if heard else raise_interrupt(heard)):
+        Dying()
+        time.sleep(0.2)
+    assert heard == ["first", "outer"]
+
+
+def raise_interrupt(heard):
+    heard.append("first")
+    raise KeyboardInterrupt
