@@ -30,20 +30,22 @@ def numbers(value: object) -> FloatArray:
     if np.ma.isMaskedArray(value):  # beneath a mask stands a number that is none
         return np.array(np.nan)
     try:
+        # among numbers numpy takes True for one, and a text of digits is not a number
+        if isinstance(value, list | tuple) and _holds_no_number(value):
+            return np.array(np.nan)
         array = np.asarray(value)
-        # a text of digits is not a number, and among numbers numpy takes True for one
-        if array.dtype.kind in "iufO" and (isinstance(value, np.ndarray) or not _holds_truth(value)):
+        if array.dtype.kind in "iufO" and not is_truth(value):
             return np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
         pass
     return np.array(np.nan)
 
 
-def _holds_truth(value: object) -> bool:
-    """Whether it, or anything in it, is True or False."""
+def _holds_no_number(value: object) -> bool:
+    """Whether anything in it is True, False or beneath a mask."""
     if isinstance(value, list | tuple):
-        return any(map(_holds_truth, value))
-    return is_truth(value)
+        return any(map(_holds_no_number, value))
+    return is_truth(value) or isinstance(value, np.ma.MaskedArray)
 
 
 def is_truth(value: object) -> bool:
@@ -258,7 +260,7 @@ def _kind(asked: Any) -> _Asked | None:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return _mapping(*map(_kind, parts))
     if origin is Iterable:
-        return _Asked("a list", lambda value: isinstance(value, Iterable) and not isinstance(value, bytes | np.ndarray))
+        return _iterable(_kind(parts[0]) if parts else None)
     if isinstance(origin, type) and issubclass(origin, Collection):
         return _several(_kind(parts[0]))
     if not isinstance(asked, type) or asked in (object, Any, inspect.Parameter.empty):
@@ -297,6 +299,19 @@ def _either(kinds: list[_Asked | None]) -> _Asked | None:
 def _several(kind: _Asked | None) -> _Asked:
     of = "" if kind is None else f", each {kind.wanted}"
     return _Asked(f"a list{of}", lambda value: _is_list(value) and (kind is None or all(map(kind.fits, value))))
+
+
+def _iterable(kind: _Asked | None) -> _Asked:
+    """Something to go through once; what lies there already is looked at, and a text stands for its letters."""
+    of = "" if kind is None else f", each {kind.wanted}"
+    return _Asked(
+        f"a list{of}",
+        lambda value: (
+            isinstance(value, Iterable)
+            and not isinstance(value, bytes | np.ndarray)
+            and (kind is None or not isinstance(value, list | tuple | set) or all(map(kind.fits, value)))
+        ),
+    )
 
 
 def _row(kinds: list[_Asked | None]) -> _Asked:

@@ -34,7 +34,10 @@ def number(name: str, value: object) -> float:
     # float() would take a text, and trips over an array
     if not hasattr(value, "__float__") or hasattr(value, "__len__") or isinstance(value, bool):
         raise ValueError(f"{name} must be a number, got {value!r}")
-    return float(value)
+    try:
+        return float(value)
+    except (TypeError, OverflowError) as error:  # of numpy's scalars all have __float__, dates as well
+        raise ValueError(f"{name} must be a number, got {value!r:.100}") from error
 
 
 def take_numbers(values: object) -> None:

@@ -113,6 +113,9 @@ class Parameters:
         The torsion constant is Saint-Venant's series (Timoshenko & Goodier 1970, article 109), the
         shear factors are Cowper's (1966, doi:10.1115/1.3625046).
         """
+        width, height, nu = number("width", width), number("height", height), number("nu", nu)
+        if not (width > 0.0 and height > 0.0 and 0.0 < width * height * width * height < float("inf")):
+            raise ValueError(f"width and height must be lengths above zero, got {width} m and {height} m")
         long, short = max(width, height), min(width, height)
         series = sum(float(ufl.tanh(n * ufl.pi * long / (2 * short))) / n**5 for n in range(1, 20, 2))
         shear = 10 * (1 + nu) / (12 + 11 * nu)

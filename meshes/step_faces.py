@@ -62,7 +62,7 @@ class StepFace:
 
 def volume(scale: float) -> float:
     """m^3, of all solids of the model."""
-    return scale**3 * sum(gmsh.model.occ.getMass(*entity) for entity in gmsh.model.getEntities(3))
+    return scale * scale * scale * sum(gmsh.model.occ.getMass(*entity) for entity in gmsh.model.getEntities(3))
 
 
 def read_faces(scale: float) -> dict[int, StepFace]:
@@ -83,7 +83,7 @@ def read_faces(scale: float) -> dict[int, StepFace]:
             most, least, _, _ = gmsh.model.getPrincipalCurvatures(tag, middle)
             radius = scale / max(abs(float(most[0])), abs(float(least[0])))
             cylinder = _cylinder(tag, radius, scale)
-        area = scale**2 * gmsh.model.occ.getMass(2, tag)
+        area = scale * scale * gmsh.model.occ.getMass(2, tag)
         faces[tag] = StepFace((x, y, z), area, normal, radius, cylinder)
     return faces
 

@@ -5,15 +5,16 @@ The same frame is meshed for finite elements (`flexmbd.meshes.frame`) and lumped
 
 from __future__ import annotations
 
-import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import MeshError, SceneError
+from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -65,7 +66,7 @@ class FrameMesh:
                 known, inner = (", ".join(map(repr, some)) for some in both)
                 raise SceneError(f"no node {place!r}; the points are: {known}; inside the beams: {inner or 'none'}")
             return names.index(place)
-        at = np.asarray(place, dtype=np.float64)
+        at = numbers(place)
         if at.shape != (3,) or not np.isfinite(at).all():
             raise SceneError(f"a place must be a node's name or three finite coordinates in m, got {place!r}")
         distance = np.linalg.norm(x - at, axis=1)
@@ -193,7 +194,7 @@ def _counts(beams: Mapping[str, Sequence[Beam]], divisions: int | Mapping[str, i
     else:
         counts = dict.fromkeys(beams, divisions)
     for title, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, numbers.Integral) or int(count) <= 0:
+        if isinstance(count, bool) or not isinstance(count, Integral) or int(count) <= 0:
             raise MeshError(f"divisions of group {title!r} must be a positive whole number, got {count!r}")
     return {title: int(count) for title, count in counts.items()}
 

@@ -9,17 +9,23 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.context import SpawnContext, SpawnProcess
 
+from flexmbd.run.interrupts import interrupts_handled
+
 
 class _DeafProcess(SpawnProcess):
     """A process that Ctrl-C does not reach, which the terminal sends to all: its parent ends it."""
 
     def start(self) -> None:
-        """Begin with SIGINT blocked, which the process inherits."""
+        """Begin with SIGINT blocked, which the process inherits; what another thread hears of meanwhile comes then."""
+        heard = []
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            super().start()
+            with interrupts_handled(lambda *_: heard.append(True)):  # half begun it would tell of its end
+                super().start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if heard:
+            signal.raise_signal(signal.SIGINT)
 
 
 class _DeafContext(SpawnContext):

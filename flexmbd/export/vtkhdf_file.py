@@ -99,7 +99,7 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         What is not in the file, a phrase each: bodies that are shown by symbols alone.
 
     Raises:
-        ExportError: the instants do not ascend, or the destination cannot be written.
+        ExportError: the instants do not ascend, the machine has no body, or the destination cannot be written.
         SceneError: an instant outside the trajectory.
     """
     own = run.recordings[0].t if run.recordings else run.t
@@ -112,6 +112,8 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
     parts = [part for part in (*scene.parts, *scene.fixed) if part.label in {*shown, run.scene.parts.ground.name}]
     skins: list[_Skin | _RecordedSkin] = [_Skin(part.label, part) for part in parts]
     skins += [_RecordedSkin.of(one, instants) for one in run.recordings]
+    if not skins:
+        raise ExportError("the machine has no body, and so nothing to be shown: add one")
     covered = [body for part in scene.parts for body in part.covers]
     bare = [name for name, body in shown.items() if not any(body is other for other in covered)]
     if run.team.is_root:

@@ -153,6 +153,8 @@ class ReducedBody(PicturedRecord):
         Raises:
             InterfaceError: no interface has that name; the message lists those there are.
         """
+        if not isinstance(name, str):
+            raise InterfaceError(f"an interface is named by a text, got {name!r:.100}")
         for frame in self.interfaces:
             if frame.name == name:
                 return frame

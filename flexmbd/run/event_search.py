@@ -33,6 +33,13 @@ _UNEVEN = 0.618  # no whole share of a step, for functions that repeat themselve
 _HALVES = 12
 
 
+class _NotReached(Exception):
+    """A step failed, with the stepper's code."""
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+
+
 class EventSearch:
     """Follows the signs of the events' functions along an integration that stops after every step.
 
@@ -183,7 +190,10 @@ class EventSearch:
         """Go back, step to the first of the events that passed, and let it act."""
         integration = self._integration
         begin, end = float(before.state.numbers[st.TIME]), integration.t
-        instants = {k: self._locate(k, before, begin, end) for k in passed}
+        try:
+            instants = {k: self._locate(k, before, begin, end) for k in passed}
+        except _NotReached as reason:
+            return reason.code
         first = min(instants.values())
         if (code := self._step_to(before, first, keep=True)) != st.DONE:
             return code
@@ -241,14 +251,18 @@ class EventSearch:
             far = near
 
     def _locate(self, k: int, before: Snapshot, begin: float, end: float) -> float:
-        """The instant (s) in (begin, end] at which event k's function is zero."""
+        """The instant (s) in (begin, end] at which event k's function is zero.
+
+        Raises:
+            _NotReached: a step towards it failed.
+        """
         event = self._events[k]
 
         def value(t: float) -> float:
             if t <= begin:  # where it may have just passed, and what it leaves there is round-off of either sign
                 return float(self._signs[k])
-            if self._step_to(before, t) != st.DONE:
-                return float("nan")
+            if (code := self._step_to(before, t)) != st.DONE:
+                raise _NotReached(code)
             return event.value(self._moment(), self._team)
 
         from scipy.optimize import brentq  # on need: 0.1 s

@@ -28,8 +28,10 @@ class Noted:
 def interrupt_ends() -> Iterator[Noted]:
     """Ctrl-C ends the block, and what follows it goes on."""
     noted = Noted()
+    handler = signal.getsignal(signal.SIGINT)
     try:
-        yield noted
+        with interrupts_handled(handler if callable(handler) else signal.default_int_handler):
+            yield noted
     except KeyboardInterrupt:
         noted.seen = True
 
@@ -73,9 +75,12 @@ def interrupts_handled(handler: Callable[[int, FrameType | None], Any]) -> Itera
 
 
 def may_handle() -> bool:
-    """Whether this thread may say what Ctrl-C does, and Python is who hears of it."""
+    """Whether this thread may say what Ctrl-C does, and somebody hears of it.
+
+    Where it ends the process on the spot, it may: gmsh's own ``initialize()`` leaves Ctrl-C so, for good.
+    """
     is_main = threading.current_thread() is threading.main_thread()
-    return is_main and callable(signal.getsignal(signal.SIGINT))
+    return is_main and signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None)
 
 
 class _Block:

@@ -6,6 +6,7 @@ functions of time.  At instants that several controllers share all measure befor
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -279,7 +280,7 @@ def _told(reason: Exception) -> str:
 
 def _is_same(a: float, b: float, begun: float) -> bool:
     """Whether instants (s) differ by round-off alone."""
-    return abs(a - b) <= _SAME * float(np.spacing(max(abs(a), abs(b), abs(begun))))
+    return abs(a - b) <= _SAME * math.ulp(max(abs(a), abs(b), abs(begun)))
 
 
 def rows_of(scene: CompiledScene, signal: Signal) -> tuple[int, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -99,11 +100,15 @@ class RunSettings:
         refuse_no_truth(progress=self.progress)
         if not (isinstance(self.integrator, str) and self.integrator == "auto"):
             refuse_no_integrator(self.integrator)
+        for name in ("t_end", "rtol", "h", "t_start", "max_step"):  # numpy's and ratios as well: kernels know doubles
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, float(getattr(self, name)))
 
     def _refuse_times(self) -> None:
         """Raise SceneError for times, steps or tolerances that make no simulation."""
         t_start, t_end = self.starts, self.t_end
-        if not (is_number(t_start) and is_number(t_end) and t_end > t_start):
+        # a time whose reciprocal is no number is none to divide into steps
+        if not (is_number(t_start) and is_number(t_end) and t_end - t_start > 1.0 / sys.float_info.max):
             raise SceneError(f"t_end = {t_end} s must lie after the start, {t_start} s")
         if not (is_number(self.rtol) and _LEAST_RTOL <= self.rtol < 1.0):
             raise SceneError(

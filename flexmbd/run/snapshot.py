@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -55,7 +56,7 @@ def new_snapshot(
     number = np.zeros(st.N_NUMBER)
     span = t_end - t_start
     number[st.TIME], number[st.TIME_END] = t_start, t_end
-    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * np.spacing(max(abs(t_start), abs(t_end))))
+    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * math.ulp(max(abs(t_start), abs(t_end))))
     number[st.STEP_CEILING] = 0.1 * span
     number[st.STABLE_STEP] = np.inf
     number[st.LEAST_RATE] = 1.0 / span

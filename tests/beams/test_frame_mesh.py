@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexmbd.beams.frame_mesh import mesh_frame
-from flexmbd.errors import MeshError
+from flexmbd.errors import MeshError, SceneError
 
 SQUARE = {"a": (0, 0, 0), "b": (1, 0, 0), "c": (1, 1, 0), "d": (0, 1, 0)}
 
@@ -60,3 +60,10 @@ def test_an_arc_goes_through_its_place(turn):
 def test_frames_that_are_none(points, beams, divisions, message):
     with pytest.raises(MeshError, match=message):
         mesh_frame(points, {"g": beams}, divisions=divisions)
+
+
+def test_places_that_are_none():
+    frame = mesh_frame({"a": (0, 0, 0), "b": (1, 0, 0)}, {"g": [("a", "b")]}, divisions=2)
+    for place in (np.array(["a"]), ["a", "b", "c"], (0.5, True, 0.0), (0.5, 0.0)):
+        with pytest.raises(SceneError, match="a place must be a node's name or three finite coordinates in m"):
+            frame.node(place)

@@ -58,7 +58,7 @@ def beam_file(shared_path):
     if MPI.COMM_WORLD.rank == 0:
         import gmsh
 
-        gmsh.initialize()
+        gmsh.initialize(interruptible=False)  # or Ctrl-C would end the tests on the spot ever after
         gmsh.option.setNumber("General.Terminal", 0)
         box = gmsh.model.occ.addBox(0, 0, 0, 0.4, 0.1, 0.1)
         gmsh.model.occ.synchronize()

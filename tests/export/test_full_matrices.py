@@ -155,6 +155,7 @@ def test_what_does_not_fit():
             fm.export.reduce_matrices(K, M, table, **options)
 
     refused(r"matrix K is \(297, 296\)", K=full.K[:, :-1])
+    refused("matrix K must be one of numbers", K="K.npz")
     refused("not symmetric", K=full.K + scipy.sparse.eye(297, k=1) * 1e9)
     refused("resists rigid motions", K=full.K + scipy.sparse.eye(297) * 1e9)
     refused("node table has the shape", table=table[:, :3])

@@ -148,6 +148,9 @@ def test_names_and_instants(tmp_path, machine):
 def test_refused(tmp_path):
     with pytest.raises(ExportError, match=r"Keep\(surface=True\) or Keep\(modes=True\)"):
         fm.export.vtkhdf_modes(damped_rod(), tmp_path / "x.vtkhdf")
+    with pytest.raises(ExportError, match="the machine has no body, and so nothing to be shown: add one"):
+        fm.export.vtkhdf(fm.System().simulate(0.1), tmp_path / "x.vtkhdf")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_shapes_and_the_floor(tmp_path):

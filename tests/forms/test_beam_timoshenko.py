@@ -311,6 +311,16 @@ def test_parameters_out_of_range(change, message):
         dataclasses.replace(PLATE, **change)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [{"width": None}, {"width": 0.0}, {"height": 1e200}, {"width": np.datetime64("2020-01-01")}, {"nu": "0.3"}],
+)
+def test_rectangles_that_are_none(change):
+    given = {"E": 2e11, "nu": 0.3, "rho": 7800.0, "width": 0.1, "height": 0.2, "orientation": (0.0, 1.0, 0.0)} | change
+    with pytest.raises(ValueError, match=f"{next(iter(change))}.* must be"):
+        beam.Parameters.rectangle(**given)
+
+
 @pytest.mark.mpi
 def test_orientation_along_the_beam_is_refused():
     p = dataclasses.replace(PLATE, orientation=(1.0, 0.0, 0.0))

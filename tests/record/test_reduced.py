@@ -288,3 +288,8 @@ def test_record_whose_parts_do_not_fit(tmp_path):
     write_tree(tmp_path / "body.h5", {**tree, "stiffness": np.ones(3)}, kind=RECORD)
     with pytest.raises(RecordError, match=r"body\.h5 is .*gram has shape"):
         ReducedBody.load(tmp_path / "body.h5")
+
+
+def test_an_interface_is_named_by_a_text():
+    with pytest.raises(InterfaceError, match="an interface is named by a text, got array"):
+        two_crosses().interface(np.full(3, np.nan))

@@ -183,3 +183,22 @@ def test_what_comes_again_is_heard_once():
 def raise_interrupt(heard):
     heard.append("first")
     raise KeyboardInterrupt
+
+
+def test_ctrl_c_that_would_end_the_process_ends_the_run():
+    """As gmsh's own initialize() leaves it; after the run it is as before."""
+    scene, _ = wheel(FORCES["torque"])
+
+    def interrupted(moment):
+        if moment.t > WHEN:
+            signal.raise_signal(signal.SIGINT)
+        return 1.0
+
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        with pytest.raises(fm.SimulationInterrupted) as caught:
+            scene.simulate(1.0, events=[fm.Event(interrupted)])
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert 0.1 < caught.value.trajectory.t[-1] < 1.0

@@ -257,7 +257,12 @@ def node_table(nodes: ArrayLike) -> tuple[NDArray[np.int64], FloatArray]:
 def _symmetric(matrix: Sparse, name: str, size: int) -> Sparse:
     import scipy.sparse
 
-    whole = scipy.sparse.csr_array(matrix, dtype=np.float64)
+    try:
+        whole = scipy.sparse.csr_array(matrix, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ExportError(
+            f"matrix {name} must be one of numbers, full or of scipy.sparse, got {matrix!r:.100}"
+        ) from error
     if whole.shape != (size, size):
         raise ExportError(f"matrix {name} is {whole.shape}; the node table asks for {(size, size)}, three rows a node")
     off = abs(whole - whole.T)

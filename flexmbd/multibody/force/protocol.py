@@ -223,7 +223,7 @@ class OnCoordinate(OnJoint):
     @property
     def what(self) -> str:
         """Its name in messages."""
-        which = f"coordinate {self.coordinate} of " if self.coordinate else ""
+        which = f"coordinate {self.coordinate} of " if isinstance(self.coordinate, int) and self.coordinate else ""
         return f"{type(self).__name__} on {which}joint {self.connection.name!r}"
 
     def check(self) -> None:

@@ -95,7 +95,7 @@ class Connection:
             length = float(np.linalg.norm(x[o : o + 4]))
             if abs(length - 1.0) > 1e-9:
                 raise SceneError(f"joint {self.name!r}: quaternion of length {length:g}, not 1")
-        self._position = x
+        self._position = x if len(x) else None  # of a joint without coordinates nothing is set
 
     @property
     def velocity(self) -> FloatArray | None:
@@ -105,7 +105,8 @@ class Connection:
     @velocity.setter
     def velocity(self, value: ArrayLike | None) -> None:
         size = len(self.joint.velocity_names)
-        self._velocity = None if value is None else self._vector(value, size, "velocity")
+        v = None if value is None else self._vector(value, size, "velocity")
+        self._velocity = v if size else None
 
     @property
     def motion(self) -> TimeFunction | None:

@@ -23,6 +23,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.multibody.start.overflow import refuse_overflow
 
 FloatArray = NDArray[np.float64]
 
@@ -54,6 +55,7 @@ class _Step:
     softest: FloatArray
 
 
+@refuse_overflow("an equilibrium")
 def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
 

@@ -28,6 +28,7 @@ from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
+from flexmbd.multibody.start.overflow import refuse_overflow
 
 FloatArray = NDArray[np.float64]
 
@@ -58,6 +59,7 @@ class LinearEquations:
     coordinates: Coordinates
 
 
+@refuse_overflow("the linear machine")
 def linearize(
     point: WorkingPoint, work: Work, ports: Ports, outputs: Sequence[Output], modes: InteriorModes
 ) -> LinearEquations:

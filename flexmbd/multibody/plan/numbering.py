@@ -208,7 +208,7 @@ class Numbering:
     def add_data(self, values: FloatArray) -> int:
         """Append parameters of joints, rows or elements; return their offset."""
         offset = self.data_size
-        self.data.append(np.ravel(values))
+        self.data.append(np.asarray(values, dtype=np.float64).ravel())  # numpy has integers above 64 bits as objects
         self.data_size += values.size
         return offset
 

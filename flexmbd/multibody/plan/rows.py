@@ -122,12 +122,12 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
 
 def _penalty_parameters(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
     """(2,) stiffness and damping of a row, in its own unit."""
-    scale = extent**2 if row.kind in kinds.ROWS_IN_RAD else 1.0
+    scale = extent * extent if row.kind in kinds.ROWS_IN_RAD else 1.0
     if row.level == kinds.LEVEL_POSITION:
-        return np.array([choice.stiffness, choice.damping]) * scale
+        return np.array([choice.stiffness, choice.damping], dtype=np.float64) * scale
     if choice.damping == 0.0:
         raise SceneError(f"{name}: holds velocities alone, so that only damping enforces it; give a damping above 0")
-    return np.array([0.0, choice.damping * scale])
+    return np.array([0.0, choice.damping * scale], dtype=np.float64)
 
 
 def _augmented_parameters(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:

@@ -37,6 +37,7 @@ from flexmbd.multibody.start.independent_rows import (
 )
 from flexmbd.multibody.start.interior_start import begin_interiors
 from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
+from flexmbd.multibody.start.overflow import refuse_not_finite, refuse_overflow
 from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
 from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordinates
 
@@ -84,6 +85,7 @@ class Start:
         )
 
 
+@refuse_overflow("the start")
 def consistent_start(
     scene: CompiledScene,
     work: Work,
@@ -138,6 +140,7 @@ def consistent_start(
     else:
         machine = reduced, reduced.interiors, work, closed, velocity
         a, multipliers = begin_interiors(*machine, accelerations, kept=memories)
+    refuse_not_finite("the start", closed, velocity, a, multipliers)
     phi = constraint_values(scene, work, closed, velocity)[0] if len(scene.plan.rows) else np.zeros(0)
     return Start(
         reduced,

@@ -223,7 +223,7 @@ def bodies_columns(scene: CompiledScene, bodies: Sequence[Body]) -> Iterator[Res
         motion = run.body_motion(t=t)[:, rows]
         turned = to_quaternion(motion[..., 3:12].reshape(*motion.shape[:2], 3, 3))
         parts = (motion[..., :3], turned, motion[..., 12:15], motion[..., 15:18], motion[..., 18:21])
-        return np.concatenate(parts, axis=2).reshape(len(motion), -1)
+        return np.concatenate(parts, axis=2).reshape(len(motion), len(names))
 
     names = tuple(f"{body.name}.{ending}" for body in bodies for ending in endings)
     yield ResultColumns(names, tuple(units * len(bodies)), values)
@@ -338,7 +338,11 @@ def tabulate(run: Answers, columns: Sequence[ResultColumns], *, t: FloatArray | 
 
 def equal_times(begin: float, end: float, every: float) -> FloatArray:
     """(k,) s: equal steps from the beginning, and the end."""
-    t = begin + every * np.arange(math.floor((end - begin) / every * (1 + 1e-12)) + 1)
+    steps = (end - begin) / every * (1 + 1e-12)
+    try:
+        t = begin + every * np.arange(math.floor(steps) + 1)
+    except (OverflowError, ValueError, MemoryError) as error:
+        raise SceneError(f"every = {every:g} s makes {steps:.3g} times, which no memory holds; give more") from error
     t[-1] = min(t[-1], end)
     return t if end - t[-1] <= 1e-9 * every else np.append(t, end)
 
