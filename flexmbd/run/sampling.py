@@ -279,8 +279,8 @@ def _told(reason: Exception) -> str:
 
 
 def _is_same(a: float, b: float, begun: float) -> bool:
-    """Whether instants (s) differ by round-off alone."""
-    return abs(a - b) <= _SAME * math.ulp(max(abs(a), abs(b), abs(begun)))
+    """Whether instants (s) differ by round-off alone; that of what has not begun is infinite, and like no other."""
+    return math.isfinite(a - b) and abs(a - b) <= _SAME * math.ulp(max(abs(a), abs(b), abs(begun)))
 
 
 def rows_of(scene: CompiledScene, signal: Signal) -> tuple[int, ...]:
