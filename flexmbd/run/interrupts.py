@@ -61,7 +61,7 @@ def interrupts_handled(handler: Callable[[int, FrameType | None], Any]) -> Itera
         yield
         return
     taken_by(_come_again, at_last=True)  # what left a compiled step's call stops that step
-    block = _Block()
+    block = _HandledBlock()
     before = signal.signal(signal.SIGINT, handler)
     _blocks.append(block)
     try:
@@ -83,7 +83,7 @@ def may_handle() -> bool:
     return is_main and signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None)
 
 
-class _Block:
+class _HandledBlock:
     """A block in which Ctrl-C calls a handler, and the Ctrl-C that is to come again there, if any."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class _Block:
             signal.pthread_kill(main, signal.SIGINT)
 
 
-_blocks: list[_Block] = []  # the innermost last
+_blocks: list[_HandledBlock] = []  # the innermost last
 
 
 def _come_again(unraisable: Any) -> bool:

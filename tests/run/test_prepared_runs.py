@@ -12,7 +12,7 @@ from particles import particle_body
 
 import flexmbd as fm
 from flexmbd import parameter as vary
-from flexmbd.errors import SceneError
+from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.run.prepared import PreparedRuns
 
 Values = list[dict[str, Any]]
@@ -149,7 +149,8 @@ def test_failures_are_told_as_ever() -> None:
         ({"mass": -1.0}, SceneError, "mass must be positive"),
         ({"angle": 1.5}, SceneError, "lies beyond the limits"),
         ({"k": np.nan}, SceneError, "stiffness"),
-        ({"rate": 1e200}, fm.SimulationError, "stopped at"),
+        ({"rate": 1e150}, fm.SimulationError, "stopped at"),
+        ({"rate": 1e200}, AssemblyError, "the start cannot be computed"),
     ):
         with pytest.raises(error, match=text):
             machine.simulate(0.3, **wrong)
