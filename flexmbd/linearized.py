@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import PictureError, SceneError
 from flexmbd.given import checked, is_truth
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
@@ -340,6 +340,7 @@ class LinearizedMachine:
             team=self.team,
         )
 
+    @checked("omega", "title", error=PictureError)
     def plot(self, omega: ArrayLike, *, path: str | Path | None = None, title: str = "") -> Figure:
         """Draw the frequency response, see ``flexmbd.visual.plot_response``."""
         import flexmbd.visual as visual  # matplotlib loads only here

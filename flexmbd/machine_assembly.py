@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_no_name, refuse_other
+from flexmbd.given import checked, numbers, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
@@ -167,6 +167,7 @@ class MachineAssembly:
         self._forces.append(force)
         return force
 
+    @checked("name")
     def add_controller(
         self,
         step: Callable[..., Any] | Any,
@@ -219,6 +220,7 @@ class MachineAssembly:
         self._controllers.append(controller)
         return controller
 
+    @checked("name", "names")
     def add_states(
         self,
         rates: StateEquation | Any,

@@ -15,6 +15,7 @@ from flexmbd.meshes.dimension import (
     intervals,
     require_cell,
     require_degree,
+    require_memory,
     require_positive,
 )
 
@@ -50,6 +51,7 @@ def beam(
 
     def check() -> None:
         require_positive(length=length, width=width, height=height, h=h)
+        require_memory(h, length, width, height)
         require_cell(cell)
         require_degree(degree)
 

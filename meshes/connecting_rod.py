@@ -19,6 +19,7 @@ from flexmbd.meshes.dimension import (
     require_cell,
     require_degree,
     require_fitting,
+    require_memory,
     require_positive,
 )
 from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
@@ -90,6 +91,7 @@ def connecting_rod(
             shank_width_big=shank_width_big,
             shank_width_small=shank_width_small,
         )
+        require_memory(h, length, shank_width_small, shank_thickness)
         require_cell(cell)
         require_degree(degree)
         big_radius, small_radius = big_bore / 2 + big_wall, small_bore / 2 + small_wall

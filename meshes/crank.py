@@ -18,6 +18,7 @@ from flexmbd.meshes.dimension import (
     intervals,
     require_cell,
     require_degree,
+    require_memory,
     require_positive,
 )
 from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
@@ -82,6 +83,7 @@ def crank(
             pin_length=pin_length,
             web_thickness=web_thickness,
         )
+        require_memory(h, throw, journal, web_thickness)
         least = abs(journal / 2 + journal_wall - pin / 2 - pin_wall)
         if throw <= least:
             raise MeshError(

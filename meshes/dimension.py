@@ -11,7 +11,11 @@ from typing import Any
 from mpi4py import MPI
 
 from flexmbd.errors import MeshError
+from flexmbd.files.memory import available_memory
 from flexmbd.given import checked, is_number
+
+#: What gmsh and DOLFINx keep of one cell at least, bytes: its corners' numbers in both and their places.
+_CELL = 100
 
 
 def _told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
@@ -136,6 +140,7 @@ def require_counts(name: str, counts: object, *, number: int) -> None:
     ):
         words = {2: "two", 3: "three"}
         raise MeshError(f"{name} must be {words[number]} positive whole numbers, got {counts!r}")
+    _refuse_more_than_memory(name, math.prod(map(int, counts)))
 
 
 def require_names(name: str, names: object, *, example: str) -> None:
@@ -156,6 +161,23 @@ def require_count(name: str, count: object) -> None:
     """
     if not isinstance(count, numbers.Integral) or not is_number(count) or int(count) <= 0:
         raise MeshError(f"{name} must be a positive whole number, got {count!r}")
+    _refuse_more_than_memory(name, int(count))
+
+
+def require_memory(h: float, *sides: float) -> None:
+    """Refuse cells of size h (m) too many of which fill a box of these sides (m) of the part; not collective.
+
+    Raises:
+        MeshError: names h.
+    """
+    _refuse_more_than_memory(f"h = {h:g} m", math.prod(max(1.0, side / h) for side in sides))
+
+
+def _refuse_more_than_memory(name: str, cells: float) -> None:
+    """Refuse so many cells that what is kept of them exceeds the memory that is free; not collective."""
+    free = available_memory()
+    if free is not None and cells * _CELL > free:
+        raise MeshError(f"{name} makes {cells:.3g} cells, more than memory holds ({free / 1e9:.3g} GB are free)")
 
 
 def intervals(length: float, h: float) -> int:

@@ -16,6 +16,7 @@ from flexmbd.meshes.dimension import (
     require_cell,
     require_count,
     require_degree,
+    require_memory,
     require_positive,
 )
 
@@ -57,6 +58,7 @@ def plate(
 
     def check() -> None:
         require_positive(length=length, width=width, thickness=thickness, h=h)
+        require_memory(h, length, width)
         require_count("through", through)
         require_cell(cell)
         require_degree(degree)

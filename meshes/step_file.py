@@ -288,7 +288,7 @@ def _check_size(h: float, *, scale: float) -> None:
     """Refuse cells much too big or small for the part, as when one of the units is wrong."""
     box = gmsh.model.getBoundingBox(-1, -1)
     largest = scale * max(high - low for low, high in zip(box[:3], box[3:], strict=True))
-    cells = volume(scale) / (h**3 / (6 * math.sqrt(2)))
+    cells = volume(scale / h) * 6 * math.sqrt(2)
     if cells > _MOST_CELLS:
         fault = f"cells of h = {h:g} m are too small, there would be about {cells:.1g} of them"
     elif h > largest / 2:

@@ -20,6 +20,7 @@ from flexmbd.meshes.dimension import (
     intervals,
     require_cell,
     require_degree,
+    require_memory,
     require_positive,
 )
 from flexmbd.meshes.extrusion import ExtrudedLayer, Wall, extrude, mesh_profile
@@ -64,6 +65,7 @@ def tube(
             raise MeshError(
                 f"inner_radius must be below outer_radius, {outer_radius:g} m, got {inner_radius:g}"
             )
+        require_memory(h, length, outer_radius, outer_radius - inner_radius)
         require_cell(cell)
         require_degree(degree)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.beams.discrete_frame import DiscreteFrame
 from flexmbd.beams.lumps import Lumping, gram
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +20,7 @@ FloatArray = NDArray[np.float64]
 _POSSIBLE = 1e-12
 
 
+@checked("lumped", "interfaces", "modes")
 def discrete_body(
     lumped: DiscreteFrame,
     *,

@@ -18,6 +18,7 @@ from flexmbd.beams.castigliano import Section, check_section, stiffness
 from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.beams.lumps import Lumping, half, nodal_mass, point
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.record.reduced_body import FRAME_DOFS
 
 FloatArray = NDArray[np.float64]
@@ -26,6 +27,7 @@ FloatArray = NDArray[np.float64]
 PLANE = ("x", "y", "rz")
 
 
+@checked("points", "beams", "sections", "coordinates")
 @dataclass(frozen=True, eq=False)
 class DiscreteFrame:
     """Discrete elements between named points.
@@ -125,19 +127,23 @@ class DiscreteFrame:
         """
         return self.mesh.node(place)
 
+    @checked("force", "moment")
     def load(
         self, place: str | ArrayLike, *, force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0)
     ) -> FloatArray:
         """(6 nodes,) the load vector of a force (N) and a moment (N m) on a node, along the frame's axes.
 
         Raises:
-            SceneError: the place is not a node.
+            SceneError: the place is not a node, or the force or the moment is not three numbers.
         """
         loads = np.zeros(6 * self.n_nodes)
         row = 6 * self.node(place)
+        if np.shape(force) != (3,) or np.shape(moment) != (3,):
+            raise SceneError(f"force and moment must be three numbers each, got {force!r:.60} and {moment!r:.60}")
         loads[row : row + 3], loads[row + 3 : row + 6] = force, moment
         return loads
 
+    @checked("loads", "clamped")
     def displaced(self, loads: ArrayLike, *, clamped: Iterable[str | ArrayLike]) -> FloatArray:
         """(nodes, 6) displacement (m) and small rotation (rad) of the nodes at rest under loads.
 
@@ -146,10 +152,13 @@ class DiscreteFrame:
             clamped: nodes that are held, by name or place.
 
         Raises:
-            SceneError: what is held leaves the frame free to move, or a place is not a node.
+            SceneError: what is held leaves the frame free to move, a place is not a node, or the loads do not fit.
         """
         import scipy.linalg  # on need: few scenes have beams
 
+        load = np.asarray(loads, dtype=np.float64)
+        if load.shape != (6 * self.n_nodes,):
+            raise SceneError(f"loads must have shape ({6 * self.n_nodes},), as load() gives them, got {load.shape}")
         free = self.active.copy()
         for place in clamped:
             node = self.node(place)
@@ -159,7 +168,7 @@ class DiscreteFrame:
             factor = scipy.linalg.cho_factor(self.K[np.ix_(free, free)])
         except scipy.linalg.LinAlgError as error:
             raise SceneError("the frame can move as a whole: clamp a node") from error
-        moved[free] = scipy.linalg.cho_solve(factor, np.asarray(loads, dtype=np.float64)[free])
+        moved[free] = scipy.linalg.cho_solve(factor, load[free])
         return moved.reshape(-1, 6)
 
     @cached_property

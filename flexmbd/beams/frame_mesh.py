@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import MeshError, SceneError
+from flexmbd.files.memory import available_memory
 from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
@@ -25,6 +26,8 @@ Beam = tuple[str, str] | tuple[str, Point, str]
 
 # Nodes closer than this part of the frame's size are one place.
 _SAME_PLACE = 1e-9
+# What is kept of one element at least, bytes: its node's place, its direction, two numbers.
+_ELEMENT = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +199,9 @@ def _counts(beams: Mapping[str, Sequence[Beam]], divisions: int | Mapping[str, i
     for title, count in counts.items():
         if isinstance(count, bool) or not isinstance(count, Integral) or int(count) <= 0:
             raise MeshError(f"divisions of group {title!r} must be a positive whole number, got {count!r}")
+    total, free = sum(int(count) * len(beams[title]) for title, count in counts.items()), available_memory()
+    if free is not None and total * _ELEMENT > free:
+        raise MeshError(f"divisions makes {total:.3g} elements, more than memory holds ({free / 1e9:.3g} GB are free)")
     return {title: int(count) for title, count in counts.items()}
 
 

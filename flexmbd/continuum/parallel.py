@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.errors import FlexmbdError
+from flexmbd.given import checked
 
 T = TypeVar("T")
 
@@ -158,6 +159,17 @@ def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> No
                 )
 
 
+def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
+    """What is wrong on the lowest rank on which anything is, for `flexmbd.given.checked`. Collective.
+
+    The ranks are those of the first argument that is a communicator or has one; without any only those hear of it on
+    which it is wrong.
+    """
+    comms = (value if isinstance(value, MPI.Comm) else getattr(value, "comm", None) for value in arguments.values())
+    comm = next((comm for comm in comms if isinstance(comm, MPI.Comm) and comm != MPI.COMM_NULL), None)
+    return fault if comm is None else next(filter(None, comm.allgather(fault)), "")
+
+
 def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
     """Stack the rows of all ranks, in the order of the ranks, on rank 0. Collective.
 
@@ -173,6 +185,7 @@ def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | No
     return np.concatenate(parts) if parts is not None else None
 
 
+@checked()
 @dataclass(frozen=True)
 class MpiTeam:
     """The ranks of one machine, as `flexmbd.Team` tells: rank 0 runs it, or decides where all of them step.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexmbd.ensemble.results_file import DONE, FAILED, ResultsFile
 from flexmbd.ensemble.samples import Samples
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -69,6 +70,7 @@ class Ensemble:
         rows = (int(k) for k in np.flatnonzero(self._file.state == FAILED))
         return tuple(Failure(k, self._samples[k], self._file.message(k)) for k in rows)
 
+    @checked()
     def output(self, name: str, rows: slice = slice(None)) -> FloatArray:
         """(n, ...) an output of all variants, or of ``rows`` of them alone.
 
@@ -85,8 +87,15 @@ class Ensemble:
         if not self._file.file:  # h5py's files are false once they are closed
             raise SceneError("the ensemble is closed: ask for outputs and failures before close()")
 
+    @checked()
     def values(self, k: int) -> dict[str, Any]:
-        """The values of the parameters of variant k."""
+        """The values of the parameters of variant k, from 0.
+
+        Raises:
+            SceneError: there is no such variant.
+        """
+        if not 0 <= k < len(self._samples):
+            raise SceneError(f"k must be one of the {len(self._samples)} variants, counted from 0, got {k}")
         return self._samples[k]
 
     def close(self) -> None:

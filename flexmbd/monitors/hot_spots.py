@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.monitors.watched_nodes import PointFilter, places, stress_modes, watched_nodes
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.run.trajectory import Trajectory
@@ -67,6 +68,7 @@ class HotSpot:
         return f"{self.measure.value} {self.stress:.4g} Pa at t = {self.t:.6g} s, node {self.node} at ({place}) m"
 
 
+@checked("run", "clearance", "t")
 def hot_spots(
     run: Trajectory,
     body: FlexibleBody,

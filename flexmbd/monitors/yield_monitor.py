@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.monitors.watched_nodes import PointFilter, places, stress_modes, watched_nodes
 from flexmbd.monitors.yield_history import YieldHistory, YieldPoint
 from flexmbd.multibody.bodies.body import FlexibleBody
@@ -27,6 +28,7 @@ _NEAR = 1e-6
 _EPSILON = float(np.finfo(np.float64).eps)
 
 
+@checked("yield_stress", "clearance")
 @dataclass(frozen=True, eq=False)
 class YieldMonitor:
     """Watches the von Mises stress of a reduced body against a yield stress.
@@ -79,6 +81,7 @@ class YieldMonitor:
         """(k, 3) m, their undeformed positions in the mesh's axes."""
         return self._places[self._watched]
 
+    @checked()
     def utilisation(self, q: ArrayLike) -> FloatArray:
         """Largest von Mises stress of the nodes watched over the yield stress.
 
@@ -92,6 +95,7 @@ class YieldMonitor:
         coordinates = np.asarray(q, dtype=np.float64)
         return self._scan(np.atleast_2d(coordinates))[0].reshape(coordinates.shape[:-1])
 
+    @checked()
     def over(self, run: Trajectory, *, t: ArrayLike | None = None) -> YieldHistory:
         """Watch a finished run.
 
@@ -133,6 +137,7 @@ class YieldMonitor:
             first=self._first(run, times, largest),
         )
 
+    @checked("level", "stop")
     def event(
         self, *, level: float = 1.0, stop: bool = False, action: Callable[[Moment], None] | None = None
     ) -> Event:

@@ -43,6 +43,7 @@ class Slab:
         start, end = numbers(self.start), numbers(self.end)
         if start.shape or end.shape or not start < end:
             raise SceneError(f"slab: its end must lie after its start, got {self.start!r} to {self.end!r} m")
+        axis = axis / abs(axis).max()  # the square of what is huge is no number
         object.__setattr__(self, "axis", tuple(float(value) for value in axis / np.linalg.norm(axis)))
 
     def __call__(self, x: FloatArray) -> NDArray[np.bool_]:
@@ -61,6 +62,7 @@ class Slab:
         return f"{self.start:.4g} to {self.end:.4g} m along ({axis})"
 
 
+@checked("history", "threshold", "depth")
 def yielding_slabs(
     history: YieldHistory,
     *,

@@ -19,7 +19,7 @@ from flexmbd.beams.exact_elements import ElementAtRest, elements_at_rest, node_w
 from flexmbd.beams.frame_mesh import Beam, FrameMesh, Point, mesh_frame
 from flexmbd.beams.pose_logarithm import pose_logarithm
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.body import Frame, RigidBody, refuse_change
 from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.beam_strain import BeamStrain, StrainTable, strain_table
@@ -30,6 +30,7 @@ from flexmbd.multibody.functions.time_function import TimeFunction
 FloatArray = NDArray[np.float64]
 
 
+@checked("points", "beams", "sections", "rotary_inertia", "name")
 @dataclass(eq=False, repr=False)
 class ExactBeam:
     """Beams that bend, twist, shear and stretch by any amount: Simo's and Reissner's, one or a frame of many.
@@ -197,6 +198,7 @@ class ExactBeam:
         ]
         return [*self.bonds, *strains]
 
+    @checked("group", "axes")
     def line_load(self, group: str, force: ArrayLike, *, axes: Axes = Axes.WORLD) -> list[FrameForce]:
         """Forces on the sections of a group that stand for a load along its beams, for ``scene.add_force`` each.
 

@@ -6,6 +6,9 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+from flexmbd.errors import PictureError
+from flexmbd.given import checked
+
 
 def portraits() -> Any:
     """The module that draws single bodies: by its name, so that what it draws need not import it."""
@@ -15,6 +18,7 @@ def portraits() -> Any:
 class PicturedRecord:
     """Pictures of a reduced body: its surface, its modes, films of these."""
 
+    @checked("mode", "amplitude", error=PictureError)
     def show(
         self,
         *,
@@ -41,6 +45,7 @@ class PicturedRecord:
         )
         return shown
 
+    @checked("mode", "amplitude", "fps", error=PictureError)
     def animate(
         self,
         path: str | Path,
@@ -62,6 +67,7 @@ class PicturedRecord:
         )
         return written
 
+    @checked("mode", "amplitude", error=PictureError)
     def to_pyvista(self, *, mode: int | None = None, amplitude: float = 0.1) -> Any:
         """What ``show`` shows as a pyvista.PolyData, in B (m). Not collective.
 
@@ -79,6 +85,7 @@ class PicturedRecord:
 class PicturedField:
     """Pictures of a stress field."""
 
+    @checked("title", error=PictureError)
     def show(
         self,
         *,

@@ -194,6 +194,7 @@ class ReducedBody(PicturedRecord):
         n = self.n_modes
         return np.einsum("iaja->ij", self.gram[4:, 4:].reshape(n, 3, n, 3))
 
+    @checked(error=RecordError)
     def strained(self, q: FloatArray) -> FloatArray:
         """Modal coordinates of the strain, with the second-order part of `ModalStretch`; without it q itself.
 
@@ -202,7 +203,12 @@ class ReducedBody(PicturedRecord):
 
         Returns:
             (nt, n): stress is that of these coordinates, displacement that of q.
+
+        Raises:
+            RecordError: q is not of that shape, or not finite.
         """
+        if np.ndim(q) != 2 or np.shape(q)[1] != self.n_modes:
+            raise RecordError(f"q must have shape (nt, {self.n_modes}), got {np.shape(q)}")
         if self.stretch is None:
             return q
         strained = np.array(q)
@@ -324,6 +330,7 @@ class ReducedBody(PicturedRecord):
         write_tree(Path(path), self.tree(), kind=RECORD)
 
     @classmethod
+    @checked("path", error=RecordError)
     def load(cls, path: str | Path) -> ReducedBody:
         """Read a record written by ``save``, bit for bit. Not collective.
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.pictured import PicturedField
+
+if TYPE_CHECKING:
+    from flexmbd.record.reduced_body import ReducedBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,3 +43,11 @@ class StressField(PicturedField):
         """How many nodes, and the largest stress."""
         place = ", ".join(f"{x:.4g}" for x in self.max_x)
         return f"<StressField at {len(self.x)} nodes: at most {self.max:.6g} Pa, at ({place}) m>"
+
+
+@runtime_checkable
+class StressModel(Protocol):
+    """What can turn modal coordinates into a stress field: a ContinuumModel."""
+
+    def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
+        """Stress on the mesh at modal coordinates q (n,)."""

@@ -10,10 +10,12 @@ factors are counted.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
@@ -29,7 +31,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_stiffness
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ConvergenceError, ReductionError
-from flexmbd.given import numbers, refuse_no_truth
+from flexmbd.given import checked, numbers, refuse_no_truth
 from flexmbd.record.groups import FRAME_DOFS, Surface
 from flexmbd.reduction.modes.krylov_schur import ShellInverse, ShellProduct, shift_after
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
@@ -72,6 +74,7 @@ class BucklingModes:
         return f"<BucklingModes: factors {', '.join(f'{one:.6g}' for one in self.factors) or 'none'}; {self.note}>"
 
 
+@checked("model", "clamped", "forces", "loads", error=ReductionError, agree=parallel.told_to_all)
 def linear_buckling(
     model: LinearModel,
     *,
@@ -239,6 +242,9 @@ def _loaded_body(
     free = _free_motions(statics, held)
     shapes, forces = (np.asfortranarray(block @ free) for block in (statics.static.shapes, statics.static.forces))
     u = statics.response_of(load[:, None], shapes=shapes, forces=forces)
+    largest = model.comm.allreduce(float(np.abs(u).max(initial=0.0)), op=MPI.MAX)
+    if not largest < np.sqrt(sys.float_info.max):
+        raise ReductionError(f"loads that move a body by {largest:g} m are more than numbers hold: give smaller ones")
     matrix = stress_stiffness_matrix(model, with_ghosts(model, u)[:, 0])
     if matrix is None:
         raise ReductionError(

@@ -12,7 +12,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
-from flexmbd.given import refuse_no_truth
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.large_displacements.basis import NonlinearShapes, nonlinear_shapes
@@ -45,6 +45,7 @@ from flexmbd.reduction.unit_loads import Load, listed
 _EXPECTED = 64
 
 
+@checked("model", error=ReductionError, agree=parallel.told_to_all)
 def craig_bampton(
     model: LinearModel,
     *,

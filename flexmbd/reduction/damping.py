@@ -18,6 +18,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.surface_group import surface_work
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
+from flexmbd.given import checked
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class ModalDamping:
         return f"modal, ratio {', '.join(f'{ratio:g}' for ratio in ratios)}"
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True)
 class RayleighDamping:
     """D_qq = alpha M_qq + beta K_qq (Rayleigh's proportional damping).

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.errors import ReductionError
+from flexmbd.given import checked
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
@@ -13,6 +16,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.unit_loads import Load
 
 
+@checked("model", error=ReductionError, agree=parallel.told_to_all)
 def guyan(
     model: LinearModel,
     *,

@@ -33,7 +33,7 @@ from flexmbd.continuum.finite_elements.nodes import (
 )
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
-from flexmbd.given import refuse_no_truth
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalInterfaces, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
@@ -47,6 +47,7 @@ from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
 _NO_STIFFENING = "none: the strain energy is quadratic, or does not mark the strains of its sections"
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True)
 class Keep:
     """What a record keeps of the modes on the mesh.

@@ -15,13 +15,15 @@ from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.continuum import compat
+from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.errors import MeshError, ReductionError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True)
 class Pressure:
     """A pressure of 1 Pa on facets of a solid: it pushes against their outward normal.
@@ -38,6 +40,7 @@ class Pressure:
         return f"pressure {self.name!r} on {self.facets!r}"
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True, eq=False)
 class Traction:
     """A force of 1 N/m^2 on facets, of fixed direction in the body; on edges of a shell 1 N/m.
@@ -62,6 +65,7 @@ class Traction:
         return f"traction {self.name!r} along {_text(self.direction)} on {self.facets!r}"
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True, eq=False)
 class BodyForce:
     """A force of 1 N/m^3 in all cells, of fixed direction in the body; on a shell 1 N/m^2, on a line 1 N/m.
@@ -135,6 +139,7 @@ def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
             )
 
 
+@checked(error=ReductionError, agree=parallel.told_to_all)
 def load_vectors(model: LinearModel, loads: Sequence[Load]) -> FloatArray:
     """Nodal forces of unit loads. Collective.
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError, SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.kernels.reading.force_tables import constant_place
 from flexmbd.multibody.motion.instant import Instant, measure
@@ -53,11 +54,13 @@ class ControllerSamples:
     before: FloatArray
     rows: tuple[tuple[int, ...], ...]
 
+    @checked()
     def held(self, t: FloatArray) -> FloatArray:
         """(n, nu) the inputs at times (s); at a sample those that it gave."""
         values = np.vstack([self.before, self.inputs])
         return values[np.searchsorted(self.t, np.asarray(t, dtype=np.float64), side="right")]
 
+    @checked()
     def since(self, t: float) -> ControllerSamples:
         """The samples from a time (s) on."""
         k = int(np.searchsorted(self.t, t))

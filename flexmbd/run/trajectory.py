@@ -27,7 +27,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
-from flexmbd.record.stress_field import StressField
+from flexmbd.record.stress_field import StressField, StressModel
 from flexmbd.run.controller import Controller
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
-    from flexmbd.visual import Drawn, Look, StressModel
+    from flexmbd.visual import Drawn, Look
 
 FloatArray = NDArray[np.float64]
 
@@ -289,6 +289,7 @@ class Trajectory(ForceSeries):
             progress=progress,
         )
 
+    @checked("models", "looks", "frames")
     def show(
         self,
         *,
@@ -333,6 +334,7 @@ class Trajectory(ForceSeries):
 
         return visual.machine_meshes(self, t, amplification=amplification, recordings=self.recordings)
 
+    @checked("model")
     def stress(
         self, body: FlexibleBody | ContinuumBody, model: StressModel | None = None, *, t: float
     ) -> StressField:

@@ -3,6 +3,7 @@
 Loads numpy alone; matplotlib and pyvista load when a picture is asked for.
 """
 
+from flexmbd.record.stress_field import StressModel as StressModel
 from flexmbd.visual.campbell_plot import plot_campbell as plot_campbell
 from flexmbd.visual.drawn_scene import machine_meshes as machine_meshes
 from flexmbd.visual.film import animate as animate
@@ -17,5 +18,4 @@ from flexmbd.visual.series_plot import plot_series as plot_series
 from flexmbd.visual.series_plot import plot_table as plot_table
 from flexmbd.visual.shape_picture import plot_shape as plot_shape
 from flexmbd.visual.show import show as show
-from flexmbd.visual.skin import StressModel as StressModel
 from flexmbd.visual.stress_picture import plot_stress as plot_stress

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexmbd.errors import PictureError
+from flexmbd.given import checked
 from flexmbd.multibody.linear.campbell import Campbell
 from flexmbd.visual.destination import checked_path, save
 from flexmbd.visual.palette import body_colours
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@checked("diagram", "title", "highest", error=PictureError)
 def plot_campbell(
     diagram: Campbell,
     *,

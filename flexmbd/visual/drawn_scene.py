@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
-from flexmbd.given import is_number, numbers
+from flexmbd.given import checked, is_number, numbers
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.camera import Camera, frame_all, oblique, viewing_axes
 from flexmbd.visual.library import load
 from flexmbd.visual.palette import GROUND, body_colours
@@ -20,7 +21,7 @@ from flexmbd.visual.part import Part, RigidPart, placed, reach
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look, look_of, recorded_skin, refuse_unknown
 from flexmbd.visual.sketch import skeleton, stick_radius, symbols
-from flexmbd.visual.skin import StressModel, skins
+from flexmbd.visual.skin import skins
 
 FloatArray = NDArray[np.float64]
 
@@ -138,6 +139,8 @@ def drawn_scene(
                 colour = piece.colour or colours[name]
                 parts.append(RigidPart(name, colour, piece.points, piece.triangles, bones.bodies[body], (body,)))
     places = np.concatenate([bones.places, *(reach(part) for part in parts)])
+    if not np.isfinite(np.linalg.norm(places)):
+        raise PictureError(f"with amplification {amplification:g} the machine reaches farther than numbers do")
     shown = [body for part in parts for body in part.covers]
     parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
     bare = {body.name for body in valued}
@@ -155,6 +158,7 @@ def portrait(
     return DrawnScene(parts, (), legend or {}, x, np.zeros(3), tuple(notes), eye=oblique(x))
 
 
+@checked("motion", "recordings", error=PictureError)
 def machine_meshes(
     motion: RecordedMotion, t: float, *, amplification: float = 1.0, recordings: Sequence[FieldSeries] = ()
 ) -> Any:

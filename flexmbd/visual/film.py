@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
 from flexmbd.visual.scales import readable
-from flexmbd.visual.skin import StressModel
 from flexmbd.visual.view import Picture, SceneView
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +32,7 @@ _MOST_PICTURES = 10**6  # of films, each kept in a file
 _SHORT, _SLOWED = 3.0, 8.0
 
 
+@checked(but=("path", "size", "amplification", "view"), error=PictureError)
 def animate(
     trajectory: RecordedMotion,
     path: str | Path,

@@ -91,9 +91,12 @@ def film_mode(
     require("pyvista")
     if not (is_number(seconds) and seconds > 0.0 and isinstance(fps, int) and fps > 0):
         raise PictureError(f"seconds must be positive and fps a positive whole number, got {seconds!r} and {fps!r}")
-    count = max(2, round(seconds * fps))
-    phases = np.sin(2.0 * np.pi * np.arange(count) / count)  # the last picture goes on to the first
-    scene = record_scene(record, mode=mode, amplitude=amplitude, phases=phases)
+    try:
+        count = max(2, round(seconds * fps))
+        phases = np.sin(2.0 * np.pi * np.arange(count) / count)  # the last picture goes on to the first
+        scene = record_scene(record, mode=mode, amplitude=amplitude, phases=phases)
+    except (MemoryError, OverflowError, ValueError) as error:  # numpy says so in three ways
+        raise PictureError(f"seconds={seconds:g} at fps={fps:g} are more pictures than memory holds") from error
     write_film(scene, target, fps=fps, size=size, view=checked_view(view))
     return target
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,7 @@ class Marked(Protocol):
         """When (s)."""
 
 
+@runtime_checkable
 class RecordedMotion(Protocol):
     """A machine on its way; times ``t`` are (k,) s, and nt instants where none are given."""
 

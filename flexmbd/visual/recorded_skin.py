@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import PictureError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.interiors.observed import InteriorMesh
@@ -21,6 +22,7 @@ IntArray = NDArray[np.int64]
 _QUANTITIES = {"von_mises": ("von Mises stress", "Pa")}
 
 
+@checked(error=PictureError)
 @dataclass(frozen=True)
 class Look:
     """How a film shows a body with history.
@@ -42,6 +44,7 @@ class Look:
             raise PictureError(f"a body is mirrored along axes out of 'xyz', got {self.mirror!r}")
 
 
+@runtime_checkable
 class FieldSeries(Protocol):
     """Fields of a body with history over time; a `BodyRecording` is one."""
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
+from flexmbd.given import checked
 from flexmbd.multibody.team import Team
 from flexmbd.visual.destination import checked_path, save
 from flexmbd.visual.palette import body_colours
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
+@runtime_checkable
 class Responding(Protocol):
     """What has a frequency response: a linearised machine."""
 
@@ -40,6 +42,7 @@ class Responding(Protocol):
         """(k, outputs, drivers) amplitudes at rad/s."""
 
 
+@checked("machine", "omega", "title", error=PictureError)
 def plot_response(
     machine: Responding, omega: ArrayLike, *, path: str | Path | None = None, title: str = ""
 ) -> Figure:
@@ -60,8 +63,8 @@ def plot_response(
     frequency = np.atleast_1d(np.asarray(omega, dtype=np.float64))
     if not machine.outputs or not machine.drivers:
         raise PictureError("a frequency response needs inputs and outputs; name them in `linearize`")
-    if not (frequency > 0.0).all() or not (np.diff(frequency) > 0.0).all():
-        raise PictureError("the frequencies of a response must be positive and ascending (rad/s)")
+    if frequency.ndim != 1 or not len(frequency) or not (np.diff(frequency, prepend=0.0) > 0.0).all():
+        raise PictureError("omega, the frequencies of a response, must be positive and ascending (rad/s)")
     response = machine.frequency_response(frequency)
     figure = empty_figure((9.0, 6.0), shown=target is None)
     gain, phase = figure.subplots(2, 1, sharex=True)

@@ -35,7 +35,7 @@ SUFFIXES = (".pdf", ".png", ".svg")
 _INSTANTS = 2000
 
 
-@checked("title", "ylabel", error=PictureError)
+@checked("trajectory", "series", "title", "ylabel", error=PictureError)
 def plot_series(
     trajectory: RecordedMotion,
     series: Sequence[tuple[str, Drawn] | Connection | Frame | FlexibleBody] = (),

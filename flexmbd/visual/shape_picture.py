@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexmbd.errors import PictureError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 from flexmbd.record.reduced_body import Surface
 from flexmbd.visual.destination import checked_path
 from flexmbd.visual.drawn_scene import DrawnScene, portrait
@@ -20,6 +20,7 @@ from flexmbd.visual.skin import DisplacementSkin
 SUFFIXES = (".png",)
 
 
+@checked("surface", "mode", "title", error=PictureError)
 def plot_shape(
     surface: Surface,
     path: str | Path,

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
 from flexmbd.visual.scales import readable
-from flexmbd.visual.skin import StressModel
 from flexmbd.visual.view import SceneView
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +34,7 @@ SUFFIXES = (".png",)
 _INSTANTS = 121  # that a slider runs over
 
 
+@checked("motion", "models", "recordings", "looks", "frames", error=PictureError)
 def show(
     motion: RecordedMotion,
     *,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +12,12 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.record.reduced_body import ReducedBody, Surface
-from flexmbd.record.stress_field import StressField
+from flexmbd.record.stress_field import StressField, StressModel
 from flexmbd.visual.part import body_pose, bounds_of
 from flexmbd.visual.recorded_motion import RecordedMotion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-class StressModel(Protocol):
-    """What can turn modal coordinates into a stress field: a ContinuumModel."""
-
-    def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
-        """Stress on the mesh at modal coordinates q (n,)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.errors import PictureError
+from flexmbd.given import checked
 from flexmbd.record.stress_field import StressField
 from flexmbd.visual.destination import checked_path
 from flexmbd.visual.drawn_scene import DrawnScene, portrait, refuse_bad_look
@@ -21,6 +23,7 @@ FloatArray = NDArray[np.float64]
 SUFFIXES = (".png",)
 
 
+@checked("field", "title", error=PictureError)
 def plot_stress(
     field: StressField,
     path: str | Path,

@@ -62,7 +62,16 @@ def public_calls() -> Iterator[Public]:
             if inspect.isfunction(value) and value.__module__.startswith("flexmbd"):
                 yield Public(place, value)
             elif inspect.isclass(value) and value.__module__.startswith("flexmbd"):
-                yield from _of_class(place, value)
+                yield from (one for one in _of_class(place, value) if one.owner is None or _is_new(one.function, seen))
+
+
+def _is_new(function: Callable[..., Any], seen: set[int]) -> bool:
+    """Whether no class before had it, from which this one inherits or which inherits too."""
+    key = id(getattr(function, "__func__", function))
+    if key in seen:
+        return False
+    seen.add(key)
+    return True
 
 
 def _of_class(place: str, value: type) -> Iterator[Public]:

@@ -7,6 +7,8 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+import public_bodies
+import public_runs
 from public_calls import Public
 from random_misuse.scenes import record
 
@@ -18,6 +20,13 @@ BY_THE_MACHINE = {
     "rows", "steps", "assemble", "stepper", "check", "rule", "force_elements", "tableau", "changed", "meaning",
     "of_motion", "shaped", "record", "start_of", "from_tree", "answer", "index", "act", "coefficients", "run",
 }  # fmt: skip
+#: Types of the inside with all that they can do.
+CALLED_BY_THE_MACHINE = (
+    "CompiledScene.", "Scheme.", "force.Kinematics.", "CentralDifference.", "continuum.CorotatedInterior.",
+    "continuum.ExplicitContinuum.", "continuum.ImplicitContinuum.", "continuum.RegularCheckpoints.",
+    "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
+    "continuum.NonlinearModel.refuse_surface_energy",
+)
 #: Made by flexmbd and handed to users: nobody calls their constructors.
 MADE_BY_FLEXMBD = {
     "BodyRecording", "Campbell", "Checkpoint", "Compiled", "CompiledEnergy", "CompiledMachine", "CompiledScene",
@@ -34,6 +43,11 @@ MADE_BY_FLEXMBD = {
     "force.BetweenFrames", "force.OnCoordinate", "Controller", "Ground", "Shape", "export.check_losses",
     "force.check_numbers", "reduction.StaticState", "reduction.BucklingModes", "reduction.CondensedMatrices",
     "reduction.TruncationErrors", "reduction.PrestressedModel",
+    "continuum.Bond", "continuum.CellGroup", "continuum.CheckResult", "continuum.Cut", "continuum.CutMesh",
+    "continuum.DiscreteForms", "continuum.DofLayout", "continuum.EnergyAccount", "continuum.Equilibrium",
+    "continuum.ExplicitOperator", "continuum.FormReport", "continuum.HeldSurface", "continuum.HistorySnapshot",
+    "continuum.LinearModel", "continuum.NodalGroup", "continuum.OptionalEntries", "continuum.PieceSummary",
+    "continuum.PointStep", "continuum.StaticPath", "continuum.SurfaceGroup", "continuum.TaggedMesh",
 }  # fmt: skip
 
 
@@ -45,7 +59,7 @@ def left_out(public: Public) -> bool:
         room == "integrate"
         or (public.owner is None and public.name in MADE_BY_FLEXMBD)
         or (public.owner is not None and last in BY_THE_MACHINE)
-        or public.name.startswith(("CompiledScene.", "Scheme.", "force.Kinematics.", "CentralDifference."))
+        or public.name.startswith(CALLED_BY_THE_MACHINE)
         or not public.parameters
     )
 
@@ -59,6 +73,12 @@ class World:
         self.bob = self.scene.add(fm.RigidBody(1.0, (1e-2,) * 3, (0.0, 0.0, -1.0)), name="bob")
         self.hinge = self.scene.connect(joint.Revolute("y"), self.scene.ground.frame(), self.bob.frame(), name="hinge")
         self.root = self.scene.connect(joint.Revolute("y"), self.scene.ground.frame(), self.rod.frame("root"), name="a")
+
+    @cached_property
+    def slide(self) -> joint.Connection:
+        """A joint with a translation, of one more body."""
+        block = self.scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="block")
+        return self.scene.connect(joint.Prismatic("x"), self.scene.ground.frame(), block.frame(), name="slide")
 
     @cached_property
     def run(self) -> fm.Trajectory:
@@ -188,11 +208,23 @@ BY_NAME: dict[str, dict[str, Callable[[World], Any]]] = {
 }
 
 
+_WORDED = {**public_bodies.BY_WORDS, **public_runs.BY_WORDS, **BY_WORDS}
+_NAMED = {**public_bodies.BY_NAME, **public_runs.BY_NAME, **BY_NAME}
+_OWNERS = {**public_bodies.OBJECTS, **public_runs.OBJECTS, **OBJECTS}
+
+
+def _object(public: Public, world: World) -> Any:
+    """The object whose method is called."""
+    if public.name in public_runs.FOR_METHODS:
+        return public_runs.FOR_METHODS[public.name]()
+    return _OWNERS[public.owner.__name__ if public.owner is not None else ""](world)
+
+
 def right_call(public: Public) -> Callable[[dict[str, Any]], Any]:
     """Of a new machine: takes what replaces right arguments; KeyError where none is known."""
     changes_nothing = ("Trajectory", "WorkingPoint", "ResultTable", "LinearizedMachine", "ReducedBody")
     world = asked() if public.owner is not None and public.owner.__name__ in changes_nothing else World()
-    known = BY_NAME.get(public.name, {})
+    known = _NAMED.get(public.name, {})
     given = {}
     for name, parameter in public.parameters.items():
         if name in known:
@@ -200,8 +232,8 @@ def right_call(public: Public) -> Callable[[dict[str, Any]], Any]:
         elif parameter.default is parameter.empty and parameter.kind not in (
             parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL,
         ):  # fmt: skip
-            given[name] = BY_WORDS[str(parameter.annotation)](world)
-    first = [] if public.owner is None or public.is_classmethod else [OBJECTS[public.owner.__name__](world)]
+            given[name] = _WORDED[str(parameter.annotation)](world)
+    first = [] if public.owner is None or public.is_classmethod else [_object(public, world)]
 
     def call(instead: dict[str, Any]) -> Any:
         made = called(instead)

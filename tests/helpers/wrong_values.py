@@ -57,7 +57,7 @@ def kind_of(annotation: Any) -> str | None:
     if words is None or words in ("Any", "object", "F", "T"):
         return None
     words = re.sub(r" \| None$", "", words)
-    if "Any" in words or "TimeFunction" in words or "Output" in words or "Observed" in words:
+    if "Any" in words or "TimeFunction" in words or "Output" in words or "Observed" in words or words == "LoadFactor":
         return None
     if words in ("float", "int", "bool", "str"):
         return words

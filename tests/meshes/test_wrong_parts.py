@@ -9,6 +9,7 @@ from flexmbd import MeshError, meshes
 
 pytestmark = pytest.mark.mpi
 ONE = {"divisions": (1, 1)}
+BAR = {"root": (0.0, 0.0, 0.0), "tip": (1.0, 0.0, 0.0)}, {"bar": [("root", "tip")]}
 
 
 @pytest.mark.parametrize(
@@ -42,3 +43,21 @@ def test_a_wrong_argument_on_one_rank_is_told_on_all():
     part = meshes.line(1.0, divisions=4)
     with pytest.raises(MeshError, match="path must be a path, got 3"):
         meshes.write(part, path)
+
+
+@pytest.mark.parametrize(
+    ("part", "named"),
+    [
+        (lambda: meshes.line(1.0, divisions=10**30), "divisions makes 1e.30 cells"),
+        (lambda: meshes.block(1.0, 1.0, 1.0, divisions=(2**20, 2**20, 1)), "divisions makes 1.1e.12 cells"),
+        (lambda: meshes.plate(1.0, 1.0, 0.1, h=0.5, through=2**40), "through makes 1.1e.12 cells"),
+        (lambda: meshes.beam(1.0, 0.1, 0.1, h=1e-6), "h = 1e-06 m makes 1e.16 cells"),
+        (lambda: meshes.beam(1.0, 0.1, 0.1, h=1e-6, cell="hexahedron"), "h = 1e-06 m makes 1e.16 cells"),
+        (lambda: meshes.tube(1.0, 0.1, 0.05, h=1e-6), "h = 1e-06 m makes 5e.15 cells"),
+        (lambda: meshes.frame(*BAR, divisions=10**30), "divisions makes 1e.30 elements"),
+    ],
+)
+def test_more_cells_than_memory_holds_are_refused_before_they_are_made(part, named):
+    """gmsh counts in 32 bits, and would make another number of them without a word."""
+    with pytest.raises(MeshError, match=named):
+        part()

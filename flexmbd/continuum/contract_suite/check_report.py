@@ -27,6 +27,7 @@ from flexmbd.continuum.contract_suite.outcome import (
 from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.errors import FormulationError
+from flexmbd.given import checked
 
 Place: TypeAlias = tuple[str, int]
 """A cell and a degree."""
@@ -112,6 +113,7 @@ class FormReport:
         )
 
 
+@checked("comm", error=FormulationError)
 def check_form(
     source: str | Path | ModuleType,
     *,

@@ -13,6 +13,7 @@ from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.coupling import Coupling
 from flexmbd.errors import MeshError
+from flexmbd.given import checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ class CutMesh:
         """Names of the others."""
         return tuple(name for name, one in self.summaries.items() if not one.yielding)
 
+    @checked(error=MeshError)
     def interfaces(self, piece: str, *, coupling: Coupling = Coupling.RIGID) -> list[Interface]:
         """The frames of a piece at its cuts, which lie together with those of its neighbours.
 
@@ -78,6 +80,7 @@ def _shown(length: float) -> str:
     return f"{round(length, 12) + 0.0:.4g}"
 
 
+@checked("mesh", "regions", error=MeshError, agree=parallel.told_to_all)
 def cut_mesh(mesh: TaggedMesh, regions: Mapping[str, Region]) -> CutMesh:
     """Cut a part into the regions that may yield and each connected elastic remainder. Collective.
 

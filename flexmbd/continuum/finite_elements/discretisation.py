@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from mpi4py import MPI
 
@@ -14,6 +14,7 @@ from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 
 
+@runtime_checkable
 class Discretisation(Protocol):
     """Formulations on a mesh, and the space of their unknown (`LinearModel`, `NonlinearModel`)."""
 

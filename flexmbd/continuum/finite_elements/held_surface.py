@@ -14,7 +14,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import MeshError
-from flexmbd.given import numbers
+from flexmbd.given import checked, numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 _FLAT, _ALONG = 1e-7, 1e-9
 
 
+@checked(error=MeshError)
 @dataclass(frozen=True, eq=False)
 class SymmetryPlane:
     """A plane of symmetry that the mesh ends at: its nodes keep in it, and interfaces that it cuts move symmetrically.
@@ -38,6 +39,7 @@ class SymmetryPlane:
         return f"symmetry plane {self.facets!r} with normal {_text(self.normal)}"
 
 
+@checked(error=MeshError)
 @dataclass(frozen=True, eq=False)
 class Roller:
     """Facets whose nodes do not move along one direction, and freely across it.

@@ -23,6 +23,7 @@ from flexmbd.continuum.finite_elements.nodal_group import NodalInterface
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +31,7 @@ FloatArray = NDArray[np.float64]
 _ORTHONORMAL = 1e-6
 
 
+@checked("name", "coupling", error=InterfaceError)
 @dataclass(frozen=True, eq=False)
 class Interface:
     """What a user asks for: a group of the mesh that is tied to a frame.

@@ -13,6 +13,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
@@ -22,7 +23,8 @@ from flexmbd.continuum.finite_elements.model_picture import PicturedModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalGroup
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
-from flexmbd.errors import InterfaceError
+from flexmbd.errors import FormulationError, InterfaceError, RecordError
+from flexmbd.given import checked, numbers
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.stress_field import StressField
 
@@ -136,6 +138,7 @@ class LinearModel(PicturedModel):
         known = ", ".join(repr(found.name) for found in self.interfaces) or "none"
         raise InterfaceError(f"the model has no interface {name!r}; it has: {known}")
 
+    @checked(error=FormulationError)
     def rigid_motions(self, origin: ArrayLike, axes: ArrayLike) -> FloatArray:
         """The six unit rigid motions of the body, by the formulation's `rigid_motion`.
 
@@ -147,8 +150,16 @@ class LinearModel(PicturedModel):
 
         Returns:
             (owned dofs, 6): three translations by 1 m, three small rotations by 1 rad.
+
+        Raises:
+            FormulationError: the origin or the axes are not finite numbers of that shape.
         """
-        return np.asfortranarray(self.layout.rigid_columns(origin, axes)[: self.n_owned])
+        at, turned = numbers(origin), numbers(axes)
+        if at.shape != (3,) or turned.shape != (3, 3):
+            raise FormulationError(
+                f"origin must be three numbers and axes (3, 3), a rotation, got shapes {at.shape} and {turned.shape}"
+            )
+        return np.asfortranarray(self.layout.rigid_columns(at, turned)[: self.n_owned])
 
     def internal_work(self, u: fem.Function, v: ufl.core.expr.Expr) -> list[ufl.Form]:
         """Virtual work, J, of the internal forces and of springs on facets at u on v, linear in v; not collective.
@@ -166,6 +177,7 @@ class LinearModel(PicturedModel):
         """Kinetic energy, J, of the velocity v on `space`; one form a term and cell group."""
         return [*assembly.kinetic_energy(self.groups, v), *surface_kinetic_energy(self.surfaces, v)]
 
+    @checked(error=FormulationError, agree=parallel.told_to_all)
     def tangent(self, u: FloatArray) -> PETSc.Mat:
         """Stiffness at a displacement: the derivative of the internal forces there. Collective.
 
@@ -178,13 +190,16 @@ class LinearModel(PicturedModel):
             A new matrix with the layout of `K`; the caller destroys it.
 
         Raises:
-            FormulationError: on all ranks: an entry is not finite.
+            FormulationError: on all ranks: u does not fit, or an entry is not finite.
         """
         at, forms = self._tangent
+        if np.shape(u) != (self.n_owned,):
+            raise FormulationError(f"u must have shape ({self.n_owned},), that of the owned dofs, got {np.shape(u)}")
         at.x.array[: self.n_owned] = u
         at.x.scatter_forward()
         return assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0]
 
+    @checked(error=RecordError, agree=parallel.told_to_all)
     def stress_field(self, body: ReducedBody, q: ArrayLike) -> StressField:
         """Displacement and stress of a body reduced from this model. Collective.
 

@@ -24,8 +24,10 @@ from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import FormulationError
+from flexmbd.given import checked
 
 
+@checked(error=FormulationError, agree=parallel.told_to_all)
 def lumped_mass(model: Discretisation) -> FloatArray:
     """The diagonal of the lumped mass matrix. Collective, may compile.
 

@@ -23,6 +23,7 @@ from flexmbd.continuum.finite_elements.mesh_outline import outline_of
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.matrices.blocks import symmetric
 from flexmbd.errors import MeshError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.solid import Solid
 
@@ -34,6 +35,7 @@ _BATCH = 10_000  # cells looked at in one go, which bounds the memory
 _VOLUME, _MASS, _FIRST, _SECOND, _N = 0, 1, slice(2, 5), slice(5, 14), 14
 
 
+@checked("body", error=MeshError, agree=parallel.told_to_all)
 def rigid_body_of(body: LinearModel | TaggedMesh, *, density: Density | None = None) -> RigidBody:
     """A rigid body with the mass of a continuum body, its frame in the mesh's axes. Collective.
 
@@ -56,6 +58,7 @@ def rigid_body_of(body: LinearModel | TaggedMesh, *, density: Density | None = N
     return RigidBody(mass, np.trace(second) * np.eye(3) - second, tuple(map(float, com)))
 
 
+@checked("body", error=MeshError, agree=parallel.told_to_all)
 def solid_of(body: LinearModel | TaggedMesh, *, density: Density | None = None) -> Solid:
     """The mass integrals of a body of solid cells and its outline, in the mesh's axes. Collective.
 

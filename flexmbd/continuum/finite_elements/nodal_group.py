@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.errors import InterfaceError
+from flexmbd.given import checked
 
+
+@checked(error=InterfaceError)
 @dataclass(frozen=True)
 class NodalInterface:
     """A group of the mesh whose nodes keep all their displacements, for coupling with other finite element models.

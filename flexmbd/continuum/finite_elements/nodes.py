@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
 from flexmbd.errors import FormulationError, MeshError
+from flexmbd.given import checked
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.discretisation import Discretisation
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 IntArray = NDArray[np.int64]
 
 
+@checked(error=FormulationError, agree=parallel.told_to_all)
 def node_numbers(model: Discretisation) -> IntArray:
     """The number of each displacement node. Collective.
 

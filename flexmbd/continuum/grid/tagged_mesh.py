@@ -31,6 +31,7 @@ from flexmbd.continuum.grid.pieces import check_connected
 from flexmbd.continuum.grid.predicate import Predicate, locate_groups
 from flexmbd.continuum.grid.row_exchange import blocks_on_root, send
 from flexmbd.errors import MeshError, PictureError
+from flexmbd.given import checked, numbers
 
 Points = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
@@ -92,6 +93,7 @@ class TaggedMesh:
         """Dimension of the cells: 3 for a solid, 2 for a shell, 1 for a line."""
         return int(self.mesh.topology.dim)
 
+    @checked(error=MeshError)
     def cells(self, name: str) -> Indices:
         """Cells of a named group, as indices local to this rank; not collective.
 
@@ -106,6 +108,7 @@ class TaggedMesh:
         """
         return self.cell_tags.find(_known("cell", self.cell_groups, name))
 
+    @checked(error=MeshError)
     def facets(self, name: str) -> Indices:
         """Facets of a named group, as indices local to this rank; not collective.
 
@@ -121,6 +124,7 @@ class TaggedMesh:
         """
         return self.facet_tags.find(_known("facet", self.facet_groups, name))
 
+    @checked(error=MeshError)
     def edges(self, name: str) -> Indices:
         """Edges of a named group, as indices local to this rank; not collective.
 
@@ -138,6 +142,7 @@ class TaggedMesh:
             return self.facets(name)
         return _known("edge", self.edge_groups, name)
 
+    @checked(error=MeshError)
     def vertices(self, name: str) -> Indices:
         """Vertices of a named group, as indices local to this rank; not collective.
 
@@ -220,6 +225,7 @@ def spread(comm: MPI.Comm, share: MeshInput) -> TaggedMesh:
     )
 
 
+@checked(but=("points", "cells"), error=MeshError, agree=parallel.told_to_all)
 def from_arrays(
     comm: MPI.Comm,
     points: npt.ArrayLike | None,
@@ -379,8 +385,11 @@ def _spread(
 
 
 def _checked(points: Any, cells: Any, *, columns: int) -> tuple[Points, npt.NDArray[np.int64]]:
-    x: Any = np.ascontiguousarray(points, dtype=np.float64)
-    rows: Any = np.asarray(cells)
+    x: Any = np.ascontiguousarray(numbers(points))
+    try:
+        rows: Any = np.asarray(cells)
+    except ValueError:  # rows of several lengths
+        rows = np.array(np.nan)
     if x.ndim != 2 or x.shape[1] != 3:
         raise MeshError(f"points must have shape (n, 3), got {x.shape}")
     if not np.isfinite(x).all():

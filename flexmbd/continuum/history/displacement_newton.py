@@ -17,6 +17,7 @@ from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolve
 from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import ConvergenceError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
@@ -29,6 +30,7 @@ _ACCURATE, _LAST_PLACES = 1e-10, 4.0
 _UNBALANCED = 1e-5
 
 
+@checked()
 @dataclass(frozen=True)
 class Convergence:
     """When Newton's method has converged, and when it gives up.

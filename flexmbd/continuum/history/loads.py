@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.interiors.time_factor import TimeFactor
 from flexmbd.record.groups import frozen
 
@@ -25,6 +26,7 @@ FloatArray = NDArray[np.float64]
 LoadFactor = Any
 
 
+@checked(but=("factor",))
 @dataclass(frozen=True, eq=False)
 class PressureOnFacets:
     """A pressure on facets of the body's surface; it pushes inwards where it is positive.
@@ -48,6 +50,7 @@ class PressureOnFacets:
         _check(self, self.facets)
 
 
+@checked(but=("factor",))
 @dataclass(frozen=True, eq=False)
 class TractionOnFacets:
     """A force per undeformed area on facets of the body's surface.
@@ -75,6 +78,7 @@ class TractionOnFacets:
         object.__setattr__(self, "traction", _vector(self, "traction"))
 
 
+@checked(but=("factor",))
 @dataclass(frozen=True, eq=False)
 class ForceAtNodes:
     """A force on each of some nodes, of fixed direction.
@@ -102,6 +106,7 @@ class ForceAtNodes:
         object.__setattr__(self, "force", _vector(self, "force"))
 
 
+@checked(but=("factor",))
 @dataclass(frozen=True, eq=False)
 class BodyAcceleration:
     """A force per mass in all cells: the weight in slow loading, or the apparent forces of a shaken ground.
@@ -126,6 +131,7 @@ class BodyAcceleration:
         object.__setattr__(self, "acceleration", _vector(self, "acceleration"))
 
 
+@checked(but=("factor",))
 @dataclass(frozen=True, eq=False)
 class CentrifugalLoad:
     """The centrifugal force on a body that turns steadily, in axes that turn with it: for slow loading.

@@ -50,6 +50,7 @@ from flexmbd.continuum.history.trial_errors import (
 )
 from flexmbd.continuum.history.viscous_forces import ViscousForces
 from flexmbd.errors import ConvergenceError, FlexmbdError, FormulationError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
@@ -69,6 +70,7 @@ class HistorySnapshot:
     viscous_work: float = 0.0
 
 
+@checked("mesh", "degree", "interfaces", "cell_means", error=FormulationError, agree=parallel.told_to_all)
 class NonlinearModel(DiscretisedBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads
 from flexmbd.continuum.history.displacement_newton import (
     DEFAULT_CONVERGENCE,
@@ -23,6 +24,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
 from flexmbd.errors import ConvergenceError, FormulationError, MeshError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 LoadPath = Callable[[float], FloatArray]
@@ -72,6 +74,7 @@ class PathError(ConvergenceError):
         self.path = path
 
 
+@checked(error=MeshError, agree=parallel.told_to_all)
 def prescribed_dofs(body: NonlinearModel, groups: Mapping[str, str]) -> NDArray[np.int32]:
     """Owned dofs of facet groups whose displacement is prescribed along axes. Collective.
 
@@ -93,6 +96,7 @@ def prescribed_dofs(body: NonlinearModel, groups: Mapping[str, str]) -> NDArray[
     return dofs[dofs < body.n_owned]
 
 
+@checked(error=MeshError, agree=parallel.told_to_all)
 def clamped_dofs(body: NonlinearModel, groups: Iterable[str]) -> NDArray[np.int32]:
     """Owned dofs of facet groups that do not move at all, nor turn where there are rotations. Collective.
 
@@ -106,6 +110,7 @@ def clamped_dofs(body: NonlinearModel, groups: Iterable[str]) -> NDArray[np.int3
     return dofs[dofs < body.n_owned]
 
 
+@checked(but=("prescribed",), error=FormulationError, agree=parallel.told_to_all)
 def follow(
     body: NonlinearModel,
     times: Sequence[float],

@@ -19,6 +19,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.matrices.blocks import from_dense, inner, to_dense
 from flexmbd.continuum.matrices.near_null_space import near_null_space
 from flexmbd.errors import ConvergenceError, FormulationError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ class Preconditioner(Enum):
     MULTIGRID = "multigrid"
 
 
+@checked()
 @dataclass(frozen=True)
 class LinearSolver:
     """How the linear systems of Newton's method are solved.

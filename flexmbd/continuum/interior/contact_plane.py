@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.record.groups import frozen
 
 FloatArray = NDArray[np.float64]
@@ -16,6 +17,7 @@ FloatArray = NDArray[np.float64]
 _TOUCHING = 1e-9
 
 
+@checked()
 @dataclass(frozen=True, eq=False)
 class RigidPlane:
     """A plane that nodes may leave and not pass, with Coulomb friction.

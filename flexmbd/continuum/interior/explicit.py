@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.body_observer import BodyObserver
@@ -20,6 +21,7 @@ from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
@@ -35,6 +37,7 @@ _RENEWAL = 5
 _ESTIMATE = 1e-4
 
 
+@checked(agree=parallel.told_to_all)
 class ExplicitContinuum:
     """What lies between the frames of a body with history. Constructing one is collective.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
@@ -16,6 +17,7 @@ from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
 from flexmbd.errors import ConvergenceError, ExplicitRunError, SceneError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
@@ -66,6 +68,7 @@ class EnergyAccount:
         return "\n".join(lines)
 
 
+@checked(but=("velocity",), agree=parallel.told_to_all)
 class ExplicitRun:
     """A body that flies, falls or hits something by itself. Constructing one is collective.
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Convergence, Newton, Solution
@@ -37,6 +38,7 @@ from flexmbd.continuum.interior.step_equations import (
     TriedStep,
 )
 from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import (
     FrameMotion,
@@ -79,6 +81,7 @@ class _Trial:
     dt: float
 
 
+@checked(agree=parallel.told_to_all)
 class ImplicitContinuum:
     """An `ImplicitInterior` and `SteadyInterior` of the machine on a body with history.
 

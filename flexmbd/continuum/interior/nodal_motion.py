@@ -31,6 +31,7 @@ from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ _WORKING = ("force", "load", "_met", "_rubbed", "_damped", "_viscous")
 _BESIDE = 1e-6
 
 
+@checked()
 @dataclass(frozen=True)
 class Support:
     """Nodes of a facet group whose velocity components are held at zero, as on a plane of symmetry.

@@ -23,6 +23,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.cell_group import refuse_dissipation
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -30,6 +31,7 @@ from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
 from flexmbd.errors import FormulationError, InterfaceError
+from flexmbd.given import checked
 
 Mask = NDArray[np.bool_]
 
@@ -111,6 +113,7 @@ class ExplicitOperator:
         return float(2.0 / np.sqrt(_fastest(self, frames)))
 
 
+@checked(error=FormulationError, agree=parallel.told_to_all)
 def lumped_rotations(model: LinearModel, *, raised: bool = True) -> ExplicitOperator:
     """Every rotation with an inertia of its own. Collective, may compile.
 
@@ -146,6 +149,7 @@ def lumped_rotations(model: LinearModel, *, raised: bool = True) -> ExplicitOper
     return ExplicitOperator(model, masses, rotations, ~bound, bonds, product, None)
 
 
+@checked(error=FormulationError, agree=parallel.told_to_all)
 def condensed_rotations(model: LinearModel) -> ExplicitOperator:
     """Rotations without inertia, condensed (eq. 54-56). Collective, may compile.
 

@@ -14,12 +14,14 @@ from flexmbd.continuum.history.history_file import fingerprint
 from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.files.array_file import read_arrays, write_arrays
+from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
 _VERSION = 2
 
 
+@checked()
 @dataclass(frozen=True)
 class RegularCheckpoints:
     """A file that always holds the last of regular checkpoints.

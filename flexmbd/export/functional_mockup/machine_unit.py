@@ -34,7 +34,7 @@ from flexmbd.export.functional_mockup.unit_build import (
     zipped,
 )
 from flexmbd.files.whole_file import write_file
-from flexmbd.given import refuse_no_truth, refuse_other
+from flexmbd.given import checked, refuse_no_truth, refuse_other
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.bodies.body import Frame
@@ -47,6 +47,7 @@ from flexmbd.multibody.motion.quantity import Acceleration, Output
 from flexmbd.system import System
 
 
+@checked(but=("integrator", "fmi"), error=ExportError)
 def fmu_machine(
     scene: System,
     path: str | Path,

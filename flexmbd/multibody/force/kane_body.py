@@ -6,12 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.kane.equations import Kinematics
 from flexmbd.multibody.kane.inertia import InertiaAndForces, UserBody
 
 
+@checked("at", "name")
 @dataclass(frozen=True, eq=False)
 class KaneBody(OffJoints):
     """A body of one's own at k frames of the machine, given by its inertia and active forces.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import FloatArray
 from flexmbd.multibody.functions.time_function import Piecewise
@@ -14,6 +15,7 @@ from flexmbd.multibody.kernels.elements.user_state_force import STATE_FORCE
 from flexmbd.multibody.motion.machine import Contribution, Machine
 
 
+@checked("name")
 @dataclass(frozen=True, eq=False)
 class KaneForce(OnState):
     """Forces and torques on frames that follow from the motion: F_r = v_r . F + w_r . T.

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
+from flexmbd.given import checked
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
 from flexmbd.multibody.force.yield_curve import yield_curve
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC
 
 
+@checked("rest", "kinematic", "coordinate")
 @dataclass(frozen=True, eq=False)
 class PlasticJointSpring(OnCoordinate):
     """Resists the deformation beta - rest of a joint coordinate along a measured curve, elastic and then yielding.

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.errors import SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.kernels.elements.user_state_force import STATE_FORCE
 
 
+@checked("name")
 @dataclass(frozen=True, eq=False)
 class StateForce(OnState):
     """Generalised forces on all velocities of the machine.

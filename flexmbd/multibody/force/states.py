@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_other
+from flexmbd.given import checked, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.protocol import ElementTable, vector
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
@@ -18,7 +18,7 @@ from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.linear_system import LinearSystem
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table
-from flexmbd.multibody.functions.time_function import Sine, checked
+from flexmbd.multibody.functions.time_function import Sine, answered
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.elements.state_rates import OF_POSITION, OF_TIME, OF_VELOCITY
 from flexmbd.multibody.motion.instant import Instant, measure
@@ -34,6 +34,7 @@ Followed: TypeAlias = Output | Signal | Table | Sine | Compiled | float | Callab
 StateEquation: TypeAlias = Compiled | Callable[[float, FloatArray, FloatArray], Any]
 
 
+@checked("rates", "name", "names")
 @dataclass(frozen=True, eq=False)
 class States:
     """First-order differential equations z' = f(t, z, u) with outputs y = g(t, z, u), solved with the machine.
@@ -229,7 +230,7 @@ class _PythonEquations:
         else:
             answer = function(t, z.copy(), u.copy())
         try:
-            return checked(np.atleast_1d(answer), (size,))
+            return answered(np.atleast_1d(answer), (size,))
         except SceneError as reason:
             raise SceneError(f"as {role} {reason}") from reason
 

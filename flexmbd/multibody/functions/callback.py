@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError, described
 from flexmbd.multibody.functions.fingerprint import fingerprint
-from flexmbd.multibody.functions.time_function import TimeRow, call_python, checked
+from flexmbd.multibody.functions.time_function import TimeRow, answered, call_python
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.unraisable import taken_by
@@ -80,7 +80,7 @@ class Callbacks:
 
         def thunk(t: float, beta: float, rate: float) -> float:
             answer = self._agreed(
-                lambda: checked(law(t, beta, rate), ()).reshape(1), 1,
+                lambda: answered(law(t, beta, rate), ()).reshape(1), 1,
                 lambda: f"{what} at t = {t:g} s, coordinate {beta:.9g}, rate {rate:.9g}",
             )
             return float(answer[0])
@@ -98,7 +98,7 @@ class Callbacks:
                 told = np.concatenate([_view(x, nx), _view(v, nv)])
                 return f"{what} at t = {t:g} s, state (x, v) = {np.array2string(told, precision=6, threshold=12)}"
 
-            _view(out, nv)[:] = self._agreed(lambda: checked(function(t, position, velocity), (nv,)), nv, where)
+            _view(out, nv)[:] = self._agreed(lambda: answered(function(t, position, velocity), (nv,)), nv, where)
 
         return self._keep(_StateThunk, thunk)
 

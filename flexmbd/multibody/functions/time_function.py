@@ -217,7 +217,7 @@ def _piecewise(poly: PPoly, what: str) -> TimeRow:
     )
 
 
-def checked(answer: Any, shape: tuple[int, ...]) -> FloatArray:
+def answered(answer: Any, shape: tuple[int, ...]) -> FloatArray:
     """The result of a user's function, as an array.
 
     Raises:
@@ -240,7 +240,7 @@ def call_python(row: TimeRow, t: float, *, motion: bool) -> tuple[float, float, 
     """
     if row.call is None:
         raise SceneError("it is not a Python callable")
-    values = checked(row.call(t), (3,) if motion else ())
+    values = answered(row.call(t), (3,) if motion else ())
     if motion:
         return float(values[0]), float(values[1]), float(values[2])
     return float(values), 0.0, 0.0

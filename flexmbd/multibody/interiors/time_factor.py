@@ -11,7 +11,7 @@ from flexmbd.errors import SceneError, described
 from flexmbd.multibody.bodies.continuum_body import Interior
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
-from flexmbd.multibody.functions.time_function import Motion, Piecewise, Sine, TimeFunction, as_row, checked
+from flexmbd.multibody.functions.time_function import Motion, Piecewise, Sine, TimeFunction, answered, as_row
 
 
 class TimeFactor:
@@ -39,7 +39,7 @@ class TimeFactor:
             SceneError: it failed, or gives no finite number; the message names it and the time.
         """
         try:
-            return float(checked(self._call(t), ()))
+            return float(answered(self._call(t), ()))
         except Exception as reason:
             raise SceneError(f"{self.what}: at t = {t:g} s: {described(reason)}") from reason
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coordinate_coupling import Term, single_coordinate
 
-if TYPE_CHECKING:
-    from flexmbd.multibody.joint.connection import Connection
 
-
+@checked("first", "second")
 @dataclass(frozen=True, eq=False)
 class Gear:
     """The second joint's angle moves by ``ratio`` times that of the first.

@@ -19,5 +19,5 @@ def memory_series(index: SceneIndex, force: object, x: FloatArray) -> dict[str, 
     """
     places = index.memories.get(force)
     if places is None:
-        raise SceneError(f"this {type(force).__name__} remembers nothing, or is not in the scene")
+        raise SceneError(f"this force remembers nothing, or is not in the scene: {force!r:.100}")
     return {name: x[:, place] for name, place in places.items()}

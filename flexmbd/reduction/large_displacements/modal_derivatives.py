@@ -26,7 +26,7 @@ from flexmbd.continuum.finite_elements.interface import RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric, total
 from flexmbd.errors import ConvergenceError, ReductionError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 from flexmbd.record.reduced_body import FRAME_DOFS
 from flexmbd.record.strain_polynomial import StrainPolynomial
 from flexmbd.record.turned_face import turned_face
@@ -47,6 +47,7 @@ _SAME = 1e-7
 _TURNS = 60
 
 
+@checked("held", error=ReductionError)
 @dataclass(frozen=True)
 class ModalDerivatives:
     """How a body that bends a lot is reduced: by modal derivatives and a strain energy of degree four.

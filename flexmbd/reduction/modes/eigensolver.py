@@ -8,6 +8,7 @@ from typing import Protocol, TypeAlias
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.errors import ReductionError
+from flexmbd.given import checked
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class BlockMethod:
     """
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True)
 class KrylovSchur:
     """SLEPc's Krylov-Schur method with shift and invert at zero, on the factor of the static shapes.
@@ -32,6 +34,7 @@ class KrylovSchur:
     prefix: str = "flexmbd_"
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True)
 class SpectrumSlicing:
     """SLEPc's spectrum slicing: all modes of an interval, counted by the inertia of factors of their own.

@@ -13,6 +13,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import ModesWarning, ReductionError, warn
+from flexmbd.given import checked
 from flexmbd.reduction.modes.davidson import DavidsonSearch
 from flexmbd.reduction.modes.eigensolver import BlockMethod, Eigensolver, ModeSearch
 from flexmbd.reduction.modes.mode_count import (
@@ -119,6 +120,7 @@ def fixed_interface_modes(
     return FoundModes(whole, found, {**provenance, **_note_of_added(statics, found.eigenvalues, count, whole)})
 
 
+@checked("model", "modes", "held", error=ReductionError, agree=parallel.told_to_all)
 def truncation_errors(
     model: LinearModel, modes: Sequence[int], *, frame: str | None, count: int = LOWEST, held: bool = False
 ) -> TruncationErrors:

@@ -25,11 +25,12 @@ from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.errors import ReductionError
-from flexmbd.given import refuse_no_truth
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.reduction.modes.truncation import LOWEST, Truncation, chosen_truncation
 from flexmbd.reduction.static_shapes.statics import Statics
 
 
+@checked("joints", "local", error=ReductionError)
 @dataclass(frozen=True)
 class InterfaceModes:
     """Which interfaces keep their six static shapes, and how many characteristic modes stand for those of the others.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 
 from flexmbd.errors import ReductionError
-from flexmbd.given import refuse_no_truth
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.reduction.modes.spectrum_error import FLOOR
 
 #: Number of elastic frequencies that a tolerance is for where no range is named.
@@ -17,6 +17,7 @@ LOWEST = 6
 MOST = 500
 
 
+@checked(error=ReductionError)
 @dataclass(frozen=True)
 class Truncation:
     """How many fixed-interface modes a reduction keeps, by exactly one of `modes`, `below_hz` and `tol`.

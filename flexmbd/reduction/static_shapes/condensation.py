@@ -10,10 +10,12 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
+from flexmbd.given import checked
 from flexmbd.reduction.static_shapes.interior_stiffness import continued, factorised
 from flexmbd.reduction.static_shapes.support import is_held
 
@@ -37,6 +39,7 @@ class CondensedMatrices:
     component: tuple[str, ...]
 
 
+@checked(error=ReductionError, agree=parallel.told_to_all)
 def static_condensation(
     model: LinearModel, retained: Iterable[tuple[int, str]]
 ) -> CondensedMatrices:

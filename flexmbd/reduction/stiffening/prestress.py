@@ -25,6 +25,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticSt
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, followed_average, turn_less_one
 from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
+from flexmbd.given import checked
 from flexmbd.reduction.static_shapes.statics import body_statics
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.loaded_forms import LoadedForms, assembled_vector, loaded_forms
@@ -44,6 +45,7 @@ _ROTATION = 1e-3
 _PART = 1.0 / 128.0
 
 
+@checked("model", "loads", "forces", error=ReductionError, agree=parallel.told_to_all)
 def prestressed(
     model: LinearModel,
     *,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import refuse_other
+from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
@@ -48,6 +48,7 @@ class ForceSeries(MotionSeries):
         work = new_work(self.scene.plan)
         return minimum_norm_multipliers(self.scene, work, self.x, self.row_multipliers, kept=self.kept_rows)
 
+    @checked("t")
     def resultants(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, elements, 6) N and N m, in the middle of each element of a beam, or at times ``t`` (k,).
 
@@ -67,6 +68,7 @@ class ForceSeries(MotionSeries):
                 slack[:, k] = given[element].value
         return beam.resultants(motion[..., :3], motion[..., 3:12].reshape(*motion.shape[:2], 3, 3), slack)
 
+    @checked("t")
     def strain_power(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt,) W that strains of a beam that are functions of time do on it, or at times ``t`` (k,).
 
@@ -168,6 +170,7 @@ class ForceSeries(MotionSeries):
         row = first + [frame.name for frame in body.interior.frames].index(interface)
         return np.array([one.wrenches[row] for one in self.interior_rows])
 
+    @checked("t")
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
         """What a force element with memory remembers, by name, each (nt,); or of the step's beginning at times ``t``.
 

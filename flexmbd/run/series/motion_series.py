@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.given import refuse_other
+from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.states import States
@@ -98,6 +98,7 @@ class MotionSeries:
         found = self.motion(t)[1][:, slots.v]
         return found if np.ndim(t) else found[0]
 
+    @checked("t")
     def stretch(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3, 3) stretches U, in body axes; or at times ``t`` (k,)."""
         refuse_other(body, PseudoRigidBody, "what stretches", wanted="a PseudoRigidBody of the scene")
@@ -105,6 +106,7 @@ class MotionSeries:
             return np.tile(np.eye(3), (len(self.t) if t is None else np.size(t), 1, 1))
         return body.stretch_of(self.q(body, t=None if t is None else np.atleast_1d(t)))
 
+    @checked("t")
     def deformation_gradient(self, body: PseudoRigidBody, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3, 3) F = R U, from the undeformed body's axes to inertial ones; or at times ``t`` (k,)."""
         refuse_other(body, PseudoRigidBody, "what deforms", wanted="a PseudoRigidBody of the scene")
