@@ -39,13 +39,13 @@ from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
 from flexmbd.reduction.stiffening.stretch_modes import stretch_modes
-from flexmbd.reduction.unit_loads import Load, listed
+from flexmbd.reduction.unit_loads import Load
 
 # How many modes memory is kept for where their number is not given.
 _EXPECTED = 64
 
 
-@checked("model", error=ReductionError, agree=parallel.told_to_all)
+@checked("model", "loads", error=ReductionError, agree=parallel.told_to_all)
 def craig_bampton(
     model: LinearModel,
     *,
@@ -109,7 +109,7 @@ def craig_bampton(
         FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
     """
-    given = listed(loads)
+    given = tuple(loads)
     parallel.check_same(
         model.comm,
         ReductionError,

@@ -16,7 +16,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.unit_loads import Load
 
 
-@checked("model", error=ReductionError, agree=parallel.told_to_all)
+@checked("model", "loads", error=ReductionError, agree=parallel.told_to_all)
 def guyan(
     model: LinearModel,
     *,

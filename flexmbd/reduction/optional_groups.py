@@ -33,7 +33,7 @@ from flexmbd.continuum.finite_elements.nodes import (
 )
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
-from flexmbd.given import checked, refuse_no_truth
+from flexmbd.given import checked
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalInterfaces, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
@@ -94,10 +94,6 @@ class Contents:
         """
         if not isinstance(self.keep, Keep):
             raise ReductionError(f"keep must be Keep(modes=..., surface=..., stress=...), got {self.keep!r:.100}")
-        refuse_no_truth(
-            ReductionError,
-            **{f"Keep.{name}": getattr(self.keep, name) for name in ("modes", "surface", "stress")},
-        )
         if self.keep.stress and model.state is not None:
             raise ReductionError(
                 "stress modes have no place for the stress of the loaded state; leave Keep(stress=True) out, and have "

@@ -92,17 +92,6 @@ Load = Pressure | Traction | BodyForce
 """A distributed load of unit size."""
 
 
-def listed(loads: Sequence[Load]) -> tuple[Load, ...]:
-    """The loads of an argument that takes several.
-
-    Raises:
-        ReductionError: it is a single load, or nothing that can be gone through.
-    """
-    if isinstance(loads, Load) or not isinstance(loads, Sequence):
-        raise ReductionError(f"loads must be a list, as loads=[Pressure(...)]; got {loads}")
-    return tuple(loads)
-
-
 def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
     """Refuse loads that are not well formed. Collective.
 

@@ -6,7 +6,7 @@ import pytest
 from bracket import bracket
 
 from flexmbd.errors import ReductionError
-from flexmbd.reduction import Keep, Truncation, craig_bampton
+from flexmbd.reduction import InterfaceModes, Keep, Truncation, craig_bampton, guyan
 from flexmbd.reduction.damping import ModalDamping
 from flexmbd.reduction.unit_loads import BodyForce
 
@@ -14,18 +14,20 @@ LAST = MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 
 
 @pytest.mark.parametrize(
-    ("name", "arguments"),
+    ("name", "make"),
     [
-        ("geometric_stiffness", {"geometric_stiffness": "no"}),
-        ("complete", {"modes": Truncation(2, complete="no")}),  # type: ignore[arg-type]
-        ("Keep.modes", {"keep": Keep(modes="no")}),  # type: ignore[arg-type]
-        ("Keep.surface", {"keep": Keep(surface="no")}),  # type: ignore[arg-type]
-        ("Keep.stress", {"keep": Keep(stress="no")}),  # type: ignore[arg-type]
+        ("geometric_stiffness", lambda: craig_bampton(bracket(degree=1), modes=2, geometric_stiffness="no")),
+        ("complete", lambda: Truncation(2, complete="no")),
+        ("free", lambda: Truncation(2, free="no")),
+        ("local", lambda: InterfaceModes(2, local="no")),
+        ("modes", lambda: Keep(modes="no")),
+        ("surface", lambda: Keep(surface="no")),
+        ("stress", lambda: Keep(stress="no")),
     ],
 )
-def test_what_is_neither_true_nor_false_is_refused(name, arguments):
+def test_what_is_neither_true_nor_false_is_refused(name, make):
     with pytest.raises(ReductionError, match=f"{name} must be True or False, got 'no'"):
-        craig_bampton(bracket(degree=1), **{"modes": 2, "frame": "root", **arguments})
+        make()
 
 
 def test_what_is_kept_is_said_by_a_keep():
@@ -43,7 +45,6 @@ def test_what_is_kept_is_said_by_a_keep():
         ("frame", None),
         ("geometric_stiffness", False),
         ("loads", [BodyForce("weight", (0.0, 0.0, -1.0))]),
-        ("loads", ["weight"]),
         ("damping", ModalDamping(0.02)),
         ("modes", Truncation(tol=1e-2)),
         ("keep", Keep(modes=True)),
@@ -54,3 +55,14 @@ def test_what_differs_between_the_ranks_is_refused(name, value):
     arguments = {"modes": 2, "frame": "root", **({name: value} if LAST else {})}
     with pytest.raises(ReductionError, match=rf"^{name} is .* on rank 0 and .* on rank \d; give the same on all ranks"):
         craig_bampton(bracket(degree=1), **arguments)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("wrong", [3, "weight", ["weight"], BodyForce("weight", (0.0, 0.0, -1.0))])
+def test_what_is_wrong_on_one_rank_is_told_on_all(wrong):
+    """A check that one rank alone fails, before the ranks compare what they were given."""
+    model = bracket(degree=1)
+    given = wrong if LAST else ()
+    for reduced in (lambda: craig_bampton(model, modes=2, frame="root", loads=given), lambda: guyan(model, loads=given)):
+        with pytest.raises(ReductionError, match="loads must be a list, each a Pressure or a Traction or a BodyForce"):
+            reduced()

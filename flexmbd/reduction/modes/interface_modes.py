@@ -25,7 +25,7 @@ from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.errors import ReductionError
-from flexmbd.given import checked, refuse_no_truth
+from flexmbd.given import checked
 from flexmbd.reduction.modes.truncation import LOWEST, Truncation, chosen_truncation
 from flexmbd.reduction.static_shapes.statics import Statics
 
@@ -97,12 +97,9 @@ def check_interface_modes(choice: InterfaceModes, interfaces: Sequence[FoundInte
     """
     if not isinstance(choice, InterfaceModes):
         raise ReductionError(f"interface_modes must be InterfaceModes(...), got {choice!r:.100}")
-    refuse_no_truth(ReductionError, local=choice.local)
     chosen = chosen_truncation(choice.modes)
     if chosen.free:
         raise ReductionError("free=True is for the body's own modes; leave it out of InterfaceModes")
-    if isinstance(choice.joints, str):
-        raise ReductionError(f"joints must be a list of names, as joints=[{choice.joints!r}]")
     names = [one.name for one in interfaces]
     for name in choice.joints:
         if name not in names:

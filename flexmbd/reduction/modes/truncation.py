@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 
 from flexmbd.errors import ReductionError
-from flexmbd.given import checked, refuse_no_truth
+from flexmbd.given import checked
 from flexmbd.reduction.modes.spectrum_error import FLOOR
 
 #: Number of elastic frequencies that a tolerance is for where no range is named.
@@ -68,7 +68,6 @@ def chosen_truncation(choice: object) -> Truncation:
     if not isinstance(choice, Truncation):
         return Truncation(modes=whole_number("modes", choice, least=0))
     modes, below_hz, tol = choice.modes, choice.below_hz, choice.tol
-    refuse_no_truth(ReductionError, complete=choice.complete, free=choice.free)
     if choice.free and tol is not None:
         raise ReductionError(
             "tol is for fixed-interface modes, whose error is estimated; beside free=True give modes or below_hz"
