@@ -141,11 +141,11 @@ def test_wrong_arguments(plate):
     refused("interface_modes must be InterfaceModes", interface_modes=4)
     refused("there are 30", interface_modes=InterfaceModes(31))
     refused("joints names 'tip'", interface_modes=InterfaceModes(2, joints=["tip"]))
-    refused("must be a list", interface_modes=InterfaceModes(2, joints="flange_2"))
     refused("twice", interface_modes=InterfaceModes(2, joints=["flange_2", "flange_2"]))
     refused("none is left", interface_modes=InterfaceModes(2, joints=[f"flange_{i}" for i in range(2, 7)]))
     refused("modes must be a whole number", interface_modes=InterfaceModes(-1))
-    refused("local must be", interface_modes=InterfaceModes(1, local=2))
+    with pytest.raises(ReductionError, match="joints must be a list, each a text"):
+        InterfaceModes(2, joints="flange_2")
     refused("the body's own modes", interface_modes=InterfaceModes(Truncation(3, free=True)))
     refused("beside free=True", modes=Truncation(tol=1e-2, free=True))
     refused("free must be", modes=Truncation(2, free=1))
