@@ -173,8 +173,6 @@ def _check(
             raise ReductionError(f"force on {name!r} must be six finite numbers, three N and three N m")
     if weight.shape != (3,) or not np.isfinite(weight).all():
         raise ReductionError("acceleration must be three finite numbers in m/s^2")
-    if any(not isinstance(pair, tuple) or len(pair) != 2 or not np.isfinite(numbers(pair[1])).all() for pair in loads):
-        raise ReductionError(f"loads must be pairs of a load and its size, as (Pressure(...), 2e6); got {loads!r}")
     check_loads(model, [load for load, _ in loads])
     if not (loads or weight.any() or any(wrench.any() for wrench in wrenches.values())):
         raise ReductionError("there are no loads: give forces, loads or acceleration")

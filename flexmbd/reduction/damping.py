@@ -18,7 +18,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.surface_group import surface_work
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.errors import ReductionError
-from flexmbd.given import checked
+from flexmbd.given import is_number, numbers
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,6 @@ class ModalDamping:
         return f"modal, ratio {', '.join(f'{ratio:g}' for ratio in ratios)}"
 
 
-@checked(error=ReductionError)
 @dataclass(frozen=True)
 class RayleighDamping:
     """D_qq = alpha M_qq + beta K_qq (Rayleigh's proportional damping).
@@ -72,8 +71,8 @@ class RayleighDamping:
     beta: float
 
     def __post_init__(self) -> None:
-        _numbers("alpha of a Rayleigh damping", self.alpha)
-        _numbers("beta of a Rayleigh damping", self.beta)
+        _refuse_no_number("alpha of a Rayleigh damping", self.alpha)
+        _refuse_no_number("beta of a Rayleigh damping", self.beta)
 
     def __str__(self) -> str:
         return f"Rayleigh, alpha {self.alpha:g} 1/s, beta {self.beta:g} s"
@@ -98,7 +97,7 @@ class KelvinVoigtDamping:
     def __post_init__(self) -> None:
         values = self.tau.values() if isinstance(self.tau, Mapping) else [self.tau]
         for value in values:
-            _numbers("tau of a Kelvin-Voigt damping", value)
+            _refuse_no_number("tau of a Kelvin-Voigt damping", value)
 
     def __str__(self) -> str:
         parts = self.tau.items() if isinstance(self.tau, Mapping) else [("all cells", self.tau)]
@@ -237,11 +236,13 @@ def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> list[fem
 
 def _numbers(what: str, value: object) -> FloatArray:
     """The value as numbers (k,), each finite and not negative."""
-    try:
-        numbers = np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        numbers = np.array([np.nan])
+    found = np.atleast_1d(numbers(value))
     # written so that NaN fails
-    if numbers.ndim != 1 or not ((numbers >= 0.0) & np.isfinite(numbers)).all():
+    if found.ndim != 1 or not ((found >= 0.0) & np.isfinite(found)).all():
         raise ReductionError(f"{what} must be a finite number from 0 on, got {value!r}")
-    return numbers
+    return found
+
+
+def _refuse_no_number(what: str, value: object) -> None:
+    if not is_number(value) or not numbers(value) >= 0.0:
+        raise ReductionError(f"{what} must be a finite number from 0 on, got {value!r}")

@@ -16,6 +16,7 @@ from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.errors import MeshError, ReductionError
 from flexmbd.given import checked
@@ -40,7 +41,7 @@ class Pressure:
         return f"pressure {self.name!r} on {self.facets!r}"
 
 
-@checked(error=ReductionError)
+@checked("name", "facets", error=ReductionError)
 @dataclass(frozen=True, eq=False)
 class Traction:
     """A force of 1 N/m^2 on facets, of fixed direction in the body; on edges of a shell 1 N/m.
@@ -65,7 +66,7 @@ class Traction:
         return f"traction {self.name!r} along {_text(self.direction)} on {self.facets!r}"
 
 
-@checked(error=ReductionError)
+@checked("name", error=ReductionError)
 @dataclass(frozen=True, eq=False)
 class BodyForce:
     """A force of 1 N/m^3 in all cells, of fixed direction in the body; on a shell 1 N/m^2, on a line 1 N/m.
@@ -128,8 +129,8 @@ def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
             )
 
 
-@checked(error=ReductionError, agree=parallel.told_to_all)
-def load_vectors(model: LinearModel, loads: Sequence[Load]) -> FloatArray:
+@checked("model", "loads", error=ReductionError, agree=parallel.told_to_all)
+def load_vectors(model: Discretisation, loads: Sequence[Load]) -> FloatArray:
     """Nodal forces of unit loads. Collective.
 
     Args:
@@ -139,17 +140,17 @@ def load_vectors(model: LinearModel, loads: Sequence[Load]) -> FloatArray:
     Returns:
         (owned dofs, k) N per unit of each load, in the mesh's axes.
     """
-    forces: FloatArray = np.zeros((model.n_owned, len(loads)), order="F")
+    forces: FloatArray = np.zeros((model.layout.n_owned, len(loads)), order="F")
     v = ufl.TestFunction(model.space)
     for i, load in enumerate(loads):
         form = ufl.inner(unit_force(model, load), displacement(v)) * measure(model, load)
         vector = fem.assemble_vector(fem.form(form))
         vector.scatter_reverse(la.InsertMode.add)
-        forces[:, i] = vector.array[: model.n_owned]
+        forces[:, i] = vector.array[: model.layout.n_owned]
     return forces
 
 
-def unit_force(model: LinearModel, load: Load) -> ufl.core.expr.Expr:
+def unit_force(model: Discretisation, load: Load) -> ufl.core.expr.Expr:
     """The load per unit of its measure on the initial configuration, in the mesh's axes; not collective."""
     if isinstance(load, Pressure):
         return -ufl.FacetNormal(model.mesh.mesh)
@@ -157,7 +158,7 @@ def unit_force(model: LinearModel, load: Load) -> ufl.core.expr.Expr:
     return fem.Constant(model.mesh.mesh, np.asarray(load.direction))
 
 
-def measure(model: LinearModel, load: Load) -> ufl.Measure:
+def measure(model: Discretisation, load: Load) -> ufl.Measure:
     """Where a load is integrated; not collective."""
     mesh = model.mesh
     # exact on straight cells, and for pressures on curved simplices as well

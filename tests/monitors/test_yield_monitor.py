@@ -204,7 +204,7 @@ def test_nodes_left_out(linear):
     ("how", "message"),
     [
         ({"yield_stress": 0.0}, "yield stress must be positive"),
-        ({"yield_stress": float("nan")}, "yield stress must be positive"),
+        ({"yield_stress": float("nan")}, "yield_stress must be a finite number, got nan"),
         ({"yield_stress": 1e8, "clearance": -1.0}, "clearance must be a distance"),
         ({"yield_stress": 1e8, "clearance": 10.0}, "none of its .* nodes is left"),
         ({"yield_stress": 1e8, "where": lambda x: x[0]}, "must return n truth values, got float64"),

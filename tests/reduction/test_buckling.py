@@ -145,7 +145,7 @@ def test_wrong_arguments(steel_column):
     refused("free to move", clamped={"x_min": ("x", "y", "z")})
     refused("free to move", clamped={"x_min": ("x", "y", "z"), "x_max": ("x", "y", "z")})
     refused("nothing is clamped", clamped={})
-    refused("components among", clamped={"x_min": "xyz"})
+    refused("clamped must be a mapping of a text to a list, each a text", clamped={"x_min": "xyz"})
     refused("components among", clamped={"x_min": ("x", "q")})
     refused("no interface 'tip'", InterfaceError, clamped=["tip"])
     refused("no interface 'tip'", InterfaceError, forces={"tip": np.ones(6)})
@@ -153,7 +153,7 @@ def test_wrong_arguments(steel_column):
     refused("three finite numbers", acceleration=(1.0, np.nan, 0.0))
     refused("count must be", count=0)
     refused("reversed_too must be", reversed_too=1)
-    refused("pairs of a load", loads=["weight"])
+    refused("loads must be a list, each a tuple of 2", loads=["weight"])
     mixed = solid_mixed.Parameters(E=2.0e11, nu=0.3, rho=7800.0)
     refused("not positive definite", model=column(cells=2, form=solid_mixed, material=mixed))
 

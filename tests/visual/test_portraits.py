@@ -75,7 +75,7 @@ def test_bodies_are_shown_by_file(record, tmp_path):
     [
         ({"mode": 99}, r"one of the \d+ there are, counted from 0, got 99"),
         ({"mode": "first"}, "got 'first'"),
-        ({"mode": 0, "amplitude": "large"}, "amplitude must be a number"),
+        ({"mode": 0, "amplitude": "large"}, "amplitude must be a finite number"),
         ({"path": "a.jpg"}, r"\.png"),
         ({"path": "nowhere/a.png"}, "nowhere"),
         ({"path": "a.png", "size": (3, 3)}, "even"),

@@ -26,7 +26,7 @@ from flexmbd.errors import FormulationError
 from flexmbd.given import checked
 
 
-@checked("mesh", "degree", "interfaces", "supports", error=FormulationError, agree=parallel.told_to_all)
+@checked("interfaces", error=FormulationError, agree=parallel.told_to_all)
 class ContinuumModel(LinearModel):
     """A linear elastic body on a mesh, with named interfaces, at rest. Constructing one is collective."""
 

@@ -8,7 +8,6 @@ order of the rows of the vertices whose edge, face or cell they are the middle o
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -18,11 +17,9 @@ from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.errors import FormulationError, MeshError
 from flexmbd.given import checked
-
-if TYPE_CHECKING:
-    from flexmbd.continuum.finite_elements.discretisation import Discretisation
 
 IntArray = NDArray[np.int64]
 

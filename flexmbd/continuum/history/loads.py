@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 LoadFactor = Any
 
 
-@checked(but=("factor",))
+@checked("facets", "follows", "name")
 @dataclass(frozen=True, eq=False)
 class PressureOnFacets:
     """A pressure on facets of the body's surface; it pushes inwards where it is positive.
@@ -50,7 +50,7 @@ class PressureOnFacets:
         _check(self, self.facets)
 
 
-@checked(but=("factor",))
+@checked("facets", "follows", "name")
 @dataclass(frozen=True, eq=False)
 class TractionOnFacets:
     """A force per undeformed area on facets of the body's surface.
@@ -78,7 +78,7 @@ class TractionOnFacets:
         object.__setattr__(self, "traction", _vector(self, "traction"))
 
 
-@checked(but=("factor",))
+@checked("name")
 @dataclass(frozen=True, eq=False)
 class ForceAtNodes:
     """A force on each of some nodes, of fixed direction.
@@ -106,7 +106,7 @@ class ForceAtNodes:
         object.__setattr__(self, "force", _vector(self, "force"))
 
 
-@checked(but=("factor",))
+@checked("name")
 @dataclass(frozen=True, eq=False)
 class BodyAcceleration:
     """A force per mass in all cells: the weight in slow loading, or the apparent forces of a shaken ground.
@@ -131,7 +131,7 @@ class BodyAcceleration:
         object.__setattr__(self, "acceleration", _vector(self, "acceleration"))
 
 
-@checked(but=("factor",))
+@checked("name")
 @dataclass(frozen=True, eq=False)
 class CentrifugalLoad:
     """The centrifugal force on a body that turns steadily, in axes that turn with it: for slow loading.

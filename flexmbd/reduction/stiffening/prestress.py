@@ -148,10 +148,8 @@ def _check(
             f"{model.form_name} has rotations, and how they take part in an averaged interface's place about a loaded "
             "state is not known; make it rigid"
         )
-    if any(not isinstance(pair, tuple) or len(pair) != 2 for pair in loads):
-        raise ReductionError(f"loads must be pairs of a load and its size, as (Pressure(...), 2e6); got {loads!r}")
     check_loads(model, [load for load, _ in loads])
-    return np.array([_numbers(f"size of load {load.name!r}", [size], 1)[0] for load, size in loads])
+    return np.array([float(size) for _, size in loads])
 
 
 def _check_rotations(model: LinearModel, state: StaticState) -> None:
