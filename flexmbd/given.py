@@ -298,7 +298,7 @@ def _either(kinds: list[_Asked | None]) -> _Asked | None:
 
 def _several(kind: _Asked | None) -> _Asked:
     of = "" if kind is None else f", each {kind.wanted}"
-    return _Asked(f"a list{of}", lambda value: _is_list(value) and (kind is None or all(map(kind.fits, value))))
+    return _Asked(f"a list{of}", lambda value: is_list(value) and (kind is None or all(map(kind.fits, value))))
 
 
 def _iterable(kind: _Asked | None) -> _Asked:
@@ -319,14 +319,14 @@ def _row(kinds: list[_Asked | None]) -> _Asked:
     return _Asked(
         f"a tuple of {len(kinds)}: {wanted}",
         lambda value: (
-            _is_list(value)
+            is_list(value)
             and len(value) == len(kinds)
             and all(kind is None or kind.fits(one) for kind, one in zip(kinds, value, strict=True))
         ),
     )
 
 
-def _is_list(value: Any) -> bool:
+def is_list(value: Any) -> bool:
     """Whether it holds things in a row: no text, no mapping, no array without dimensions."""
     return isinstance(value, Collection) and not isinstance(value, str | bytes | Mapping) and hasattr(value, "__iter__")
 

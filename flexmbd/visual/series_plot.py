@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.files.result_table import ResultTable
-from flexmbd.given import checked
+from flexmbd.given import checked, is_list
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.visual.destination import checked_path, save, write
@@ -35,7 +35,7 @@ SUFFIXES = (".pdf", ".png", ".svg")
 _INSTANTS = 2000
 
 
-@checked("trajectory", "series", "title", "ylabel", error=PictureError)
+@checked("trajectory", "title", "ylabel", error=PictureError)
 def plot_series(
     trajectory: RecordedMotion,
     series: Sequence[tuple[str, Drawn] | Connection | Frame | FlexibleBody] = (),
@@ -69,6 +69,8 @@ def plot_series(
     """
     target = None if path is None else checked_path(path, SUFFIXES)
     fine = fine_times(trajectory.t)
+    if not is_list(series):
+        raise PictureError(f"series must be a list of joints, frames, bodies or (label, what), got {series!r:.100}")
     curves = [curve for one in series for curve in _curves(trajectory, fine, *_labelled(one))]
     if not series:
         curves, ylabel = _energies(trajectory, fine), ylabel or "energy in J"

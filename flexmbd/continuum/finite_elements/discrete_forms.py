@@ -22,6 +22,7 @@ from flexmbd.continuum.finite_elements.interface import FoundInterface, Interfac
 from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup, Surfaces, check_mass, pair_facets
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
+from flexmbd.given import is_list
 
 # Largest difference of two formulations' rigid motions, relative to the motion.
 _SAME_MOTION = 1e-12
@@ -186,7 +187,9 @@ def discretise(
     layout = dof_layout(space, form.rigid_motion)
     _check_rigid_motions(groups, space, layout)
     check_mass(facets, space)
-    parallel.check_same(mesh.comm, InterfaceError, interfaces=list(interfaces))
+    parallel.check_same(mesh.comm, InterfaceError, interfaces=interfaces)
+    if not is_list(interfaces):
+        raise InterfaceError(f"interfaces must be a list, as interfaces=[Interface('root')], got {interfaces!r:.100}")
     found = tuple(find_interfaces(interfaces, mesh=mesh, layout=layout))
     return DiscreteForms(mesh, groups, degree, space, layout, found, facets)
 

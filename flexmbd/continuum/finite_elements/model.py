@@ -11,7 +11,6 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
-from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
@@ -22,11 +21,9 @@ from flexmbd.continuum.finite_elements.nodal_group import NodalInterface
 from flexmbd.continuum.finite_elements.nodal_interface import find_nodal_groups
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.errors import FormulationError
-from flexmbd.given import checked
+from flexmbd.given import is_list
 
 
-@checked("interfaces", error=FormulationError, agree=parallel.told_to_all)
 class ContinuumModel(LinearModel):
     """A linear elastic body on a mesh, with named interfaces, at rest. Constructing one is collective."""
 
@@ -63,11 +60,15 @@ class ContinuumModel(LinearModel):
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
                 facets that the surface has not; supports that are not well formed.
         """
-        framed = [one for one in interfaces if not isinstance(one, NodalInterface)]
+        framed: Any = interfaces
+        nodes: list[NodalInterface] = []
+        if is_list(interfaces):  # of what is none all ranks are told below
+            framed = [one for one in interfaces if not isinstance(one, NodalInterface)]
+            nodes = [one for one in interfaces if isinstance(one, NodalInterface)]
         forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=framed, surfaces=surfaces)
         held = find_supports(supports, mesh=mesh, layout=forms.layout)
         nodal = find_nodal_groups(
-            [one for one in interfaces if isinstance(one, NodalInterface)],
+            nodes,
             mesh=mesh,
             layout=forms.layout,
             frames=forms.interfaces,

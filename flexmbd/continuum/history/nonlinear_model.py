@@ -70,7 +70,7 @@ class HistorySnapshot:
     viscous_work: float = 0.0
 
 
-@checked("interfaces", "cell_means", error=FormulationError, agree=parallel.told_to_all)
+@checked("cell_means", error=FormulationError, agree=parallel.told_to_all)
 class NonlinearModel(DiscretisedBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 

@@ -13,6 +13,7 @@ from scipy.interpolate import PPoly
 from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.machine_parts import Call, FrameCall, Parts
 from flexmbd.export.functional_mockup.model_description import Causality, Variable
+from flexmbd.given import is_list
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
@@ -69,7 +70,13 @@ class ObservedVariable:
 
 
 def named(ports: Sequence[T] | Mapping[str, T]) -> list[tuple[str | None, T]]:
-    """With the names that the user gave, if any."""
+    """With the names that the user gave, if any.
+
+    Raises:
+        ExportError: neither a list nor a mapping.
+    """
+    if not isinstance(ports, Mapping) and not is_list(ports):
+        raise ExportError(f"inputs and outputs are lists, or mappings of names to them, got {ports!r:.100}")
     return list(ports.items()) if isinstance(ports, Mapping) else [(None, one) for one in ports]
 
 

@@ -47,7 +47,7 @@ from flexmbd.multibody.motion.quantity import Acceleration, Output
 from flexmbd.system import System
 
 
-@checked(but=("integrator", "fmi"), error=ExportError)
+@checked(but=("inputs", "outputs", "integrator", "fmi"), error=ExportError)
 def fmu_machine(
     scene: System,
     path: str | Path,

@@ -34,7 +34,7 @@ Followed: TypeAlias = Output | Signal | Table | Sine | Compiled | float | Callab
 StateEquation: TypeAlias = Compiled | Callable[[float, FloatArray, FloatArray], Any]
 
 
-@checked("rates", "name", "names")
+@checked("name", "names")
 @dataclass(frozen=True, eq=False)
 class States:
     """First-order differential equations z' = f(t, z, u) with outputs y = g(t, z, u), solved with the machine.
@@ -76,6 +76,8 @@ class States:
             )
         if self.names and len({*self.names}) != len(z):
             raise SceneError(f"{self.what}: {len(z)} states take as many names that differ, got {self.names!r:.60}")
+        if self.rates is None:
+            raise SceneError(f"{self.what}: rates must be a function of t, z and u, got None")
         for function, role in ((self.rates, "rates"), (self.outputs, "outputs")):
             _refuse_no_equation(function, f"{self.what}: {role}")
         for name, given in (("measurements", self.measurements), ("inputs", self.inputs)):
