@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.files.array_file import read_arrays, write_arrays
+from flexmbd.given import checked
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.continuum_body import Memory
@@ -70,6 +71,7 @@ class Checkpoint:
         _refuse_damaged(self.snapshot, start)
         return self.snapshot
 
+    @checked(error=RecordError)
     def save(self, path: str | Path) -> Path:
         """Write to ``path`` (.npz), under a temporary name first."""
         snapshot = self.snapshot
@@ -100,6 +102,7 @@ class Checkpoint:
         return write_arrays(path, parts)
 
     @staticmethod
+    @checked(error=RecordError)
     def load(path: str | Path) -> Checkpoint:
         """Read a checkpoint.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import RecordError, SceneError
 from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.interiors.observed import InteriorMesh, ObservedInterior
@@ -88,6 +88,7 @@ class BodyRecording:
         found, k = self._found()
         return found.fields[k]
 
+    @checked()
     def values(self, field: str, *, row: int | slice = slice(None)) -> FloatArray:
         """(nt, k) or (nt, k, m), a field at all nodes and instants, or at the instants of ``row``.
 
@@ -102,6 +103,7 @@ class BodyRecording:
             raise SceneError(f"the recording has {nt} instants, and none of the row {row!r}")
         return np.asarray(found.row(k, row % nt, lambda body: body["fields"][field]), dtype=np.float64)
 
+    @checked()
     def series(self, field: str, *, node: int | None = None, point: ArrayLike | None = None) -> FloatArray:
         """(nt,) or (nt, m), a field at a node or a point of the undeformed mesh.
 
@@ -120,14 +122,17 @@ class BodyRecording:
         values = np.asarray(found.series(k, lambda body: body["fields"][field][:, rows]), dtype=np.float64)
         return np.asarray(np.einsum("tk...,k->t...", values, weights))
 
+    @checked()
     def position(self, *, node: int | None = None, point: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m, of a node or point, as of ``series``."""
         return self.series("position", node=node, point=point)
 
+    @checked()
     def velocity(self, *, node: int | None = None, point: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m/s, of a node or point, as of ``series``."""
         return self.series("velocity", node=node, point=point)
 
+    @checked()
     def acceleration(self, *, node: int | None = None, point: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m/s^2, of a node or point, as of ``series``."""
         return self.series("acceleration", node=node, point=point)
@@ -142,9 +147,16 @@ class BodyRecording:
         found, k = self._found()
         return found.series(k, lambda body: body["largest"])
 
+    @checked()
     def between(self, field: str, t: ArrayLike) -> FloatArray:
-        """(k, nodes) or (k, nodes, m), a field at times (k,) s, linear between the instants."""
+        """(k, nodes) or (k, nodes, m), a field at times (k,) s, linear between the instants and constant beyond.
+
+        Raises:
+            SceneError: there is no such field, or the times are not finite numbers (k,).
+        """
         wanted, instants = np.atleast_1d(np.asarray(t, dtype=float)), self.t
+        if wanted.ndim != 1:
+            raise SceneError(f"t must be times (k,), got the shape {wanted.shape}")
         self._field(field)
         if len(instants) == 1:
             return np.array([self.values(field, row=0) for _ in wanted])
@@ -155,8 +167,13 @@ class BodyRecording:
             found.append((1.0 - share) * self.values(field, row=k) + share * self.values(field, row=k + 1))
         return np.array(found)
 
+    @checked()
     def stress(self, t: float) -> StressField:
-        """Displacement and stress, in body axes, at the instant nearest to t (s)."""
+        """Displacement and stress, in body axes, at the instant nearest to t (s).
+
+        Raises:
+            SceneError: t is no time, or no stress is kept.
+        """
         found, k = self._field("stress")
         row = int(np.argmin(np.abs(found.t - t)))
         p, R, largest, nearest = (
@@ -207,6 +224,7 @@ class BodyRecording:
         return found, k
 
 
+@checked(error=RecordError)
 def load_recording(path: str | Path) -> dict[str, BodyRecording]:
     """The bodies of a recording by name.
 

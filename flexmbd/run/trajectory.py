@@ -206,6 +206,7 @@ class Trajectory(ForceSeries):
         return Path(path)
 
     @staticmethod
+    @checked("path")
     def load(path: str | Path, machine: Runnable, **values: Any) -> Trajectory:
         """The trajectory that ``save`` wrote, of a machine that is at hand: all questions are answered as before.
 
@@ -221,7 +222,6 @@ class Trajectory(ForceSeries):
             RecordError: the file is missing, damaged, of another kind, or of another machine.
             SceneError: the path is none, the machine is none, or a value does not fit.
         """
-        refuse_other(path, (str, Path), "path", wanted='a file, "run.h5"')
         refuse_other(machine, Runnable, "machine", wanted="a System, or what its compile() gave")
         scene, bodies, team = machine.compiled_parts(values)
         read = load_stream if is_kind(Path(path), STREAM) else load_run

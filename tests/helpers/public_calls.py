@@ -85,6 +85,8 @@ def _of_class(place: str, value: type) -> Iterator[Public]:
         if isinstance(member, property):
             if member.fset is not None:
                 yield Public(f"{place}.{key}=", member.fset, value)
+        elif isinstance(member, staticmethod) and member.__func__.__module__.startswith("flexmbd"):
+            yield Public(f"{place}.{key}", member.__func__)
         elif isinstance(member, classmethod):
             yield Public(f"{place}.{key}", getattr(value, key), value)
         elif inspect.isfunction(member) and member.__module__.startswith("flexmbd"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from functools import cache, cached_property
 from pathlib import Path
@@ -12,7 +13,7 @@ import public_bodies
 import pyvista
 
 import flexmbd as fm
-from flexmbd import beams, ensemble, export, force, joint, output
+from flexmbd import beams, continuum, ensemble, export, force, joint, output
 from flexmbd.forms import beam_timoshenko
 from flexmbd.visual import Look  # noqa: F401  (annotations of films name it)
 
@@ -113,14 +114,36 @@ def _of_the_path() -> tuple[fm.EquilibriumPath, Any]:
 
 
 @cache
-def studied() -> ensemble.Ensemble:
-    """Two variants of a mass that falls."""
+def falling() -> tuple[fm.CompiledMachine, Any]:
+    """A mass that falls, with its place as a parameter, and its slide."""
     scene = fm.System(gravity=(0.0, 0.0, -9.81))
     cart = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="cart")
     slide = scene.connect(joint.Prismatic("z"), scene.ground.frame(), cart.frame(), name="slide")
     slide.position = 0.0
-    machine = scene.compile(parameters={"z": fm.parameter.InitialPosition(slide)})
+    return scene.compile(parameters={"z": fm.parameter.InitialPosition(slide)}), slide
+
+
+@cache
+def studied() -> ensemble.Ensemble:
+    """Two variants of it."""
+    machine, slide = falling()
     return machine.ensemble({"z": [0.0, 1.0]}, {"end": lambda run: run.beta(slide)[-1]}, t_end=0.01)
+
+
+@cache
+def kept() -> fm.Checkpoint:
+    """Of a mass that falls."""
+    return falling()[0].simulate(0.01, checkpoints=[0.005]).checkpoints[0]
+
+
+@cache
+def recorded() -> tuple[fm.Trajectory, fm.ContinuumBody]:
+    """A body with history that falls, with the recording of its fields; the file is this process's."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = scene.add(fm.ContinuumBody(continuum.ImplicitContinuum(public_bodies.nonlinear())), name="bar")
+    scene.connect(joint.Fixed(), scene.ground.frame(), body.frame("x_min"))
+    path = Path(tempfile.mkdtemp()) / "bar.h5"
+    return scene.simulate(1e-4, rtol=1e-2, recording=fm.Recording(path, every=5e-5)), body
 
 
 def body_file(write: Callable[..., Any], name: str, **options: Any) -> str:
@@ -141,6 +164,9 @@ def sphere_file() -> str:
 
 
 BY_WORDS: dict[str, Callable[[Any], Any]] = {
+    "ContinuumBody": lambda w: recorded()[1],
+    "CouplingT": lambda w: joint.Gear(w.hinge, w.root, 2.0),
+    "Interior": lambda w: continuum.ImplicitContinuum(public_bodies.nonlinear()),
     "StateEquation": lambda w: _decay,
     "StateEquation | Any": lambda w: _decay,
     "Compiled | Law": lambda w: _law,
@@ -166,6 +192,9 @@ OBJECTS: dict[str, Callable[[Any], Any]] = {
     "Instant": lambda w: rich().run.at(0.002),
     "EquilibriumPath": lambda w: _of_the_path()[0],
     "ExactBeam": lambda w: rich().beam,
+    "BodyRecording": lambda w: recorded()[0].recorded(recorded()[1]),
+    "ContinuumBody": lambda w: recorded()[1],
+    "Checkpoint": lambda w: kept(),
     "ControllerSamples": lambda w: rich().run.sampled(rich().law),
     "YieldMonitor": lambda w: fm.YieldMonitor(rich().rod, yield_stress=2.5e8),
     "DiscreteFrame": lambda w: frame(),
@@ -197,6 +226,18 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "CriticalPoint.q": {"body": lambda w: rich().rod},
     "CriticalPoint.q_rate": {"body": lambda w: rich().rod},
     "CriticalPoint.remembered": {"force": lambda w: rich().spring},
+    **{
+        f"BodyRecording.{name}": {"field": lambda w: "position", "t": lambda w: 5e-5, "node": lambda w: 0}
+        for name in ("acceleration", "between", "position", "series", "stress", "values", "velocity")
+    },
+    "ContinuumBody.frame": {"name": lambda w: "x_min"},
+    "Trajectory.interior_wrench": {"interface": lambda w: "x_min"},
+    "Checkpoint.load": {"path": lambda w: str(kept().save("kept.npz"))},
+    "ResultTable.load": {"path": lambda w: _table_file()},
+    "Trajectory.load": {"path": lambda w: _falling_file(), "machine": lambda w: falling()[0]},
+    "load_recording": {"path": lambda w: str(recorded()[0].recorded(recorded()[1]).path)},
+    "CompiledMachine.variant": {"values": lambda w: {"z": 0.5}},
+    "CompiledMachine.compiled_parts": {"values": lambda w: {"z": 0.5}},
     "EquilibriumPath.q": {"body": lambda w: rich().rod},
     "EquilibriumPath.beta": {"connection": lambda w: _of_the_path()[1]},
     "EquilibriumPath.reaction": {"connection": lambda w: _of_the_path()[1]},
@@ -297,10 +338,27 @@ FOR_METHODS: dict[str, Callable[[], Any]] = {
             "deformation_gradient", "show",
         )
     },
+    **{
+        f"Trajectory.{name}": lambda: recorded()[0]
+        for name in ("energies", "interior_wrench", "outer_forces", "recorded")
+    },
     **{f"ReducedBody.{name}": public_bodies.body for name in ("show", "animate", "to_pyvista", "strained")},
+    "CompiledMachine.variant": lambda: falling()[0],
+    "CompiledMachine.compiled_parts": lambda: falling()[0],
     "FlexibleBody.show": lambda: rich().rod,
     "LinearizedMachine.plot": linear,
 }  # fmt: skip
+
+
+def _table_file() -> str:
+    run = falling()[0].simulate(0.01)
+    run.table(falling()[1]).save("table.csv")
+    return "table.csv"
+
+
+def _falling_file() -> str:
+    falling()[0].simulate(0.01).save("falling.h5")
+    return "falling.h5"
 
 
 def _set(thing: Any, name: str, value: Any) -> Any:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import InterfaceError, SceneError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import Frame, RigidBody, refuse_change
 from flexmbd.rotation import check_rotation
 
@@ -290,6 +291,7 @@ class IteratedInterior(ImplicitInterior, Protocol):
         """
 
 
+@checked("name")
 @dataclass(eq=False)
 class ContinuumBody:
     """A body with history in a machine: rigid interface frames, and an interior between them.
@@ -313,14 +315,15 @@ class ContinuumBody:
         super().__setattr__(name, value)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.interior, (ExplicitInterior, ImplicitInterior)) or isinstance(self.interior, type):
+            raise SceneError(
+                f"continuum body: its interior must be an ExplicitInterior or an ImplicitInterior, as an "
+                f"ImplicitContinuum, got {self.interior!r:.100}"
+            )
         frames = self.interior.frames
         names = [frame.name for frame in frames]
         if not frames or len(set(names)) < len(names):
             raise SceneError(f"continuum body: it needs interface frames, each with a name of its own, got {names}")
-        if not isinstance(self.interior, (ExplicitInterior, ImplicitInterior)):
-            raise SceneError(
-                f"continuum body: {type(self.interior).__name__} is neither an ExplicitInterior nor an ImplicitInterior"
-            )
         parts = []
         for frame in frames:
             try:

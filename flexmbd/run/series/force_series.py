@@ -188,7 +188,8 @@ class ForceSeries(MotionSeries):
         for k, other in enumerate(bodies):
             if other is body:
                 return k
-        raise SceneError(f"body {body.name!r} has no interior in this trajectory")
+        what = f"body {body.name!r}" if isinstance(body, ContinuumBody) else f"{body!r:.100}"
+        raise SceneError(f"{what} has no interior in this trajectory")
 
     def _stretches(self) -> Iterator[slice]:
         """Blocks of rows with the plan of their forces: all at once, or row by row with the interiors' wrenches."""
