@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -123,10 +125,16 @@ class ExplicitRun:
         self.places: list[FloatArray] = []
 
     @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that the body is spread over."""
+        return self.motion.body.comm
+
+    @property
     def stable_step(self) -> float:
         """The longest stable step, s, as last found."""
         return self.motion.limit
 
+    @checked(agree=parallel.told_to_all)
     def simulate(
         self,
         t_end: float,
@@ -150,8 +158,8 @@ class ExplicitRun:
             The account, from the start on.
 
         Raises:
-            SceneError: h is not positive, or longer than the stable step; t_end is past; outputs is below one; the
-                checkpoint is of another run.
+            SceneError: h is not positive, or longer than the stable step; t_end is past, or so far that times of two
+                steps are one; outputs is below one, or more than memory holds; the checkpoint is of another run.
             RecordError: a checkpoint cannot be read or written.
             ExplicitRunError: a cell is turned inside out, or h has become longer than the stable step; names
                 the cell and the instant, and what was noted is kept.
@@ -163,7 +171,13 @@ class ExplicitRun:
         over = t_end < self.t if restart is not None else t_end <= self.t
         if over or not np.isfinite(t_end) or outputs < 1:
             raise SceneError(f"t_end = {t_end!r} s must be after {self.t:.6g} s, and outputs at least 1: {outputs!r}")
-        instants = [float(instant) for instant in np.linspace(begun, t_end, outputs + 1)[1:]]
+        step = _SHARE * limit if h is None else h
+        if (t_end - self.t) * np.finfo(float).eps > step:
+            raise SceneError(f"t_end = {t_end:g} s is so far that steps of {step:.3g} s are lost in its rounding")
+        try:
+            instants = [float(instant) for instant in np.linspace(begun, t_end, outputs + 1)[1:]]
+        except (MemoryError, OverflowError, ValueError) as error:  # numpy says so in three ways
+            raise SceneError(f"outputs = {outputs:.3g} are more than memory holds") from error
         if not self.account.t:
             self.motion.start(self._step(instants[0], h))
             self._note()
