@@ -50,14 +50,17 @@ class MachineRates:
 
 
 def machine_rates(start: Start, t: float) -> MachineRates:
-    """Rates at the start, at time t (s): dense, in O(nv^3).  A start beyond all numbers: infinite."""
+    """Rates at the start, at time t (s): dense, in O(nv^3).  A start beyond all numbers, and inertias so unlike: infinite."""
     mass, damping, stiffness, along = _linearised(start, t)
     motion = _joint_rate(start)
     if not len(mass):
         return MachineRates(motion, 0.0, 0.0, 0, *np.zeros((2, 0)))
     if not all(np.isfinite(part).all() for part in (mass, damping, stiffness)):
         return MachineRates(motion, np.inf, 0.0, 0, *np.zeros((2, 0)))
-    squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    try:
+        squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    except scipy.linalg.LinAlgError:  # inertias so unlike that round-off takes the smallest
+        return MachineRates(motion, np.inf, 0.0, 0, *np.zeros((2, 0)))
     motion = max(motion, float(np.sqrt(max(-squares[0], 0.0))))
     contact, held = _grips(start, motion, along @ shapes)
     decay = np.abs(np.linalg.eigvalsh(shapes.T @ damping @ shapes + held)).max()

@@ -120,7 +120,8 @@ class StVenantKirchhoff:
         """(..., 3, 3) Pa, lambda tr(E) 1 + 2 mu E."""
         lam, mu = self.lame
         trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
-        return np.asarray(lam * trace * np.eye(3) + 2.0 * mu * strain)
+        with np.errstate(over="ignore", invalid="ignore"):  # _normal refuses what is not finite
+            return np.asarray(lam * trace * np.eye(3) + 2.0 * mu * strain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +194,8 @@ def _normal(solid: Solid, stiffness: FloatArray) -> tuple[FloatArray, FloatArray
     """Eigenvalues (6,), ascending, and modes H_k (6, 3, 3), for a stiffness (6, 6) in the symmetric basis."""
     basis = symmetric_basis()
     mass = np.einsum("iab,bc,jac->ij", basis, solid.second, basis)
+    if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
+        raise SceneError("the body's stiffness or its second moments of mass are beyond what numbers hold")
     k, x = scipy.linalg.eigh(stiffness, mass)
     if not k[0] > 0.0:
         raise SceneError(f"a body must be stiff against every stretch; the least squared frequency is {k[0]:.3g} 1/s^2")
