@@ -50,7 +50,7 @@ class MachineRates:
 
 
 def machine_rates(start: Start, t: float) -> MachineRates:
-    """Rates at the start, at time t (s): dense, in O(nv^3).  A start beyond all numbers, and inertias so unlike: infinite."""
+    """Rates at the start, at time t (s): dense, in O(nv^3).  A start or inertias beyond numbers: infinite."""
     mass, damping, stiffness, along = _linearised(start, t)
     motion = _joint_rate(start)
     if not len(mass):
