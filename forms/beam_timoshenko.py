@@ -91,7 +91,10 @@ class Parameters:
                 f"Iz = {self.Iz} m^4, with which bending would have no positive energy"
             )
         check_poisson(self.nu)
-        parts = self.orientation if hasattr(self.orientation, "__iter__") else ()
+        try:
+            parts = tuple(self.orientation)
+        except TypeError:  # a single number, of an array too
+            parts = ()
         vector = tuple(number("each part of orientation", part) for part in parts)
         if len(vector) != 3 or not 0.0 < sum(part * part for part in vector) < float("inf"):
             raise ValueError(f"orientation must be a vector of length above zero, got {self.orientation!r}")

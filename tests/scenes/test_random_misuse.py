@@ -4,8 +4,9 @@ import pytest
 from random_misuse.children import tried
 
 SEEDS = 40
-#: Machines that once ended otherwise: an energy beyond all numbers, inertias so unlike that round-off takes one.
-ONCE = (12857, 15015)
+#: Machines that once ended otherwise: an energy beyond all numbers, inertias so unlike that round-off takes one, a load
+#: factor of 101 bits, an orientation that is an array without dimensions.
+ONCE = (12857, 15015, 40877, 41271)
 
 
 @pytest.mark.timeout(300)

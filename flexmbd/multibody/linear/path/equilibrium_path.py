@@ -50,6 +50,8 @@ class Continuation:
             value = getattr(self, name)
             if not is_number(value) and (name == "to" or value is not None):
                 raise SceneError(f"Continuation: {name} must be a load factor, a number, got {value!r}")
+            if value is not None:  # integers as well: kernels know doubles
+                object.__setattr__(self, name, float(value))
         if is_truth(self.side) or self.side not in (1, -1):
             raise SceneError(f"Continuation: side must be 1 or -1, got {self.side!r}")
         if not is_number(self.longest_step) or not 0.0 < self.longest_step <= 1.0:
