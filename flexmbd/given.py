@@ -328,7 +328,9 @@ def _row(kinds: list[_Asked | None]) -> _Asked:
 
 def is_list(value: Any) -> bool:
     """Whether it holds things in a row: no text, no mapping, no array without dimensions."""
-    return isinstance(value, Collection) and not isinstance(value, str | bytes | Mapping) and hasattr(value, "__iter__")
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Collection) and not isinstance(value, str | bytes | Mapping)
 
 
 def _mapping(key: _Asked | None = None, item: _Asked | None = None) -> _Asked:

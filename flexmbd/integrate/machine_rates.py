@@ -65,7 +65,7 @@ def machine_rates(start: Start, t: float) -> MachineRates:
     contact, held = _grips(start, motion, along @ shapes)
     decay = np.abs(np.linalg.eigvalsh(shapes.T @ damping @ shapes + held)).max()
     fastest = max(float(np.sqrt(np.abs(squares).max())), contact, float(decay))
-    quick = squares > motion**2
+    quick = squares > motion * motion
     rates = np.sqrt(squares[quick])
     modal = shapes.T @ mass @ np.linalg.pinv(along)
     free = start.scene.plan.free
@@ -91,7 +91,7 @@ def _grips(start: Start, motion: float, shapes: FloatArray) -> tuple[float, Floa
     felt = every[on]
     mobility = np.sum(felt**2, axis=1)
     inertia = np.divide(1.0, mobility, out=np.zeros(len(on)), where=mobility > 0.0)
-    stiffness, damping = grips(scene.plan, inertia * scene.group_full[scene.group_of[on]] * motion**2).T
+    stiffness, damping = grips(scene.plan, inertia * scene.group_full[scene.group_of[on]] * (motion * motion)).T
     return float(np.sqrt((stiffness * mobility).max(initial=0.0))), (felt.T * damping) @ felt
 
 

@@ -4,9 +4,9 @@ import pytest
 from random_misuse.children import tried
 
 SEEDS = 40
-#: Machines that once ended otherwise: an energy beyond all numbers, inertias so unlike that round-off takes one, a load
-#: factor of 101 bits, an orientation that is an array without dimensions.
-ONCE = (12857, 15015, 40877, 41271)
+#: Machines that once ended otherwise: energies beyond all numbers, inertias so unlike that round-off takes one, a
+#: motion whose square is no number, a load factor of 101 bits, rows of numbers that are arrays without dimensions or ragged.
+ONCE = (12857, 15015, 40877, 41271, 42199, 42286, 44127, 45480)
 
 
 @pytest.mark.timeout(300)

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number
+from flexmbd.given import is_list, is_number
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
@@ -63,7 +63,7 @@ class FrameForce(OffJoints):
             )
         for name in ("force", "torque"):
             given = getattr(self, name)
-            if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 3:
+            if not isinstance(given, Sequence | np.ndarray) or not is_list(given) or len(given) != 3:
                 raise SceneError(f"{self.what}: {name} takes three components, got {given!r:.100}")
         if not all(map(is_number, [c for c in (*self.force, *self.torque) if isinstance(c, (int, float))])):
             raise SceneError(f"{self.what}: a component is not a finite number")
