@@ -72,6 +72,8 @@ def _advance_set_joints(
     size = coordinate_sizes(scene)
     whole = float(np.abs(way / size).max())
     done, stride = 0.0, min(1.0, _STRIDE / whole)  # shares of the way
+    if not stride > np.finfo(float).eps:  # strides are lost in the rounding of where it leads
+        return None
     while done < 1.0:
         stride = min(stride, 1.0 - done)
         step = stride * _rates(scene, work, x, way, led)
