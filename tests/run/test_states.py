@@ -345,3 +345,31 @@ def test_signals_that_states_cannot_set_are_told_by_the_scene():
     scene.add_controller(lambda t, y: 0.0, period=0.1, inputs=[push])
     with pytest.raises(SceneError, match="'push' is set by states 'valve' already"):
         scene.simulate(1.0)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_states_beside_what_remembers_change_nothing_of_it(name):
+    """A spring that yields to and fro, with states that load nothing: whichever of them was added first, or none."""
+
+    def swung(order):
+        scene = fm.System()
+        body = scene.add(fm.RigidBody(mass=1.0, inertia=(1.0, 1.0, 1.0)), name="cart")
+        slide = scene.connect(fm.joint.Prismatic(axis="x"), scene.ground.frame(), body.frame(), name="slide")
+        slide.position, slide.velocity = 0.0, 3.0
+        spring = fm.force.PlasticJointSpring(slide, deformation=(0.0, 0.1, 1.1), force=(0.0, 10.0, 12.0))
+        for what in order:
+            if what == "spring":
+                scene.add_force(spring)
+            else:
+                idle = fm.Signal("idle")
+                scene.add_force(fm.force.JointForce(slide, idle))
+                scene.add_states(lambda t, z, u: -z, initial=[0.0], scale=1.0, inputs=[idle])
+        run = scene.simulate(3.0, rtol=1e-6, integrator=METHODS[name])
+        return run.beta(slide)[-1], run.remembered(spring)["dissipated"][-1]
+
+    alone = swung(["spring"])
+    assert 0.5 * 1.0 * 3.0**2 > alone[1] > 3.9  # what the cart had, but for what still swings
+    assert swung(["states", "spring"]) == pytest.approx(alone, rel=1e-9)
+    assert swung(["spring", "states"]) == pytest.approx(alone, rel=1e-9)
+    every = ["spring", "states"]
+    assert swung(every) == swung(every[::-1])

@@ -13,6 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.force.protocol import Force, StateEquations
+from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.signal import Signal
@@ -382,12 +383,13 @@ def _checked_law(function: Any, what: str, signature: Signature, arguments: str)
 def assemble_forces(
     numbering: Numbering, ground: Body, forces: Sequence[Force], varied: Iterable[object]
 ) -> ForceTable:
-    """Let every force element add its rows, in the order in which they were added to the scene.
+    """Let every force element add its rows, in the order in which they were added to the scene, state equations first.
 
-    Those whose numbers are to vary, among ``varied``, add them whatever the numbers are now.
+    Their states are coordinates, and what elements remember lies behind all of those (`Numbering.add_memory`).
+    Forces whose numbers are to vary, among ``varied``, add them whatever the numbers are now.
     """
     table = ForceTable(numbering, ground, varied)
-    for force in forces:
+    for force in sorted(forces, key=lambda force: not isinstance(force, States)):
         first, first_element = len(table.forces), len(table.elements)
         table.assemble(force)
         rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))

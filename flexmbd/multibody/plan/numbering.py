@@ -103,6 +103,7 @@ class Numbering:
         self.data: list[FloatArray] = [np.zeros(1)]  # the zero at 0 is what those without parameters point to
         self.data_size = 1
         self.pairs: dict[KinematicPair, int] = {}
+        self._remembers = False
 
     def add_branch(self, branch: Branch, mass: list[float]) -> None:
         """Append a body with its inboard joint; steps but the last lead to massless links.
@@ -177,6 +178,8 @@ class Numbering:
         Its velocity is the state over its scale, its acceleration what the state equations give.  It counts neither in
         energies nor in momenta (``CompiledScene.bodies_alone``).
         """
+        if self._remembers:
+            raise ValueError("states are coordinates, and come before what elements remember")
         first = len(self.names)
         for name in names:
             row = len(self.tree)
@@ -217,6 +220,7 @@ class Numbering:
 
         Until a start writes it, it is of the end of time: whatever comes first is led straight to where it is.
         """
+        self._remembers = True
         place = len(self.start)
         head = [0.0] * at.N_MEMORY_HEAD
         head[at.MEMORY_TIME] = float(np.finfo(float).max)
