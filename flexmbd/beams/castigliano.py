@@ -118,13 +118,23 @@ def section_axes(along: FloatArray, section: Section, group: str) -> FloatArray:
 
 
 def compliance(section: Section) -> FloatArray:
-    """(6, 6) strains of a section by its resultants, along and about t, y, z: 1/N, 1/(N m^2)."""
+    """(6, 6) strains of a section by its resultants, along and about t, y, z: 1/N, 1/(N m^2).
+
+    Raises:
+        SceneError: a stiffness is beyond what numbers hold.
+    """
     shear = section.E / (2.0 * (1.0 + section.nu))
     answer = np.zeros((6, 6))
     stretch = section.E * section.A, section.ky * shear * section.A, section.kz * shear * section.A
-    answer[:4, :4] = np.diag(1.0 / np.array([*stretch, shear * section.J]))
+    direct = np.array([*stretch, shear * section.J])
     bending = section.E * np.array([[section.Iy, -section.Iyz], [-section.Iyz, section.Iz]])
-    answer[4:, 4:] = np.linalg.inv(bending)
+    try:
+        if not (direct > 0.0).all():  # without shear two are infinite
+            raise np.linalg.LinAlgError
+        answer[:4, :4] = np.diag(1.0 / direct)
+        answer[4:, 4:] = np.linalg.inv(bending)
+    except np.linalg.LinAlgError:
+        raise SceneError(f"{section!r:.200}: numbers do not hold its stiffnesses, which are too small") from None
     return answer
 
 

@@ -58,7 +58,10 @@ class Dice:
     def value(self, right: Any) -> Any:
         """A right value, or another one."""
         if self.chance(self.wrong):
-            return self.one_of(WRONG)(right)
+            try:
+                return self.one_of(WRONG)(right)
+            except ValueError:  # of a vector with something wrong in it no array can be made
+                return right
         if isinstance(right, float) and self.chance(self.odd):
             return self.one_of(ODD)(right)
         return right
