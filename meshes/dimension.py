@@ -10,6 +10,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+from flexmbd.continuum import parallel
 from flexmbd.errors import MeshError
 from flexmbd.files.memory import available_memory
 from flexmbd.given import checked, is_number
@@ -24,7 +25,7 @@ def _told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
     comm = arguments.get("comm", MPI.COMM_WORLD if part is None else getattr(part, "comm", None))
     if not isinstance(comm, MPI.Comm) or comm == MPI.COMM_NULL:
         return fault or f"comm must be a communicator of MPI, as MPI.COMM_WORLD, got {comm!r:.100}"
-    return next(filter(None, comm.allgather(fault)), "")
+    return parallel.told_to_all({"comm": comm}, fault)
 
 
 #: For functions that make meshes: what is neither a size nor a choice is of its annotation's type, on all ranks.

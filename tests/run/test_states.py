@@ -373,3 +373,24 @@ def test_states_beside_what_remembers_change_nothing_of_it(name):
     assert swung(["spring", "states"]) == pytest.approx(alone, rel=1e-9)
     every = ["spring", "states"]
     assert swung(every) == swung(every[::-1])
+
+
+def test_a_force_of_ones_own_with_states_after_one_that_remembers_is_refused():
+    class Own:
+        connections = frames = ()
+
+        def __init__(self, states):
+            self._states = states
+
+        def check(self):
+            self._states.check()
+
+        def assemble(self, table):
+            self._states.assemble(table)
+
+    scene, slide, push = cart(stiffness=0.0)
+    slide.position = 0.0
+    scene.add_force(fm.force.PlasticJointSpring(slide, deformation=(0.0, 0.1, 1.1), force=(0.0, 10.0, 12.0)))
+    scene.add_force(Own(fm.States(lambda t, z, u: -z, initial=[0.0], scale=1.0, inputs=[push], name="own")))
+    with pytest.raises(SceneError, match="are coordinates, which come before what force elements remember"):
+        scene.compile()

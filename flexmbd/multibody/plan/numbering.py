@@ -177,9 +177,15 @@ class Numbering:
 
         Its velocity is the state over its scale, its acceleration what the state equations give.  It counts neither in
         energies nor in momenta (``CompiledScene.bodies_alone``).
+
+        Raises:
+            SceneError: elements remember already, which lies behind all coordinates.
         """
         if self._remembers:
-            raise ValueError("states are coordinates, and come before what elements remember")
+            raise SceneError(
+                f"states {', '.join(names)} are coordinates, which come before what force elements remember: add your "
+                "force with states to the scene before those"
+            )
         first = len(self.names)
         for name in names:
             row = len(self.tree)
