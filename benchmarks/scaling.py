@@ -101,22 +101,23 @@ def tell(report: Report, parts: Mapping[str, Callable[[], Iterator[Row]]]) -> No
             report.say(f"| {' | '.join(row)} |")
 
 
-def step_time(build: Callable[[], fm.System], method: Integrator, *, h: float = H, least: float = 0.2) -> float:
-    """us of processor time a step: the least of five runs that last for a while each, less a run of three steps."""
+def step_time(
+    build: Callable[[], fm.System], method: Integrator, *, h: float = H, steps: int | None = None, least: float = 0.04
+) -> float:
+    """us of processor time a step, of the stepping alone: the least of five runs.
 
-    def spent(steps: int) -> float:
-        machine = build()
-        began = time.process_time()
-        machine.simulate(steps * h, h=h, integrator=method)
-        return time.process_time() - began
+    Each takes as many ``steps``, or as many as last for a while (``least``, s).
+    """
 
-    spent(3)
-    start = min(spent(3) for _ in range(3))
-    steps, seconds = 10, 0.0
-    while seconds < least / 5.0 and steps < 10**6:
-        steps *= 2
-        seconds = spent(steps) - start
-    return min(seconds, *(spent(steps) - start for _ in range(4))) / (steps - 3) * 1e6
+    def spent(count: int) -> float:
+        case = Case("", build, count * h, h, h)
+        return stepping(case.build(), case, method, {"h": h})[0] / count * 1e6
+
+    count = 1 if steps is None else steps
+    spent(count)  # whatever is compiled, or read, once
+    while steps is None and spent(count) * count < least * 1e6 and count < 10**6:
+        count *= 4
+    return min(spent(count) for _ in range(5))
 
 
 def bodies(*, quick: bool) -> Iterator[Row]:
@@ -164,7 +165,7 @@ def loops(*, quick: bool) -> Iterator[Row]:
 def ladder(*, quick: bool) -> Iterator[Row]:
     before: tuple[int, float] | None = None
     for windows in (12, 50) if quick else (12, 25, 50, 100, 200):
-        step = advance_time(partial(_ladder, windows), CLASSICAL, 20) / 20.0
+        step = step_time(partial(_ladder, windows), CLASSICAL, steps=20)
         text = f"RK4 {step:.1f}"
         if before is not None:
             text += f"; as n^{np.log(step / before[1]) / np.log(windows / before[0]):.2f}"
@@ -183,22 +184,15 @@ def implicit(*, quick: bool) -> Iterator[Row]:
         for name, method in methods.items():
             before: tuple[int, FloatArray] | None = None
             for count in (10, 100) if quick else (10, 30, 100, 300, 1000, 3000):
-                if count > most or (before is not None and before[1][0] > 2e5):
+                if count > most or (before is not None and before[1][0] > 1e5):
                     break
-                found = np.array([advance_time(partial(build, count), method, steps) for steps in (1, 20)])
-                found[1] /= 20.0
+                found = np.array([step_time(partial(build, count), method, steps=steps) for steps in (1, 20)])
                 text = f"{name}: first {found[0]:.0f}; each of 20 {found[1]:.1f}"
                 if before is not None:
                     growth = np.log(found / before[1]) / np.log(count / before[0])
                     text += f"; as n^{growth[0]:.2f} and n^{growth[1]:.2f}"
                 before = count, found
                 yield "implicit", f"{count} {what}", text
-
-
-def advance_time(build: Callable[[], fm.System], method: Integrator, steps: int) -> float:
-    """us of processor time of the stepping alone, the least of five runs."""
-    case = Case("", build, steps * H, H, H)
-    return min(stepping(case.build(), case, method, {"h": H})[0] for _ in range(5)) * 1e6
 
 
 def _four_bars(count: int) -> fm.System:

@@ -10,6 +10,7 @@ import sysconfig
 import traceback
 import warnings
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
@@ -68,6 +69,20 @@ class ConvergenceError(FlexmbdError):
 
     Remedy: shorter steps of the load or of time, another start, or a wider tolerance.
     """
+
+
+class PathError(ConvergenceError):
+    """A path of equilibria, or a slow loading, that could not be followed to its end.
+
+    Remedy: the message says where it stopped and why; shorter steps, or another start.
+
+    Attributes:
+        path: what was found: an ``EquilibriumPath`` of a machine, of a body a ``StaticPath`` or a ``BodyPath``.
+    """
+
+    def __init__(self, message: str, path: Any = None) -> None:
+        super().__init__(message)
+        self.path = path
 
 
 class RecordError(FlexmbdError):

@@ -1,6 +1,9 @@
 """The names of the root, `flexmbd.System` and the others: loaded when the first of them is asked for."""
 
 from flexmbd.compiled_machine import CompiledMachine as CompiledMachine
+from flexmbd.continuation.critical import CriticalKind as CriticalKind
+from flexmbd.continuation.follow import PathEnd as PathEnd
+from flexmbd.continuation.request import Continuation as Continuation
 from flexmbd.coupling import Coupling as Coupling
 from flexmbd.errors import AssemblyError as AssemblyError
 from flexmbd.errors import ConvergenceError as ConvergenceError
@@ -14,6 +17,7 @@ from flexmbd.errors import InterfaceError as InterfaceError
 from flexmbd.errors import MeshError as MeshError
 from flexmbd.errors import MissingLibraryError as MissingLibraryError
 from flexmbd.errors import ModesWarning as ModesWarning
+from flexmbd.errors import PathError as PathError
 from flexmbd.errors import PathWarning as PathWarning
 from flexmbd.errors import PictureError as PictureError
 from flexmbd.errors import RangeWarning as RangeWarning
@@ -92,11 +96,8 @@ from flexmbd.multibody.linear.campbell import Campbell as Campbell
 from flexmbd.multibody.linear.campbell import CriticalSpeed as CriticalSpeed
 from flexmbd.multibody.linear.campbell import FirstOrderMachine as FirstOrderMachine
 from flexmbd.multibody.linear.campbell import campbell as campbell
-from flexmbd.multibody.linear.path.critical import CriticalKind as CriticalKind
-from flexmbd.multibody.linear.path.equilibrium_path import Continuation as Continuation
 from flexmbd.multibody.linear.path.equilibrium_path import CriticalPoint as CriticalPoint
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath as EquilibriumPath
-from flexmbd.multibody.linear.path.follow import PathEnd as PathEnd
 from flexmbd.multibody.linear.ports import Input as Input
 from flexmbd.multibody.linear.working_point import WorkingPoint as WorkingPoint
 from flexmbd.multibody.motion.instant import Instant as Instant

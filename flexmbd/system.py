@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.compiled_machine import STARTING, CompiledMachine
+from flexmbd.continuation.request import Continuation
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
@@ -33,7 +34,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import is_compiled
 from flexmbd.multibody.linear.equilibrium import equilibrium_at_rest, find_equilibrium
 from flexmbd.multibody.linear.path.continuation import equilibrium_path
-from flexmbd.multibody.linear.path.equilibrium_path import Continuation, EquilibriumPath
+from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
@@ -230,7 +231,8 @@ class System(MachineAssembly):
         Raises:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
                 a body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing,
-                the machine is a mechanism, moves, or holds bodies with history; or it cannot be followed.
+                the machine is a mechanism, moves, or holds bodies with history.
+            PathError: a path cannot be followed to its end; the error has what was found.
 
         Warns:
             RangeWarning: a reduced body with nonlinear stiffness is bent beyond what it was compared for.

@@ -21,7 +21,7 @@ from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.check_report import CheckResult, places
 from flexmbd.continuum.contract_suite.history_trial import history_place, trial_step, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Raised, Remark, Verdict, attempt
-from flexmbd.continuum.history.static_path import clamped_dofs, follow
+from flexmbd.continuum.slow_loading.static_path import clamped_dofs, follow
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import craig_bampton
 

@@ -60,12 +60,6 @@ from flexmbd.continuum.history.loads import PressureOnFacets as PressureOnFacets
 from flexmbd.continuum.history.loads import TractionOnFacets as TractionOnFacets
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot as HistorySnapshot
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel as NonlinearModel
-from flexmbd.continuum.history.static_path import Equilibrium as Equilibrium
-from flexmbd.continuum.history.static_path import PathError as PathError
-from flexmbd.continuum.history.static_path import StaticPath as StaticPath
-from flexmbd.continuum.history.static_path import clamped_dofs as clamped_dofs
-from flexmbd.continuum.history.static_path import follow as follow
-from flexmbd.continuum.history.static_path import prescribed_dofs as prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver as LinearSolver
 from flexmbd.continuum.history.tangent_solver import Preconditioner as Preconditioner
 from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity as BulkViscosity
@@ -86,3 +80,13 @@ from flexmbd.continuum.laws.law_form import StrainMeasure as StrainMeasure
 from flexmbd.continuum.laws.law_form import law_form as law_form
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam
 from flexmbd.continuum.parallel import on_root as on_root
+from flexmbd.continuum.slow_loading.body_path import BodyCriticalPoint as BodyCriticalPoint
+from flexmbd.continuum.slow_loading.body_path import BodyEquilibrium as BodyEquilibrium
+from flexmbd.continuum.slow_loading.body_path import BodyPath as BodyPath
+from flexmbd.continuum.slow_loading.body_path import equilibrium_path as equilibrium_path
+from flexmbd.continuum.slow_loading.static_path import Equilibrium as Equilibrium
+from flexmbd.continuum.slow_loading.static_path import StaticPath as StaticPath
+from flexmbd.continuum.slow_loading.static_path import clamped_dofs as clamped_dofs
+from flexmbd.continuum.slow_loading.static_path import follow as follow
+from flexmbd.continuum.slow_loading.static_path import prescribed_dofs as prescribed_dofs
+from flexmbd.errors import PathError as PathError

@@ -137,3 +137,30 @@ def test_a_beam_that_nothing_holds():
     scene.add_force(fm.force.FrameForce(rod.frame("b"), (lambda t: t, 0.0, 0.0)))
     with pytest.raises(SceneError, match=r"nothing resists the motion of .*hinge"):
         scene.equilibrium(path=fm.Continuation(to=1.0))
+
+
+def test_a_branch_of_a_shallow_arch_is_a_closed_one():
+    """From where a clamped arch first bends aside to where it last does and back, not onto the path that crosses there.
+
+    It rises by 3 % of its span, and moves by as much: steps that are short in its size turn sharply in its shape.
+    """
+    section, bending = thin(0.01)
+    scene = fm.System()
+    x = np.linspace(0.0, 1.0, 17)
+    points = {f"p{k}": (one, 0.0, 0.12 * one * (1.0 - one)) for k, one in enumerate(x)}
+    pieces = [(f"p{k}", f"p{k + 1}") for k in range(16)]
+    beam = scene.add(fm.ExactBeam(points, {"arch": pieces}, {"arch": section}, 1), name="arch")
+    for end in ("p0", "p16"):
+        scene.connect(fm.joint.Fixed(), scene.ground.frame(p=points[end]), beam.frame(end))
+    for k in range(1, 16):
+        scene.add_force(fm.force.FrameForce(beam.frame(f"p{k}"), (0.0, 0.0, lambda t: -t * bending)))
+    path = scene.equilibrium(path=fm.Continuation(to=4.0))
+    kinds = [one.kind for one in path.critical]
+    aside = [one for one in path.critical if one.kind is fm.CriticalKind.BIFURCATION]
+    assert kinds.count(fm.CriticalKind.LIMIT) == 2
+    assert len(aside) == 2
+    with pytest.warns(fm.PathWarning, match="broken off"):
+        branch = scene.equilibrium(about=aside[0], path=fm.Continuation(to=4.0, most_points=60))
+    turns = [one.t for one in branch.critical]
+    assert len(turns) > 1
+    assert turns[:2] == pytest.approx([aside[1].t, aside[0].t], rel=1e-3)

@@ -7,8 +7,9 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import PathError, follow, prescribed_dofs
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
+from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
+from flexmbd.errors import PathError
 from flexmbd.forms import hencky_plasticity, j2_plasticity, updated_lagrangian
 
 HEIGHT, BORE, OUTER = 0.02, 0.1, 0.2  # m

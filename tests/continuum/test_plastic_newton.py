@@ -14,8 +14,8 @@ from flexmbd import meshes
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.history.displacement_newton import Balance, Convergence, Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, prescribed_dofs
 from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated

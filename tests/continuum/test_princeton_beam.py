@@ -6,7 +6,7 @@ import pytest
 from flexmbd import meshes
 from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, prescribed_dofs
+from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
 from flexmbd.forms import st_venant_kirchhoff as solid
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 

@@ -12,7 +12,7 @@ import pytest
 import flexmbd as fm
 from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, prescribed_dofs
+from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
 from flexmbd.forms import st_venant_kirchhoff
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from flexmbd import meshes
 from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import clamped_dofs, follow
+from flexmbd.continuum.slow_loading.static_path import clamped_dofs, follow
 from flexmbd.forms import beam_exact
 
 # what rounds is the axial force, of a stiffness far above the loads

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import follow, prescribed_dofs
+from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
 from flexmbd.reduction.unit_loads import Traction, load_vectors
 
 

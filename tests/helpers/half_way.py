@@ -29,7 +29,7 @@ from flexmbd.continuum import (
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Convergence
 from flexmbd.continuum.history.history_file import load_body, save_body
-from flexmbd.continuum.history.static_path import follow, prescribed_dofs
+from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
 from flexmbd.forms import hencky_plasticity, j2_plasticity
 
 PART = fm.RigidBody(30.0, np.array([[1.0, 0.1, 0.0], [0.1, 1.5, -0.2], [0.0, -0.2, 2.0]]), (0.2, -0.05, 0.1))

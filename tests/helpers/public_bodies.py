@@ -56,6 +56,12 @@ def nonlinear() -> continuum.NonlinearModel:
 
 
 @cache
+def loaded() -> continuum.NonlinearModel:
+    """Of the same steel; wherever loads leave it, nobody else has it."""
+    return continuum.NonlinearModel(mesh(), updated_lagrangian, YIELDING, degree=1, interfaces=interfaces())
+
+
+@cache
 def cut() -> continuum.CutMesh:
     return continuum.cut_mesh(mesh(), {"near": lambda x: x[0] < 0.11, "far": lambda x: x[0] > 0.09})
 
@@ -172,6 +178,12 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "continuum.LinearModel.show": {"path": lambda w: "a.png"},
     "continuum.follow": {
         "times": lambda w: [1.0], "prescribed": lambda w: continuum.clamped_dofs(nonlinear(), ["x_min"]),
+    },
+    "continuum.equilibrium_path": {
+        "body": lambda w: loaded(),
+        "path": lambda w: fm.Continuation(to=1.0),
+        "prescribed": lambda w: continuum.clamped_dofs(loaded(), ["x_min"]),
+        "loads": lambda w: [continuum.BodyAcceleration((0.0, 0.0, -1.0), lambda t: t)],
     },
     "continuum.NonlinearModel": {
         "formulation": lambda w: updated_lagrangian, "parameters": lambda w: YIELDING,

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from flexmbd import meshes
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.static_path import prescribed_dofs
+from flexmbd.continuum.slow_loading.static_path import prescribed_dofs
 
 LENGTH, E = 10.0, 1e6
 

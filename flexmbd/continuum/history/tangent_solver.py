@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -28,6 +29,9 @@ _SYMMETRIC = 1e-12
 
 # Krylov's method: most iterations, and the relative residual to which the systems of a block are solved.
 _MAX_ITERATIONS, _EXACT = 200, 1e-12
+
+# MUMPS: controls of the last part of a factor and of the determinant; where negative pivots and its sign are told.
+_ROOT, _DETERMINES, _NEGATIVE, _DETERMINANT = 13, 33, 12, 12
 
 # Couplings weaker than this, relative to the diagonal, do not join two nodes to one aggregate.
 _THRESHOLD, _PREFIX = 0.02, "flexmbd_newton_"
@@ -78,13 +82,21 @@ class TangentSolver:
         iterations: of Krylov's method so far.
     """
 
-    def __init__(self, body: NonlinearModel, prescribed: NDArray[np.int32], settings: LinearSolver) -> None:
+    def __init__(
+        self,
+        body: NonlinearModel,
+        prescribed: NDArray[np.int32],
+        settings: LinearSolver,
+        *,
+        counts: bool = False,
+    ) -> None:
         """Nothing is computed yet.
 
         Args:
             body: whose tangents they are.
             prescribed: owned dofs whose displacement is given.
             settings: of the solver.
+            counts: whether `negative_pivots` and `sign` are wanted of its factors.
 
         Raises:
             FormulationError: multigrid is asked for, and there are unknowns besides the displacement.
@@ -95,13 +107,35 @@ class TangentSolver:
                 f"{body.groups[0].form_name} has unknowns besides the displacement, which multigrid does not know; "
                 "take Preconditioner.FACTOR"
             )
-        self._body, self._prescribed, self._settings = body, prescribed, settings
+        self._body, self._prescribed, self._settings, self._counts = body, prescribed, settings, counts
         self._first = body.space.dofmap.index_map.local_range[0] * body.space.dofmap.index_map_bs
         self._ksp: PETSc.KSP | None = None
         self._preconditioning_matrix = PETSc.Mat()  # what the preconditioner was made of
         self._stale = True
         self._is_symmetric = False
         self.factorisations = self.iterations = 0
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """Of the body."""
+        return self._body.comm
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether the tangent is that was factorised last."""
+        return self._is_symmetric
+
+    @property
+    def negative_pivots(self) -> int:
+        """How many negative eigenvalues the tangent has that was factorised last; of a symmetric one."""
+        return int(self._current_ksp().getPC().getFactorMatrix().getMumpsInfog(_NEGATIVE))
+
+    @property
+    def sign(self) -> float:
+        """Of the determinant of the tangent that was factorised last."""
+        if self._is_symmetric:
+            return -1.0 if self.negative_pivots % 2 else 1.0
+        return float(np.sign(self._current_ksp().getPC().getFactorMatrix().getMumpsRinfog(_DETERMINANT)))
 
     def renew_preconditioner(self) -> None:
         """Make the preconditioner of the next tangent; of a factor the order of elimination is kept."""
@@ -220,6 +254,10 @@ class TangentSolver:
             preconditioning_matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
             ksp.getPC().setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
             ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+            if self._counts:
+                ksp.getPC().setFactorSetUpSolverType()
+                # pivots are counted only where ScaLAPACK does not take over the last part
+                ksp.getPC().getFactorMatrix().setMumpsIcntl(_ROOT if symmetric else _DETERMINES, 1)
             ksp.setUp()
         ksp.getPC().setReusePreconditioner(True)
         return ksp

@@ -8,14 +8,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.continuation.follow import follow, station
+from flexmbd.continuation.request import Bounds
+from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
-from flexmbd.multibody.linear.path.corrector import PathSpace
-from flexmbd.multibody.linear.path.follow import Bounds, follow, station
+from flexmbd.multibody.linear.path.corrector import MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential, spectrum
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
@@ -177,12 +178,15 @@ def _committed(scene: CompiledScene) -> InteriorSnapshot:
 def _without_potential(machine: _Machine, start: ForceBalance) -> WorkingPoint:
     """The equilibrium that a path leads to on which the forces that a start lacks are let go."""
     scene, work, strains = machine.scene, machine.work, machine.strains
-    space = PathSpace(scene, work, strains, LackingTakenAway(start.open_force()), 1.0, start.v, machine.sizes)
+    space = MachineSpace(scene, work, strains, LackingTakenAway(start.open_force()), 1.0, start.v, machine.sizes)
     bounds = Bounds(to=1.0, back_to=-1.0, longest=_STEP, points=_ITERATIONS)
     onwards = space.along_factor(1.0)
     here = station(space, space.at(start.x, 0.0), onwards)
-    for stretch in follow(space, here, bounds):
-        here = stretch.after
+    try:
+        for stretch in follow(space, here, bounds):
+            here = stretch.after
+    except ConvergenceError as reason:
+        raise SceneError(str(reason)) from reason
     if here.point.factor != 1.0:
         raise SceneError(
             f"no equilibrium found: as the loads grow, on a path of {_ITERATIONS} points at most, they come to "

@@ -45,6 +45,29 @@ class MotionSpectrum:
     idle: NDArray[np.bool_]
     has_potential: bool
 
+    @property
+    def gives_way(self) -> bool:
+        """Whether nothing resists some motion, up to round-off."""
+        return bool(self.idle.any())
+
+    @property
+    def sign(self) -> float:
+        """Of the product of all eigenvalues."""
+        real = self.values.real[self.values.imag == 0.0]
+        return -1.0 if int((real < 0.0).sum()) % 2 else 1.0
+
+    def smallest(self) -> float:
+        """The size of the eigenvalue next to zero."""
+        return float(np.abs(self.values).min())
+
+    def eigenvalue(self, k: int) -> float:
+        """The real part of eigenvalue k."""
+        return float(self.values[k].real)
+
+    def nearest(self) -> int:
+        """Which eigenvalue is the smallest in size."""
+        return int(np.argmin(np.abs(self.values)))
+
     def mode(self, k: int) -> FloatArray:
         """(nv,) of eigenvalue k."""
         return self.shapes[:, k]

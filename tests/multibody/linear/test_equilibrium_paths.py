@@ -84,14 +84,28 @@ def test_a_path_that_turns_back_is_kept_and_told():
     assert path.end is fm.PathEnd.TURNED_BACK
     assert path.factors[-1] == -5.0
     assert path.factors == pytest.approx(load_of_truss(path.beta(slide)), abs=1e-9)
-    with pytest.warns(fm.PathWarning, match=r"broken off after 5 points at the factor .* on the way to 30"):
-        path = scene.equilibrium(path=fm.Continuation(to=30.0, most_points=5))
+    with pytest.warns(fm.PathWarning, match=r"broken off after 3 points at the factor .* on the way to 30"):
+        path = scene.equilibrium(path=fm.Continuation(to=30.0, most_points=3))
     assert path.end is fm.PathEnd.POINTS
-    assert len(path.points) == 5
+    assert len(path.points) == 3
     # and goes on from where it ended
     rest = scene.equilibrium(about=path.points[-1], path=fm.Continuation(to=30.0))
     assert rest.factors[0] == path.factors[-1]
     assert len(rest.critical) == 2
+
+
+def test_a_path_goes_on_beyond_a_limit_point():
+    """Where the factor falls it goes on away from what is asked for; towards it is the way back."""
+    scene, slide = truss()
+    path = scene.equilibrium(path=fm.Continuation(to=30.0))
+    falling = next(one for one in path.points if one.unstable)
+    on = scene.equilibrium(about=falling, path=fm.Continuation(to=30.0, back_to=-30.0, side=-1))
+    assert on.end is fm.PathEnd.REACHED
+    assert [one.kind for one in on.critical] == [fm.CriticalKind.LIMIT]
+    assert on.beta(slide)[-1] == pytest.approx(path.beta(slide)[-1], abs=1e-9)
+    with pytest.warns(fm.PathWarning, match="came back to -30"):
+        back = scene.equilibrium(about=falling, path=fm.Continuation(to=30.0, back_to=-30.0))
+    assert back.beta(slide)[-1] > HEIGHT
 
 
 def test_a_loop_snaps_through():

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import ConvergenceError, PathWarning, SceneError, warn
+from flexmbd.continuation.branch import beside
+from flexmbd.continuation.critical import PathCrossing, crossings
+from flexmbd.continuation.follow import PathEnd, Station, follow, found_end, station
+from flexmbd.continuation.request import Bounds, Continuation, bounds_of
+from flexmbd.continuation.space import PathDirection, typical_motion
+from flexmbd.errors import ConvergenceError, PathError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import motion_sizes
-from flexmbd.multibody.linear.path.corrector import PathDirection, PathPoint, PathSpace, until
-from flexmbd.multibody.linear.path.critical import CriticalKind, PathCrossing, crossings
-from flexmbd.multibody.linear.path.equilibrium_path import Continuation, CriticalPoint, EquilibriumPath
-from flexmbd.multibody.linear.path.follow import Bounds, PathEnd, Station, Stretch, follow, station
+from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
+from flexmbd.multibody.linear.path.equilibrium_path import CriticalPoint, EquilibriumPath
 from flexmbd.multibody.linear.path.loading import Inputs, TimeAsFactor
 from flexmbd.multibody.linear.strain_predictor import strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -23,7 +26,6 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 _OFF = 1e-3  # rad, or of the extent: how far a given start may lie from its equilibrium
-_HALVINGS = 12
 
 
 def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs: Inputs) -> EquilibriumPath:
@@ -37,43 +39,35 @@ def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs
 
     Raises:
         SceneError: the machine holds what has no paths, its loads do nothing, a motion is held by nothing, or the path
-            cannot be followed.
+            cannot begin.
+        PathError: it cannot be followed to its end; the error has what was found.
     """
     scene = begin.scene
     _refuse_interiors_and_states(scene)
-    bounds = _bounds(begin.t, path)
-    width = abs(bounds.to - bounds.back_to)
+    bounds = bounds_of(path, begin=begin.t)
     loading = TimeAsFactor(scene, inputs)
     strains, rest = strain_predictor(scene.plan, work, scene.nv), np.zeros(scene.nv)
-    space = PathSpace(scene, work, strains, loading, width, rest, motion_sizes(scene, work, begin.x))
+    space = MachineSpace(scene, work, strains, loading, bounds.width, rest, motion_sizes(scene, work, begin.x))
     loading.apply(work, begin.t)
     kept: list[WorkingPoint] = []
     critical: list[CriticalPoint] = []
     if isinstance(begin, CriticalPoint):
         kept.append(begin)
-        first = _beside(space, begin, path)
-        kept.append(_working_point(scene, first))
+        met = PathDirection(begin.tangent[:-1], float(begin.tangent[-1]))
+        space = replace(space, typical=begin.typical)
+        there = space.at(begin.x, begin.t)
+        first = beside(space, there, path, kind=begin.kind, mode=begin.mode, tangent=met)
     else:
-        first = _first(space, begin, bounds)
-        kept.append(_working_point(scene, first))
-    for stretch in follow(space, first, bounds):
-        critical += [_critical_point(scene, one) for one in _found(space, stretch)]
-        kept.append(_working_point(scene, stretch.after))
-    end = _end(kept[-1].t, bounds)
-    if end is not PathEnd.REACHED:
-        warn(_told(kept, bounds, end), PathWarning)
+        space, first = _first(space, begin, bounds, side=path.side)
+    kept.append(_working_point(scene, first))
+    try:
+        for stretch in follow(space, first, bounds):
+            critical += [_critical_point(scene, one, space.typical) for one in crossings(space, stretch)]
+            kept.append(_working_point(scene, stretch.after))
+    except (ConvergenceError, SceneError) as reason:
+        raise PathError(str(reason), EquilibriumPath(tuple(kept), tuple(critical), PathEnd.LOST)) from reason
+    end = found_end([one.t for one in kept], [one.t for one in critical], bounds)
     return EquilibriumPath(tuple(kept), tuple(critical), end)
-
-
-def _bounds(begin: float, path: Continuation) -> Bounds:
-    if path.to == begin:
-        raise SceneError(f"the path ends at the load factor {path.to:g} at which it begins; give another one to go to")
-    back_to = 2.0 * begin - path.to if path.back_to is None else path.back_to
-    if (back_to - begin) * (path.to - begin) >= 0.0:
-        raise SceneError(
-            f"back_to = {back_to:g} does not lie on the other side of the start, {begin:g}, than to = {path.to:g}"
-        )
-    return Bounds(path.to, back_to, path.longest_step, path.most_points)
 
 
 def _refuse_interiors_and_states(scene: CompiledScene) -> None:
@@ -81,7 +75,7 @@ def _refuse_interiors_and_states(scene: CompiledScene) -> None:
     if scene.interiors is not None:
         raise SceneError(
             "a path of equilibria is not followed of a scene with bodies with history; load such a body by itself "
-            "(flexmbd.continuum.follow), or reduce it"
+            "(flexmbd.continuum.equilibrium_path), or reduce it"
         )
     if scene.state_mask.any():
         raise SceneError(
@@ -90,9 +84,11 @@ def _refuse_interiors_and_states(scene: CompiledScene) -> None:
         )
 
 
-def _first(space: PathSpace, begin: WorkingPoint, bounds: Bounds) -> Station:
-    """The first station, from which the factor goes towards ``to``."""
-    scene, onwards = space.scene, space.along_factor(np.sign(bounds.to - begin.t))
+def _first(
+    space: MachineSpace, begin: WorkingPoint, bounds: Bounds, *, side: int
+) -> tuple[MachineSpace, Station[MachinePoint]]:
+    """The space by what is typical there, and the first station, from which the factor goes towards ``to`` or away."""
+    scene, onwards = space.scene, space.along_factor(side * np.sign(bounds.to - begin.t))
     there = space.at(begin.x, begin.t)
     if not _does_anything(space, there, bounds.to):
         raise SceneError(
@@ -113,10 +109,11 @@ def _first(space: PathSpace, begin: WorkingPoint, bounds: Bounds) -> Station:
             "(rad, or of the machine's extent) leads to the nearest one; find it first (t=)"
         )
     point = space.correct(there, step, onwards) if space.largest(step) > 0.0 else there
-    return station(space, point, onwards)
+    space = replace(space, typical=typical_motion(space, space.tangent(point, onwards)))
+    return space, station(space, point, onwards)
 
 
-def _does_anything(space: PathSpace, there: PathPoint, to: float) -> bool:
+def _does_anything(space: MachineSpace, there: MachinePoint, to: float) -> bool:
     """Whether the factor changes a force along a motion that is free, a place, or what a motion meets (stiffness)."""
     by = there.at.by
     if by.Xu.any() or (by.Vz.T @ there.slopes.force).any():
@@ -124,68 +121,14 @@ def _does_anything(space: PathSpace, there: PathPoint, to: float) -> bool:
     return not np.array_equal(there.at.stiffness(), space.at(there.x, to).at.stiffness())
 
 
-def _beside(space: PathSpace, begin: CriticalPoint, path: Continuation) -> Station:
-    """A station on the other path through a bifurcation, or on the same beyond a limit point."""
-    # of length 1 in the range of factors that it was found in, not in this one
-    there, tangent = space.at(begin.x, begin.t), space.unit(PathDirection(begin.tangent[:-1], float(begin.tangent[-1])))
-    direction = across = tangent
-    if begin.kind is CriticalKind.BIFURCATION:
-        direction = space.other_path(there, PathDirection(begin.mode, 0.0), tangent)
-        # no point of the first path lies in a plane along it
-        across = space.unit(direction.plus(tangent.times(-space.product(direction, tangent))))
-    direction, across = direction.times(float(path.side)), across.times(float(path.side))
-    share = path.longest_step / space.largest(direction)
-    for _ in range(_HALVINGS):
-        point = until(partial(space.correct, there, direction.times(share), across))
-        if point is not None:
-            found = station(space, point, direction)
-            if space.product(found.tangent, direction) > 0.5:
-                return found
-        share *= 0.5
-    raise SceneError(
-        f"no other path was found from the {begin.kind.value} at the factor {begin.t:.6g} along its mode; several "
-        "modes may meet there: take a smaller longest_step, or disturb the machine by a small force"
-    )
-
-
-def _found(space: PathSpace, stretch: Stretch) -> list[PathCrossing]:
-    try:
-        return crossings(space, stretch)
-    except ConvergenceError as reason:
-        raise SceneError(
-            f"a critical point of the path between the factors {stretch.before.point.factor:.6g} and "
-            f"{stretch.after.point.factor:.6g} could not be located: {reason}; take a smaller longest_step"
-        ) from reason
-
-
-def _end(factor: float, bounds: Bounds) -> PathEnd:
-    if factor == bounds.to:
-        return PathEnd.REACHED
-    return PathEnd.TURNED_BACK if factor == bounds.back_to else PathEnd.POINTS
-
-
-def _told(kept: list[WorkingPoint], bounds: Bounds, end: PathEnd) -> str:
-    factors = [one.t for one in kept]
-    most = max(factors) if bounds.to > bounds.back_to else min(factors)
-    if end is PathEnd.TURNED_BACK:
-        return (
-            f"the path of equilibria turned at the factor {most:.6g}, came back to {bounds.back_to:.6g} and ends "
-            f"there: it never reached {bounds.to:.6g}; back_to= lets it go on"
-        )
-    return (
-        f"the path of equilibria was broken off after {len(kept)} points at the factor {factors[-1]:.6g}, on the way "
-        f"to {bounds.to:.6g}, of which it came as near as {most:.6g}; most_points= lets it go on"
-    )
-
-
-def _working_point(scene: CompiledScene, here: Station) -> WorkingPoint:
+def _working_point(scene: CompiledScene, here: Station[MachinePoint]) -> WorkingPoint:
     point = here.point
     state = (point.factor, point.x, point.at.v, point.at.multipliers, NO_INTERIORS)
     return WorkingPoint(scene, *state, here.spectrum.unstable)
 
 
-def _critical_point(scene: CompiledScene, one: PathCrossing) -> CriticalPoint:
+def _critical_point(scene: CompiledScene, one: PathCrossing[MachinePoint], typical: float) -> CriticalPoint:
     point = one.point
     state = (point.factor, point.x, point.at.v, point.at.multipliers, NO_INTERIORS)
     tangent = np.append(one.tangent.xi, one.tangent.factor)
-    return CriticalPoint(scene, *state, one.unstable, one.kind, one.mode, tangent)
+    return CriticalPoint(scene, *state, one.unstable, one.kind, one.mode, tangent, typical)

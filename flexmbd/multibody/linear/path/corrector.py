@@ -1,20 +1,20 @@
 """One point of a path of equilibria: tangent, and Newton's iterations in a plane across a step (Riks 1979).
 
 Unknowns are changes of the machine's coordinates that its constraints allow, and the load factor.  A direction of the
-path is a change xi (nv,) and one of the factor; their product <a, b> = sum(xi_a xi_b / size^2) + f_a f_b / width^2 has
-each coordinate in rad or in the machine's extent, and the factor in its range.
+path is a change xi (nv,) and one of the factor; their product <a, b> = sum(xi_a xi_b / size^2) / typical^2 + f_a f_b /
+width^2 has each coordinate in rad or in the machine's extent, by what is typical of them, and the factor in its range.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.continuation.space import PathDirection, unit
+from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
@@ -34,28 +34,7 @@ _ASTRAY = 0.7  # of the step: a larger correction leads to another path
 
 
 @dataclass(frozen=True, eq=False)
-class PathDirection:
-    """A direction in configurations and factors.
-
-    Attributes:
-        xi: (nv,) change of the configuration.
-        factor: change of the factor.
-    """
-
-    xi: FloatArray
-    factor: float
-
-    def times(self, share: float) -> PathDirection:
-        """Scaled."""
-        return PathDirection(share * self.xi, share * self.factor)
-
-    def plus(self, other: PathDirection) -> PathDirection:
-        """The sum."""
-        return PathDirection(self.xi + other.xi, self.factor + other.factor)
-
-
-@dataclass(frozen=True, eq=False)
-class PathPoint:
+class MachinePoint:
     """An equilibrium on a path.
 
     Attributes:
@@ -74,7 +53,7 @@ class PathPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class PathSpace:
+class MachineSpace:
     """A machine under loads that follow one factor.
 
     Attributes:
@@ -85,6 +64,7 @@ class PathSpace:
         width: range of factors.
         v: (nv,) velocities at which it is in balance; zeros of an equilibrium.
         size: (nv,) of ``motion_sizes``, rad or m.
+        typical: of these sizes, what counts as much as the range of factors in the product (``typical_motion``).
     """
 
     scene: CompiledScene
@@ -94,20 +74,18 @@ class PathSpace:
     width: float
     v: FloatArray
     size: FloatArray
+    typical: float = 1.0
 
     def product(self, a: PathDirection, b: PathDirection) -> float:
         """<a, b>."""
-        return float((a.xi / self.size) @ (b.xi / self.size)) + a.factor * b.factor / self.width**2
-
-    def unit(self, a: PathDirection) -> PathDirection:
-        """``a`` over its length."""
-        return a.times(1.0 / np.sqrt(self.product(a, a)))
+        along = float((a.xi / self.size) @ (b.xi / self.size)) / self.typical**2
+        return along + a.factor * b.factor / self.width**2
 
     def largest(self, a: PathDirection) -> float:
         """Largest part: rad, of the extent, or of the range of factors."""
         return max(step_size(self.size, a.xi), abs(a.factor) / self.width)
 
-    def at(self, x: FloatArray, factor: float, iterations: int = 0) -> PathPoint:
+    def at(self, x: FloatArray, factor: float, iterations: int = 0) -> MachinePoint:
         """A configuration under a factor, in balance or not.
 
         Raises:
@@ -116,9 +94,9 @@ class PathSpace:
         slopes = load_slopes(self.scene, self.work, self.loading, x, self.v, factor=factor, width=self.width)
         further = self.loading.apply(self.work, factor)
         found = balance(self.scene, self.work, x, self.v, given=slopes.given, further=further)
-        return PathPoint(x, factor, found, slopes, iterations)
+        return MachinePoint(x, factor, found, slopes, iterations)
 
-    def spectrum(self, here: PathPoint) -> MotionSpectrum:
+    def spectrum(self, here: MachinePoint) -> MotionSpectrum:
         """Of its stiffness."""
         return spectrum(self.scene, here.at)
 
@@ -126,11 +104,11 @@ class PathSpace:
         """The factor's own direction."""
         return PathDirection(np.zeros(self.scene.nv), sign * self.width)
 
-    def tangent(self, here: PathPoint, onwards: PathDirection) -> PathDirection:
+    def tangent(self, here: MachinePoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
-        return self.unit(self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
+        return unit(self, self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
 
-    def other_path(self, here: PathPoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
+    def other_path(self, here: MachinePoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
         """Unit direction of the path that crosses another one at a bifurcation.
 
         It is m + s t of the mode m and the other path's tangent t.  With the derivatives of the stiffness K along both,
@@ -138,8 +116,8 @@ class PathSpace:
         Analysis, section 5.6.2): s = 0 where bending to either side is alike.
         """
         z, stiffness = here.at.by.z, here.at.stiffness()
-        unit = 1.0 / own_stiffness(stiffness, self.size[z])
-        left = unit * np.linalg.svd(unit[:, None] * stiffness * unit)[0][:, -1]
+        scale = 1.0 / own_stiffness(stiffness, self.size[z])
+        left = scale * np.linalg.svd(scale[:, None] * stiffness * scale)[0][:, -1]
 
         def slope(along: PathDirection) -> float:
             length = _APART / self.largest(along)
@@ -151,15 +129,15 @@ class PathSpace:
 
         by_path = slope(tangent)
         share = -0.5 * slope(mode) / by_path if by_path != 0.0 else 0.0
-        return self.unit(mode.plus(tangent.times(share)))
+        return unit(self, mode.plus(tangent.times(share)))
 
-    def newton_step(self, here: PathPoint, across: PathDirection) -> PathDirection:
+    def newton_step(self, here: MachinePoint, across: PathDirection) -> PathDirection:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
         return self._solution(here, across, here.at.lacking, 0.0, 0.0)
 
     def correct(
-        self, start: PathPoint, step: PathDirection, across: PathDirection, *, undetermined: int = 0
-    ) -> PathPoint:
+        self, start: MachinePoint, step: PathDirection, across: PathDirection, *, undetermined: int = 0
+    ) -> MachinePoint:
         """The equilibrium in the plane through the end of a step that is normal to ``across``.
 
         Strains of slender bodies are unknowns of their own, as in ``find_equilibrium``.  So near to a bifurcation that
@@ -186,8 +164,14 @@ class PathSpace:
             last, close = size, size <= _CLOSE
         raise ConvergenceError("Newton's method does not converge")
 
-    def remembered(self, here: PathPoint) -> PathPoint:
-        """The point, with what elements with memory note of it."""
+    def sized(self, mode: FloatArray) -> FloatArray:
+        """(nv,) a mode whose largest part is 1 rad or the machine's extent."""
+        parts = mode / self.size
+        return np.asarray(mode / parts[np.argmax(np.abs(parts))])
+
+    def remembered(self, here: MachinePoint, factor: float) -> MachinePoint:
+        """The point, its factor rounded to the given one, with what elements with memory note of it."""
+        here = replace(here, factor=factor)
         if not memories_end(self.scene.plan):
             return here
         x = here.x.copy()
@@ -204,7 +188,7 @@ class PathSpace:
 
     def _solution(
         self,
-        here: PathPoint,
+        here: MachinePoint,
         across: PathDirection,
         lacking: FloatArray,
         along: float,
@@ -220,21 +204,21 @@ class PathSpace:
         follows = by.Xu[:, 0]
         load = by.Vz.T @ (here.slopes.force + (at.of.stiffness + more) @ follows)
         stiffness, n = at.stiffness(more), len(by.z)
-        unit = 1.0 / own_stiffness(stiffness, self.size[by.z])
+        scale = 1.0 / own_stiffness(stiffness, self.size[by.z])
         matrix = np.zeros((n + 1, n + 1))
-        matrix[:n, :n] = unit[:, None] * stiffness * unit
-        matrix[:n, n] = unit * load * self.width
-        weights = across.xi / self.size**2
-        matrix[n, :n] = (weights @ by.Vz) * unit
+        matrix[:n, :n] = scale[:, None] * stiffness * scale
+        matrix[:n, n] = scale * load * self.width
+        weights = across.xi / (self.typical * self.size) ** 2
+        matrix[n, :n] = (weights @ by.Vz) * scale
         matrix[n, n] = (weights @ follows) * self.width + across.factor / self.width
         # the factor's column and the plane's row in units of their own
         column, row = (float(np.abs(part).max()) or 1.0 for part in (matrix[:n, n], matrix[n]))
         matrix[:, n] /= column
         matrix[n] /= row
-        found = _least_squares(matrix, np.append(-unit * lacking, along / row), undetermined)
+        found = _least_squares(matrix, np.append(-scale * lacking, along / row), undetermined)
         found[n] /= column
         factor = float(found[n]) * self.width
-        return PathDirection(by.Vz @ (found[:n] * unit) + follows * factor, factor)
+        return PathDirection(by.Vz @ (found[:n] * scale) + follows * factor, factor)
 
 
 def _least_squares(matrix: FloatArray, right: FloatArray, undetermined: int) -> FloatArray:
@@ -245,11 +229,3 @@ def _least_squares(matrix: FloatArray, right: FloatArray, undetermined: int) -> 
     left, values, across = np.linalg.svd(matrix)
     kept = len(values) - undetermined
     return np.asarray(across[:kept].T @ ((left[:, :kept].T @ right) / values[:kept]), dtype=np.float64)
-
-
-def until(found: Callable[[], PathPoint]) -> PathPoint | None:
-    """A point, or None where there is none: Newton's method fails, loops do not close, rows become singular."""
-    try:
-        return found()
-    except (ConvergenceError, SceneError, np.linalg.LinAlgError):
-        return None

@@ -1,4 +1,4 @@
-"""Paths of equilibria of a machine: what a user asks for, and what is found."""
+"""Paths of equilibria of a machine: what is found."""
 
 from __future__ import annotations
 
@@ -7,57 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
-from flexmbd.given import is_number, is_truth
+from flexmbd.continuation.critical import CriticalKind
+from flexmbd.continuation.follow import PathEnd
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.linear.path.critical import CriticalKind
-from flexmbd.multibody.linear.path.follow import PathEnd
 from flexmbd.multibody.linear.working_point import WorkingPoint
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Continuation:
-    """How a path of equilibria is followed; for ``System.equilibrium(path=...)``.
-
-    Functions of time scale the loads: the time is the load factor.  ``FrameForce(frame, (0, lambda t: -t, 0))`` grows
-    with it, or falls as a path turns; constant forces and gravity stay.  Prescribed motions lead a machine in the same
-    way, without rates.
-
-    Attributes:
-        to: the factor at which the path ends.
-        back_to: a factor on the other side of the start at which it ends as well; by default as far behind the start
-            as ``to`` is before it.
-        side: 1 or -1: which way the path leaves a bifurcation, along its mode or against it, or a limit point, on or
-            back again; of no matter elsewhere.
-        longest_step: rad of a joint, of the machine's extent, and of the range of factors.
-        most_points: after which the path is broken off.
-
-    Raises:
-        SceneError: numbers that are none or have no sense.
-    """
-
-    to: float
-    back_to: float | None = None
-    side: int = 1
-    longest_step: float = 0.1
-    most_points: int = 500
-
-    def __post_init__(self) -> None:
-        for name in ("to", "back_to"):
-            value = getattr(self, name)
-            if not is_number(value) and (name == "to" or value is not None):
-                raise SceneError(f"Continuation: {name} must be a load factor, a number, got {value!r}")
-            if value is not None:  # integers as well: kernels know doubles
-                object.__setattr__(self, name, float(value))
-        if is_truth(self.side) or self.side not in (1, -1):
-            raise SceneError(f"Continuation: side must be 1 or -1, got {self.side!r}")
-        if not is_number(self.longest_step) or not 0.0 < self.longest_step <= 1.0:
-            raise SceneError(f"Continuation: longest_step must be above 0 and at most 1, got {self.longest_step!r}")
-        if is_truth(self.most_points) or not isinstance(self.most_points, int) or self.most_points < 2:
-            raise SceneError(f"Continuation: most_points must be 2 or more, got {self.most_points!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +27,13 @@ class CriticalPoint(WorkingPoint):
         mode: (nv,) changes of the machine's coordinates in which it gives way there; the largest is 1 rad or the
             machine's extent.
         tangent: (nv + 1,) of the path that it was found on: changes of the coordinates, last that of the factor.
+        typical: rad, or of the machine's extent: what counted as much on that path as its range of factors.
     """
 
     kind: CriticalKind = CriticalKind.LIMIT
     mode: FloatArray = field(default_factory=lambda: np.zeros(0))
     tangent: FloatArray = field(default_factory=lambda: np.zeros(0))
+    typical: float = 1.0
 
     def __repr__(self) -> str:
         """Its kind and factor."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads
+from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.displacement_newton import (
     DEFAULT_CONVERGENCE,
     Balance,
@@ -23,11 +23,11 @@ from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver
 from flexmbd.continuum.history.trial_errors import LargeIncrementError
-from flexmbd.errors import ConvergenceError, FormulationError, MeshError
+from flexmbd.continuum.slow_loading.loading import LoadPath, SlowLoads
+from flexmbd.errors import ConvergenceError, FormulationError, MeshError, PathError
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
-LoadPath = Callable[[float], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +60,6 @@ class StaticPath:
     cuts: int = 0
     factorisations: int = 0
     iterations: int = 0
-
-
-class PathError(ConvergenceError):
-    """A loading that could not be followed to its end; the body is in the state of the last accepted step.
-
-    Attributes:
-        path: the accepted steps.
-    """
-
-    def __init__(self, message: str, path: StaticPath | None = None) -> None:
-        super().__init__(message)
-        self.path = path
 
 
 @checked(error=MeshError, agree=parallel.told_to_all)
@@ -151,7 +139,7 @@ def follow(
     """
     pace = _pace(body, seconds)
     newton, path = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True), StaticPath()
-    applied = AppliedLoads(body, loads)
+    whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
     if not all(np.diff([reached, *times]) > 0.0):
@@ -163,17 +151,7 @@ def follow(
             t = target if step >= target - reached else reached + step
             try:
                 start = guess * ((t - reached) / before) if before else guess
-                solution = _equilibrium(
-                    body,
-                    newton,
-                    t,
-                    start,
-                    dt=pace * (t - reached),
-                    displacement=displacement,
-                    load=load,
-                    applied=applied,
-                    prescribed=prescribed,
-                )
+                solution = equilibrium(newton, whole, t, start, dt=pace * (t - reached))
                 body.check_increment(solution.increment)
                 body.commit(solution.increment, dt=pace * (t - reached))
             except ConvergenceError as reason:
@@ -216,38 +194,29 @@ def _pace(body: NonlinearModel, seconds: float | None) -> float:
     return 0.0 if seconds is None else float(seconds)
 
 
-def _equilibrium(
-    body: NonlinearModel,
-    newton: Newton,
-    t: float,
-    start: FloatArray,
-    *,
-    dt: float,
-    displacement: LoadPath | None,
-    load: LoadPath | None,
-    applied: AppliedLoads,
-    prescribed: NDArray[np.int32],
+def equilibrium(
+    newton: Newton, loads: SlowLoads, t: float, start: FloatArray, *, dt: float, least: float = 0.0
 ) -> Solution:
-    """Newton's solution of one step, which takes dt (s)."""
-    dead = np.zeros(body.n_owned) if load is None else load(t)
-    values = applied.values(t)
-    if applied.any:
-        dead = dead + applied.dead(values, np.eye(3)).reshape(-1)
-    outer = TrialLoads(body, applied, values, dead)
-    goal = np.zeros(len(prescribed)) if displacement is None else displacement(t)
+    """Newton's solution of one step, which takes dt (s). Collective.
+
+    Args:
+        newton: of the body.
+        loads: on it.
+        t: load parameter at the step's end.
+        start: (local dofs including ghosts,) m, first guess.
+        dt: s.
+        least: N, that the forces at hand are taken to have at least.
+
+    Raises:
+        ConvergenceError: on all ranks: it does not converge.
+    """
+    outer = loads.outer(t)
+    goal = loads.given(t) - loads.body.displacement[loads.prescribed]
 
     def tangent(increment: FloatArray) -> PETSc.Mat:
-        return outer.subtract_slopes(body.tangent(increment, dt=dt, predicted=newton.predicts), increment)
+        return loads.tangent(outer, increment, dt=dt, predicted=newton.predicts)
 
     def forces(increment: FloatArray) -> Balance:
-        internal = body.force(increment, dt=dt)
-        if body.is_updated:
-            # a cell that is inside out may have finite forces
-            body.check_cells()
-        external = outer.force(increment)
-        residual = internal - external
-        # reactions and loads are what balances; at rest nothing does
-        size = max(body.norm(external), body.norm(residual[prescribed]))
-        return Balance(residual, size if size > 0.0 else body.norm(internal))
+        return loads.balance(outer, increment, dt=dt, least=least)
 
-    return newton.solve(start, goal - body.displacement[prescribed], forces, tangent)
+    return newton.solve(start, goal, forces, tangent)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from enum import Enum
+from typing import Generic
 
 import numpy as np
 
-from flexmbd.errors import SceneError
-from flexmbd.multibody.linear.path.corrector import PathDirection, PathPoint, PathSpace, until
-from flexmbd.multibody.linear.stability import MotionSpectrum
+from flexmbd.continuation.request import Bounds
+from flexmbd.continuation.space import AnyPoint, PathDirection, PathSpace, PathSpectrum, until
+from flexmbd.errors import ConvergenceError, PathWarning, warn
 
-_FIRST = 0.25  # of the longest step: the first one
+_FIRST = 0.5  # of the longest step: the first one
 _SHORTEST = 1e-8  # rad, of the extent or of the range
 _BEND = 0.3  # rad, between tangents: what a step aims at
 _SHARP = 0.8  # rad: a step that bends by more is taken again, shorter
@@ -27,48 +28,26 @@ class PathEnd(Enum):
         REACHED: at the factor that was asked for.
         TURNED_BACK: the factor has come back to the bound on the other side, and never reached the one asked for.
         POINTS: after as many points as were allowed.
+        LOST: no further equilibrium was found, however short the step (`PathError`).
     """
 
     REACHED = "reached"
     TURNED_BACK = "turned back"
     POINTS = "points"
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Where a path ends, and how long its steps may be.
-
-    Attributes:
-        to: factor to be reached.
-        back_to: factor on the other side of the start at which it is given up.
-        longest: step: rad, of the machine's extent, and of the range of factors.
-        points: at most.
-    """
-
-    to: float
-    back_to: float
-    longest: float
-    points: int
-
-    def passed(self, before: float, after: float) -> float | None:
-        """The bound that lies between two factors, if one does."""
-        for bound in (self.to, self.back_to):
-            if (before - bound) * (after - bound) <= 0.0 and before != bound:
-                return bound
-        return None
+    LOST = "lost"
 
 
 @dataclass(frozen=True, eq=False)
-class Station:
+class Station(Generic[AnyPoint]):
     """A point of a path with its tangent and the spectrum of its stiffness."""
 
-    point: PathPoint
+    point: AnyPoint
     tangent: PathDirection
-    spectrum: MotionSpectrum
+    spectrum: PathSpectrum
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Stretch(Generic[AnyPoint]):
     """A step of a path, from one station to the next.
 
     Attributes:
@@ -77,30 +56,30 @@ class Stretch:
         across: what corrections were normal to.
     """
 
-    before: Station
-    after: Station
+    before: Station[AnyPoint]
+    after: Station[AnyPoint]
     step: PathDirection
     across: PathDirection
 
 
-def station(space: PathSpace, point: PathPoint, onwards: PathDirection) -> Station:
+def station(space: PathSpace[AnyPoint], point: AnyPoint, onwards: PathDirection) -> Station[AnyPoint]:
     """A point with its tangent on the side of a direction."""
     return Station(point, space.tangent(point, onwards), space.spectrum(point))
 
 
-def follow(space: PathSpace, first: Station, bounds: Bounds) -> Iterator[Stretch]:
+def follow(space: PathSpace[AnyPoint], first: Station[AnyPoint], bounds: Bounds) -> Iterator[Stretch[AnyPoint]]:
     """The stretches of a path, up to a bound or as many as there may be.
 
     Raises:
-        SceneError: however short the step is, no equilibrium is found.
+        ConvergenceError: however short the step is, no equilibrium is found.
     """
-    here, share = first, _FIRST
+    here, share = first, _FIRST * bounds.longest / space.largest(first.tangent)
     for _ in range(bounds.points - 1):
         share = min(share, bounds.longest / space.largest(here.tangent))
         stretch = None
         while stretch is None:
             if share * space.largest(here.tangent) < _SHORTEST:
-                raise SceneError(
+                raise ConvergenceError(
                     f"the path of equilibria cannot be followed beyond the factor {here.point.factor:.6g}: however "
                     "short the step, Newton's method finds no equilibrium; forces or stiffnesses jump there, or a "
                     "motion is held by nothing"
@@ -113,7 +92,34 @@ def follow(space: PathSpace, first: Station, bounds: Bounds) -> Iterator[Stretch
             return
 
 
-def _stretch(space: PathSpace, here: Station, bounds: Bounds, share: float) -> Stretch | None:
+def found_end(factors: Sequence[float], met: Sequence[float], bounds: Bounds) -> PathEnd:
+    """Why a path ended, by the factors of its points and of the critical ones; warns unless it reached its goal.
+
+    Warns:
+        PathWarning: it turned back, or was broken off.
+    """
+    last = factors[-1]
+    if last == bounds.to:
+        return PathEnd.REACHED
+    most = max(*factors, *met) if bounds.to > bounds.back_to else min(*factors, *met)
+    if last == bounds.back_to:
+        warn(
+            f"the path of equilibria turned at the factor {most:.6g}, came back to {bounds.back_to:.6g} and ends "
+            f"there: it never reached {bounds.to:.6g}; back_to= lets it go on",
+            PathWarning,
+        )
+        return PathEnd.TURNED_BACK
+    warn(
+        f"the path of equilibria was broken off after {len(factors)} points at the factor {last:.6g}, on the way "
+        f"to {bounds.to:.6g}, of which it came as near as {most:.6g}; most_points= lets it go on",
+        PathWarning,
+    )
+    return PathEnd.POINTS
+
+
+def _stretch(
+    space: PathSpace[AnyPoint], here: Station[AnyPoint], bounds: Bounds, share: float
+) -> Stretch[AnyPoint] | None:
     """A step of some length, which ends at a bound if it would pass one; None if it fails or bends too much."""
     step, across, before = here.tangent.times(share), here.tangent, here.point.factor
     bound = bounds.passed(before, before + _AHEAD * step.factor)  # rather than to leave a little for the next
@@ -123,19 +129,20 @@ def _stretch(space: PathSpace, here: Station, bounds: Bounds, share: float) -> S
     point = until(lambda: space.correct(here.point, step, across))
     if point is None:
         return None
-    if bound is not None:
-        point = replace(point, factor=bound)
-    elif bounds.passed(before, point.factor) is not None:
+    if bound is None and bounds.passed(before, point.factor) is not None:
         return None
-    after = station(space, space.remembered(point), here.tangent)
+    accepted = until(lambda: space.remembered(point, point.factor if bound is None else bound))
+    if accepted is None:
+        return None
+    after = station(space, accepted, here.tangent)
     return Stretch(here, after, step, across) if _angle(space, here, after) <= _SHARP else None
 
 
-def _angle(space: PathSpace, a: Station, b: Station) -> float:
+def _angle(space: PathSpace[AnyPoint], a: Station[AnyPoint], b: Station[AnyPoint]) -> float:
     return float(np.arccos(np.clip(space.product(a.tangent, b.tangent), -1.0, 1.0)))
 
 
-def _growth(space: PathSpace, stretch: Stretch) -> float:
+def _growth(space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> float:
     """By what the next step is longer."""
     angle = _angle(space, stretch.before, stretch.after)
     by_bend = _BEND / max(angle, 1e-3)

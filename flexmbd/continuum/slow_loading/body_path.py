@@ -1,0 +1,256 @@
+"""Paths of equilibria of one body with history, along their arc, through limit points and bifurcations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexmbd.continuation.branch import beside
+from flexmbd.continuation.critical import CriticalKind, PathCrossing, crossings
+from flexmbd.continuation.follow import PathEnd, Station, follow, found_end, station
+from flexmbd.continuation.request import Continuation, bounds_of
+from flexmbd.continuation.space import PathDirection, typical_motion
+from flexmbd.continuum import parallel
+from flexmbd.continuum.history.applied_loads import AppliedLoads
+from flexmbd.continuum.history.displacement_newton import DEFAULT_CONVERGENCE, Convergence, Newton
+from flexmbd.continuum.history.loads import BodyLoad
+from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
+from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.matrices.blocks import inner
+from flexmbd.continuum.slow_loading.body_path_space import BodyPathSpace, BodyPoint
+from flexmbd.continuum.slow_loading.loading import LoadPath, SlowLoads
+from flexmbd.continuum.slow_loading.static_path import equilibrium
+from flexmbd.errors import ConvergenceError, FormulationError, PathError, SceneError
+from flexmbd.given import checked
+
+FloatArray = NDArray[np.float64]
+
+_HELD = 1e-14  # of a motion of the whole, what counts as none of it at given dofs
+
+
+@dataclass(frozen=True, eq=False)
+class BodyEquilibrium:
+    """An equilibrium of a body on a path.
+
+    Attributes:
+        t: its load factor.
+        displacement: (local dofs including ghosts,) m, from the undeformed body.
+        reactions: (prescribed dofs of this rank,) N.
+        unstable: how many independent motions have a negative tangent stiffness: with none it is stable.  Where the
+            tangent is not symmetric they are those next to zero.
+        iterations: of Newton's method.
+    """
+
+    t: float
+    displacement: FloatArray
+    reactions: FloatArray
+    unstable: int
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class BodyCriticalPoint:
+    """An equilibrium of a body at which a path turns or branches; ``equilibrium_path(about=...)`` goes on from it.
+
+    Attributes:
+        t: its load factor.
+        kind: which of these it is.
+        mode: (owned dofs,) in which the body gives way; the largest is 1 rad or the body's extent.
+        tangent: (owned dofs + 1,) of the path that it was found on: changes of the dofs, last that of the factor.
+        unstable: how many motions are unstable behind it.
+        state: what the body remembers there, for ``NonlinearModel.restore``.
+        typical: of the extent, what counted as much on the path as its range of factors.
+    """
+
+    t: float
+    kind: CriticalKind
+    mode: FloatArray
+    tangent: FloatArray
+    unstable: int
+    state: HistorySnapshot
+    typical: float
+
+    def __repr__(self) -> str:
+        """Its kind and factor."""
+        return f"<BodyCriticalPoint: {self.kind.value} at the factor {self.t:.9g}>"
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPath:
+    """Equilibria of a body one after the other, as its loads grow and fall.
+
+    Attributes:
+        points: the equilibria; the body stands at the last of them.
+        critical: limit points and bifurcations among them, in their order; located to 1e-7 of the step in which they
+            lie.
+        end: why the path ends.
+        factorisations: of tangents, that it took.
+    """
+
+    points: tuple[BodyEquilibrium, ...]
+    critical: tuple[BodyCriticalPoint, ...]
+    end: PathEnd
+    factorisations: int
+
+    def __repr__(self) -> str:
+        """How far it goes and what lies on it."""
+        met = ", ".join(f"{one.kind.value} at {one.t:.6g}" for one in self.critical) or "no critical point"
+        return (
+            f"<BodyPath: {len(self.points)} points, factors {self.factors[0]:.6g} to {self.factors[-1]:.6g} "
+            f"({self.end.value}); {met}>"
+        )
+
+    @property
+    def factors(self) -> FloatArray:
+        """(k,) load factors."""
+        return np.array([one.t for one in self.points])
+
+
+@checked(but=("prescribed",), error=FormulationError, agree=parallel.told_to_all)
+def equilibrium_path(
+    body: NonlinearModel,
+    path: Continuation,
+    *,
+    prescribed: NDArray[np.int32],
+    displacement: LoadPath | None = None,
+    load: LoadPath | None = None,
+    loads: Sequence[BodyLoad] = (),
+    convergence: Convergence = DEFAULT_CONVERGENCE,
+    accepted: Callable[[float], None] | None = None,
+    reached: float = 0.0,
+    about: BodyCriticalPoint | None = None,
+) -> BodyPath:
+    """Follow the equilibria of a body as a load factor grows and falls, along the arc of their path. Collective.
+
+    It starts from where the body stands, or at a critical point of a path found before.  Where the load has a maximum,
+    as when a panel snaps through, the factor turns and the path goes on; where the stiffness becomes singular another
+    path may cross.  Both are located, and how many motions are unstable is counted by the inertia of the tangent's
+    factor.  Without a potential, as under some loads that follow the surface, they are counted among the eigenvalues
+    next to zero, and no onset of flutter is seen: reduce the body, and take the machine's path.
+
+    Args:
+        body: the body, which stands at the last point of the path afterwards.
+        path: how far the factor goes, and how long steps may be.
+        prescribed: owned dofs whose displacement is given (`prescribed_dofs`).
+        displacement: (prescribed dofs,) m, from the undeformed body, at a factor; zero if None.
+        load: (owned dofs,) N, dead loads in body axes, at a factor; none if None.
+        loads: further ones, dead or following the surface; their factors are functions of the load factor.
+        convergence: of Newton's method.
+        accepted: is called after each further point, with its load factor; the body stands there.
+        reached: load factor at which the body stands.
+        about: a critical point of a path of this body under these loads: from a bifurcation the path that crosses.
+
+    Returns:
+        The path.
+
+    Raises:
+        FormulationError: on all ranks: forces depend on rates.
+        SceneError, MeshError: on all ranks: as `AppliedLoads`; a factor is not finite; the bounds have no sense; the
+            loads do nothing; the body is not held; no other path was found.
+        PathError: on all ranks: no equilibrium at the start, or the path cannot be followed to its end; it has what was
+            found, and the body stands at the last point of it.
+
+    Warns:
+        PathWarning: the path turned back, or was broken off, before the factor that was asked for.
+    """
+    if body.needs_step:
+        raise FormulationError(
+            f"the forces of {body.form_name} depend on rates, and along a path that turns there is no time; follow "
+            "the loading itself (flexmbd.continuum.follow, seconds=)"
+        )
+    _refuse_unheld(body, prescribed)
+    begin = reached if about is None else about.t
+    bounds = bounds_of(path, begin=begin)
+    whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
+    space = BodyPathSpace(whole, bounds.width, convergence)
+    points: list[BodyEquilibrium] = []
+    critical: list[BodyCriticalPoint] = []
+    last = body.snapshot()
+
+    def keep(here: BodyPoint, unstable: int) -> None:
+        nonlocal last
+        last = here.state
+        place = last.displacement.copy()
+        points.append(BodyEquilibrium(float(here.factor), place, here.reactions, unstable, here.iterations))
+
+    def found(end: PathEnd) -> BodyPath:
+        return BodyPath(tuple(points), tuple(critical), end, space.solver.factorisations)
+
+    try:
+        if about is None:
+            first = _first(space, whole, convergence, begin=begin, sign=path.side * float(np.sign(path.to - begin)))
+        else:
+            body.restore(about.state)
+            space.typical = about.typical
+            there = space.standing(about.t)
+            keep(there, about.unstable)  # of an eigenvalue that is zero round-off chooses the sign
+            met = PathDirection(about.tangent[:-1], float(about.tangent[-1]))
+            first = beside(space, there, path, kind=about.kind, mode=about.mode, tangent=met)
+        keep(first.point, first.spectrum.unstable)
+        for stretch in follow(space, first, bounds):
+            critical += [_critical_point(body, one, space.typical) for one in crossings(space, stretch)]
+            keep(stretch.after.point, stretch.after.spectrum.unstable)
+            body.restore(last)
+            if accepted is not None:
+                accepted(stretch.after.point.factor)
+    except ConvergenceError as reason:
+        body.restore(last)
+        raise PathError(str(reason), found(PathEnd.LOST)) from reason
+    body.restore(last)
+    return found(found_end([one.t for one in points], [one.t for one in critical], bounds))
+
+
+def _first(
+    space: BodyPathSpace, loads: SlowLoads, convergence: Convergence, *, begin: float, sign: float
+) -> Station[BodyPoint]:
+    """The station where the body stands, in balance, from which the factor grows or falls."""
+    body = loads.body
+    newton = Newton(body, loads.prescribed, solver=LinearSolver(0), convergence=convergence, predicts=True)
+    try:
+        still: FloatArray = np.zeros(body.layout.n_local)
+        least = space.load_size(still, begin)
+        rest = equilibrium(newton, loads, begin, still, dt=0.0, least=least)
+        body.commit(rest.increment, dt=0.0)
+    except ConvergenceError as reason:
+        raise ConvergenceError(
+            f"the body finds no equilibrium at the factor {begin:g} at which the path begins: {reason}; load it there "
+            "first (flexmbd.continuum.follow)"
+        ) from reason
+    here = space.standing(begin)
+    if not space.does_anything(here):
+        raise SceneError(
+            "the loads do nothing as the factor grows: load=, displacement= and the factors of loads= are functions "
+            "of it, and none of them changes"
+        )
+    onwards = space.along_factor(sign)
+    space.typical = typical_motion(space, space.tangent(here, onwards))
+    return station(space, here, onwards)
+
+
+def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
+    """Raise SceneError where the given dofs leave the body a motion as a whole. Collective."""
+    if body.springs is not None:  # which hold it as well
+        return
+    columns = body.layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
+    held = np.zeros_like(columns)
+    held[prescribed] = columns[prescribed]
+    whole, left = (inner(body.comm, part, part) for part in (columns, held))
+    # of each motion, what the given dofs take part in
+    if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= _HELD:
+        raise SceneError(
+            "the body can move as a whole, and no path of single equilibria goes through there: give prescribed= dofs "
+            "that hold it (prescribed_dofs, clamped_dofs)"
+        )
+
+
+def _critical_point(body: NonlinearModel, one: PathCrossing[BodyPoint], typical: float) -> BodyCriticalPoint:
+    """With the state that the body would have there."""
+    point = one.point
+    body.restore(point.before)
+    body.commit(point.increment, dt=0.0)
+    tangent = np.append(one.tangent.xi, one.tangent.factor)
+    return BodyCriticalPoint(point.factor, one.kind, one.mode, tangent, one.unstable, body.snapshot(), typical)

@@ -1,0 +1,428 @@
+"""A body under slow loads as a space of paths: points along the arc by Newton's method on displacement and factor.
+
+A change of the configuration is (owned dofs,): m, rad, or of pressures.  In the product displacements count in the
+body's extent and rotations in rad, each as a mean over the nodes, so that a finer mesh measures alike; what is neither
+does not count.
+
+With the tangent K, forces r out of balance and their slopes by the factor the step is a + b df, with K a = -r and
+K b = -dr/df at free dofs and at given ones what they still lack and their slopes; df keeps it in the plane across the
+path (Riks 1979, doi:10.1016/0020-7683(79)90081-7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuation.space import PathDirection, unit
+from flexmbd.continuum.history.displacement_newton import Balance, Convergence
+from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
+from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
+from flexmbd.continuum.matrices.blocks import inner
+from flexmbd.continuum.slow_loading.loading import SlowLoads
+from flexmbd.continuum.slow_loading.stiffness_spectrum import smallest_eigenvalues
+from flexmbd.errors import ConvergenceError
+
+FloatArray = NDArray[np.float64]
+
+_CLOSE = 1e-7  # of the extent, or of the range: after a correction of this size the next one is round-off
+_GROWS = 2.0  # corrections that grow by more do not converge
+_ASTRAY = 0.7  # of the step: a larger correction leads to another path
+_UNBALANCED = 1e-5  # of the forces at hand: what no round-off of displacements excuses
+_DIFFERENCE = 1e-4  # of the range of factors: over how much loads are differenced; exact of loads in proportion to it
+_APART = float(np.finfo(float).eps ** (1 / 3))  # of the extent: between the points of a difference of tangents
+_ROUND_OFF = 1e-14  # of the largest stiffness of a dof: what a factor leaves of an eigenvalue that is zero
+_FEW = 4  # eigenvalues next to zero that are looked at first
+_MOST_NEAR = 64  # eigenvalues next to zero among which one is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPoint:
+    """An equilibrium of a body on a path.
+
+    Attributes:
+        before: what the body remembered before the step that led there.
+        increment: (local dofs including ghosts,) m, of that step.
+        factor: of the load.
+        iterations: of Newton's method.
+        response: (owned dofs,) change of the configuration by one of the factor.
+        reactions: (prescribed dofs of this rank,) N.
+        negative: how many negative eigenvalues the stiffness has; None of one that is not symmetric.
+        sign: of its determinant.
+        after: what the body remembers there, once it is accepted.
+    """
+
+    before: HistorySnapshot
+    increment: FloatArray
+    factor: float
+    iterations: int
+    response: FloatArray
+    reactions: FloatArray
+    negative: int | None
+    sign: float
+    after: HistorySnapshot | None = None
+
+    @property
+    def state(self) -> HistorySnapshot:
+        """What the body remembers there; until it is accepted, what it did before."""
+        return self.before if self.after is None else self.after
+
+
+@dataclass(frozen=True, eq=False)
+class BodySpectrum:
+    """The stiffness' eigenvalues at a point, computed when they are asked for. All of it is collective."""
+
+    space: BodyPathSpace
+    point: BodyPoint
+
+    @cached_property
+    def unstable(self) -> int:
+        """How many are negative beyond round-off; where the stiffness is not symmetric, of those next to zero."""
+        if self.point.negative == 0:
+            return 0
+        count = _FEW
+        while True:
+            values = self._near(count)[0]
+            negative = (values.real < 0.0) & (abs(values) > self.space.round_off)
+            if self.point.negative is not None:
+                idle = int(np.count_nonzero((values.real < 0.0) & ~negative))
+                return self.point.negative - idle
+            if not negative[len(values) // 2 :].any() or len(values) < count or count >= _MOST_NEAR:
+                return int(np.count_nonzero(negative))
+            count *= 2
+
+    @cached_property
+    def gives_way(self) -> bool:
+        """Whether nothing resists some motion, up to round-off, as where a body yields without hardening."""
+        return bool(abs(self._near(1)[0][0]) <= self.space.round_off)
+
+    @property
+    def has_potential(self) -> bool:
+        """Whether the stiffness is symmetric."""
+        return self.point.negative is not None
+
+    @property
+    def sign(self) -> float:
+        """Of the product of all."""
+        return self.point.sign
+
+    def smallest(self) -> float:
+        """The size of the one next to zero."""
+        return float(abs(self._near(1)[0][0]))
+
+    def nearest(self) -> int:
+        """Which of them is the smallest in size."""
+        first = self.point.negative or 0
+        return first - 1 if self._near(1)[0][0].real < 0.0 else first
+
+    def eigenvalue(self, k: int) -> float:
+        """Of number k, ascending."""
+        return self._pair(k)[0]
+
+    def mode(self, k: int) -> FloatArray:
+        """(owned dofs,) of number k."""
+        return self._pair(k)[1]
+
+    def _pair(self, k: int) -> tuple[float, FloatArray]:
+        first = self.point.negative or 0
+        side, place = (-1.0, first - 1 - k) if k < first else (1.0, k - first)
+        count = place + 1
+        while True:
+            values, columns = self._near(count)
+            own = np.flatnonzero(np.sign(values.real) == side)
+            if len(own) > place:
+                return float(values[own[place]].real), columns[:, own[place]]
+            if count >= _MOST_NEAR:
+                raise ConvergenceError(f"eigenvalue {k} of the tangent stiffness was not found next to zero")
+            count = min(2 * count, _MOST_NEAR)
+
+    def _near(self, count: int) -> tuple[NDArray[np.complex128], FloatArray]:
+        return self.space.near_zero(self.point, count)
+
+
+class BodyPathSpace:
+    """A body under loads that follow one factor. All of it is collective.
+
+    Attributes:
+        width: of the range of factors.
+        typical: of the sizes of motions, what counts as much as the range of factors in the product.
+        round_off: of the eigenvalues of the tangent that was factorised last.
+        solver: of the linear equations; it counts its factors.
+    """
+
+    def __init__(self, loads: SlowLoads, width: float, convergence: Convergence) -> None:
+        """Weigh the dofs.
+
+        Args:
+            loads: on the body.
+            width: of the range of factors.
+            convergence: when Newton's method has converged, and when it gives up.
+        """
+        self.width, self._rule = width, convergence
+        self._loads, self._body = loads, loads.body
+        body, prescribed = loads.body, loads.prescribed
+        self.solver = TangentSolver(body, prescribed, LinearSolver(0), counts=True)
+        self._free = np.setdiff1d(np.arange(body.n_owned), prescribed)
+        self._ghosted = body.vector()
+        self._size, self._weights = _sizes(body)
+        self.typical, self.round_off = 1.0, 0.0
+        self._factored: BodyPoint | None = None
+        self._predicts = body.predicts_stress
+        self._near: tuple[NDArray[np.complex128], FloatArray] | None = None
+
+    def product(self, a: PathDirection, b: PathDirection) -> float:
+        """<a, b>."""
+        along = self._body.comm.allreduce(float((self._weights * a.xi) @ b.xi))
+        return along / self.typical**2 + a.factor * b.factor / self.width**2
+
+    def largest(self, a: PathDirection) -> float:
+        """Largest part: rad, of the extent, or of the range of factors."""
+        mine = float(np.abs(a.xi / self._size).max(initial=0.0))
+        return max(self._body.comm.allreduce(mine, op=MPI.MAX), abs(a.factor) / self.width)
+
+    def along_factor(self, sign: float) -> PathDirection:
+        """The factor's own direction."""
+        return PathDirection(np.zeros(self._body.n_owned), sign * self.width)
+
+    def sized(self, mode: FloatArray) -> FloatArray:
+        """(owned dofs,) a mode whose largest part is 1 rad, or the extent."""
+        parts = mode / self._size
+        k = int(np.argmax(np.abs(parts))) if parts.size else 0
+        mine = float(parts[k]) if parts.size else 0.0
+        every = self._body.comm.allgather(mine)
+        return np.asarray(mode / max(every, key=abs))
+
+    def tangent(self, here: BodyPoint, onwards: PathDirection) -> PathDirection:
+        """Unit tangent of the path at a point, on the side of a direction."""
+        along = unit(self, PathDirection(here.response * self.width, self.width))
+        return along.times(-1.0 if self.product(along, onwards) < 0.0 else 1.0)
+
+    def spectrum(self, here: BodyPoint) -> BodySpectrum:
+        """Of its stiffness."""
+        return BodySpectrum(self, here)
+
+    def near_zero(self, here: BodyPoint, count: int) -> tuple[NDArray[np.complex128], FloatArray]:
+        """Eigenvalues of a point's stiffness next to zero, and their modes (owned dofs, count), by size."""
+        self._factorise_at(here)
+        if self._near is None or len(self._near[0]) < count:
+            counted = int(self._body.comm.allreduce(int(np.count_nonzero(self._weights[self._free]))))
+            count = min(count, counted)
+            self._near = smallest_eigenvalues(
+                self.solver, self._free_weights, count, symmetric=here.negative is not None
+            )
+        return self._near
+
+    def other_path(self, here: BodyPoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
+        """Unit direction of the path that crosses another one at a bifurcation.
+
+        It is m + s t of the mode m and the other path's tangent t, with 2 s m.K'(t)m + m.K'(m)m = 0 (Seydel 2010,
+        section 5.6.2); without a potential m alone.
+        """
+        if here.negative is None:
+            return unit(self, mode)
+        by_path = self._stiffening(here, tangent, mode.xi)
+        share = -0.5 * self._stiffening(here, mode, mode.xi) / by_path if by_path != 0.0 else 0.0
+        return unit(self, mode.plus(tangent.times(share)))
+
+    def correct(
+        self, start: BodyPoint, step: PathDirection, across: PathDirection, *, undetermined: int = 0
+    ) -> BodyPoint:
+        """The equilibrium in the plane through the end of a step that is normal to ``across``; as of `PathSpace`.
+
+        Stresses of slender bodies are unknowns of their own (`stress_predictor`).
+
+        Raises:
+            ConvergenceError: Newton's method does not converge.
+        """
+        before = start.state
+        self._stand(before)
+        increment: FloatArray = start.increment if start.after is None else np.zeros_like(start.increment)
+        factor, change = start.factor, step
+        last = max(_ASTRAY / _GROWS * self.largest(step), _CLOSE)
+        close = False
+        for iteration in range(1, self._rule.max_iterations + 1):
+            factor += change.factor
+            moved = self._moved(increment, change.xi, factor)
+            if self._predicts:
+                self._body.predict_stress(increment, moved)
+            increment = moved
+            balance = self._balance(increment, factor)
+            left = self._body.norm(balance.residual[self._free]) / balance.size if balance.size else 0.0
+            if left <= self._rule.tolerance or (close and left <= _UNBALANCED):
+                self._body.check_increment(increment)
+                return self._point(before, increment, factor, iteration, balance)
+            responses = self._responses(increment, factor, balance, predicted=self._predicts)
+            change = self._in_plane(responses, across, undetermined)
+            size = self.largest(change)
+            if not np.isfinite(size) or size > _GROWS * last:
+                break
+            last, close = size, size <= _CLOSE
+        raise ConvergenceError("Newton's method does not converge")
+
+    def standing(self, factor: float) -> BodyPoint:
+        """The point at which the body stands, in balance under a factor, and accepted."""
+        before = self._body.snapshot()
+        rest: FloatArray = np.zeros(self._body.layout.n_local)
+        found = self._point(before, rest, factor, 0, self._balance(rest, factor))
+        return replace(found, after=before)
+
+    def remembered(self, here: BodyPoint, factor: float) -> BodyPoint:
+        """The point, accepted by the body, its factor rounded to the given one.
+
+        Raises:
+            ConvergenceError: a history is not finite.
+        """
+        self._stand(here.before)
+        self._body.commit(here.increment, dt=0.0)
+        accepted = replace(here, factor=factor, after=self._body.snapshot())
+        if self._factored is here:
+            self._factored = accepted
+        return accepted
+
+    def does_anything(self, here: BodyPoint) -> bool:
+        """Whether the factor changes a force or a given displacement."""
+        found = bool(here.response.any())
+        return bool(self._body.comm.allreduce(found, op=MPI.LOR))
+
+    def _stand(self, state: HistorySnapshot) -> None:
+        self._body.restore(state)
+
+    def _moved(self, increment: FloatArray, xi: FloatArray, factor: float) -> FloatArray:
+        """(local dofs,) an increment after a change, with given dofs where they are to be at a factor."""
+        n, prescribed = self._body.n_owned, self._loads.prescribed
+        own = self._ghosted.array[:n]
+        own[:] = increment[:n] + xi
+        own[prescribed] = self._loads.given(factor) - self._body.displacement[prescribed]
+        self._ghosted.scatter_forward()
+        return np.asarray(self._ghosted.array.copy())
+
+    def _balance(self, increment: FloatArray, factor: float) -> Balance:
+        return self._loads.balance(self._loads.outer(factor), increment, least=self.load_size(increment, factor))
+
+    def load_size(self, increment: FloatArray, factor: float) -> float:
+        """N, what the loads change by over the range of factors: forces at hand, where the factor is zero as well."""
+        return self._body.norm(self._load_slope(increment, factor)) * self.width
+
+    def _load_slope(self, increment: FloatArray, factor: float) -> FloatArray:
+        """(owned dofs,) N, of the loads by the factor."""
+        low, high = (
+            self._loads.outer(factor + side * _DIFFERENCE * self.width).force(increment) for side in (-1.0, 1.0)
+        )
+        return np.asarray((high - low) / (2.0 * _DIFFERENCE * self.width))
+
+    def _given_slope(self, factor: float) -> FloatArray:
+        """(prescribed dofs,) m, by the factor."""
+        low, high = (self._loads.given(factor + side * _DIFFERENCE * self.width) for side in (-1.0, 1.0))
+        return np.asarray((high - low) / (2.0 * _DIFFERENCE * self.width))
+
+    def _responses(
+        self, increment: FloatArray, factor: float, balance: Balance, *, predicted: bool = False
+    ) -> FloatArray:
+        """(owned dofs, 2): the changes a and b of the module's text; the tangent is factorised anew."""
+        prescribed = self._loads.prescribed
+        matrix = self._loads.tangent(self._loads.outer(factor), increment, predicted=predicted)
+        slope = self._given_slope(factor)
+        right, left = matrix.createVecLeft(), matrix.createVecRight()
+        left.array[:] = 0.0
+        left.array[prescribed] = slope
+        matrix.mult(left, right)
+        counted = self._free_weights > 0.0
+        own = np.abs(matrix.getDiagonal().array_r[counted]) / self._free_weights[counted]
+        self.round_off = _ROUND_OFF * self._body.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX)
+        block = np.stack([-balance.residual, self._load_slope(increment, factor) - right.array], axis=1)
+        self._factored = self._near = None
+        self.solver.constrain(matrix)
+        self.solver.set_operator(matrix)
+        found = self.solver.solve_block(block)
+        found[prescribed, 1] = slope
+        return found
+
+    def _in_plane(self, responses: FloatArray, across: PathDirection, undetermined: int) -> PathDirection:
+        """The step a + b df that stays in the plane normal to a direction."""
+        if undetermined:
+            shape = self.spectrum_of_factor(undetermined)
+            shares = inner(self._body.comm, self._free_weights[:, None] * shape, responses)
+            gram = inner(self._body.comm, self._free_weights[:, None] * shape, shape)
+            responses = responses - shape @ np.linalg.solve(gram, shares)
+        lacking, by_factor = (PathDirection(responses[:, k], float(k)) for k in range(2))
+        along = self.product(across, by_factor)
+        if along == 0.0:
+            raise ConvergenceError("the path has no direction there")
+        return lacking.plus(by_factor.times(-self.product(across, lacking) / along))
+
+    def spectrum_of_factor(self, count: int) -> FloatArray:
+        """(owned dofs, count) modes next to zero of the tangent that was factorised last."""
+        return smallest_eigenvalues(self.solver, self._free_weights, count, symmetric=self.solver.is_symmetric)[1]
+
+    def _point(
+        self, before: HistorySnapshot, increment: FloatArray, factor: float, iterations: int, balance: Balance
+    ) -> BodyPoint:
+        """A point in balance, with what its own tangent tells."""
+        responses = self._responses(increment, factor, balance)
+        if not self._body.comm.allreduce(bool(np.isfinite(responses).all()), op=MPI.LAND):
+            raise ConvergenceError("the tangent stiffness is singular")
+        negative = self.solver.negative_pivots - self._constraints if self.solver.is_symmetric else None
+        reactions = balance.residual[self._loads.prescribed]
+        sign = self.solver.sign
+        found = BodyPoint(before, increment, factor, iterations, responses[:, 1], reactions, negative, sign)
+        self._factored = found
+        return found
+
+    def _factorise_at(self, here: BodyPoint) -> None:
+        """Make the factor that of a point's tangent."""
+        if self._factored is here:
+            return
+        self._stand(here.before)
+        self._responses(here.increment, here.factor, self._balance(here.increment, here.factor))
+        self._factored = here
+
+    def _stiffening(self, here: BodyPoint, along: PathDirection, mode: FloatArray) -> float:
+        """m.K'(t)m by a difference of tangents."""
+        length = _APART / self.largest(along)
+        work = []
+        for side in (-length, length):
+            self._stand(here.before)
+            factor = here.factor + side * along.factor
+            increment = self._moved(here.increment, side * along.xi, factor)
+            matrix = self._loads.tangent(self._loads.outer(factor), increment)
+            right, left = matrix.createVecRight(), matrix.createVecLeft()
+            right.array[:] = mode
+            matrix.mult(right, left)
+            work.append(self._body.comm.allreduce(float(mode[self._free] @ left.array_r[self._free])))
+        return (work[1] - work[0]) / (2.0 * length)
+
+    @cached_property
+    def _free_weights(self) -> FloatArray:
+        weights = np.zeros_like(self._weights)
+        weights[self._free] = self._weights[self._free]
+        return weights
+
+    @cached_property
+    def _constraints(self) -> int:
+        """Dofs that are neither displacement nor rotation: each takes a negative pivot from a stable body."""
+        mine = np.count_nonzero(~self._body.layout.kinematic[: self._body.n_owned][self._free])
+        return int(self._body.comm.allreduce(int(mine)))
+
+
+def _sizes(body: NonlinearModel) -> tuple[FloatArray, FloatArray]:
+    """(owned dofs,) what counts as large, infinite where nothing does; and the weights of the product."""
+    layout, n = body.layout, body.n_owned
+    x = layout.node_x[: layout.n_owned_nodes]
+    low = np.array([body.comm.allreduce(float(part.min(initial=np.inf)), op=MPI.MIN) for part in x.T])
+    high = np.array([body.comm.allreduce(float(part.max(initial=-np.inf)), op=MPI.MAX) for part in x.T])
+    kinematic = layout.kinematic[:n]
+    size = np.where(kinematic, 1.0, np.inf)
+    displaced = np.zeros(n, dtype=bool)
+    own = layout.displacement_dofs[: layout.n_owned_nodes].reshape(-1)
+    displaced[own[own < n]] = True
+    size[displaced] = float(np.linalg.norm(high - low))
+    weights = np.zeros(n)
+    for part in (displaced, kinematic & ~displaced):
+        count = int(body.comm.allreduce(int(part.sum())))
+        weights[part] = 3.0 / max(count, 1) / size[part] ** 2
+    return size, weights

@@ -1,0 +1,272 @@
+"""Paths of equilibria of bodies along their arc: buckling, snap-through, limit loads, branches; and what is refused."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from cantilever import Cantilever
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+from thick_cylinder import LIMIT, cylinder
+
+import flexmbd as fm
+from flexmbd import meshes
+from flexmbd.continuum import (
+    BodyAcceleration,
+    NonlinearModel,
+    PressureOnFacets,
+    TractionOnFacets,
+    clamped_dofs,
+    equilibrium_path,
+    follow,
+    prescribed_dofs,
+)
+from flexmbd.errors import FlexmbdError, FormulationError, SceneError
+from flexmbd.forms import beam_exact, neo_hookean, solid_mixed
+from flexmbd.forms import st_venant_kirchhoff as svk
+
+LIMIT_POINT, BIFURCATION = fm.CriticalKind.LIMIT, fm.CriticalKind.BIFURCATION
+SIZE = 400.0  # m/s^2, by which the panel's weight is counted
+
+
+def panel(*, form=svk, comm=MPI.COMM_SELF):
+    """A shallow arch of 1 m, clamped at both ends, 10 mm thick, that rises by 30 mm."""
+    mesh = meshes.block(1.0, 0.1, 0.01, divisions=(16, 1, 1), cell="hexahedron", degree=1, comm=comm)
+    x = mesh.mesh.geometry.x
+    x[:, 2] += 4.0 * 0.03 * x[:, 0] * (1.0 - x[:, 0])
+    body = NonlinearModel(mesh, form, form.Parameters(E=2e9, nu=0.0, rho=1000.0), degree=2)
+    return body, clamped_dofs(body, ["x_min", "x_max"])
+
+
+WEIGHT = [BodyAcceleration((0.0, 0.0, -1.0), lambda t: SIZE * t)]
+
+
+def at_middle(body, displacement):
+    """m, along z, of the upper edge in the middle."""
+    x = body.layout.node_x
+    middle = np.flatnonzero(abs(x[:, 0] - 0.5) < 1e-9)
+    top = middle[x[middle, 2] > x[middle, 2].max() - 1e-9]
+    return float(displacement[body.displacement_dofs[top, 2]].mean())
+
+
+def crown(body):
+    """Dofs of the upper edge in the middle along z, and the share of each of its three nodes of a line load."""
+    x = body.layout.node_x
+    middle = np.flatnonzero(abs(x[:, 0] - 0.5) < 1e-9)
+    top = middle[x[middle, 2] > x[middle, 2].max() - 1e-9]
+    return body.displacement_dofs[top, 2], np.where(abs(x[top, 1] - x[top, 1].mean()) < 1e-9, 4.0, 1.0) / 6.0
+
+
+def test_a_panel_snaps_through_at_the_loads_that_displacement_control_finds():
+    """Its load is largest and smallest where the force that leads its crown down is."""
+    body, held = panel()
+    dofs, shares = crown(body)
+    led = np.sort(np.concatenate([held, dofs])).astype(np.int32)
+    is_crown = np.isin(led, dofs)
+    sunk = np.linspace(5e-4, 0.06, 120)
+    steps = follow(body, sunk, prescribed=led, displacement=lambda t: np.where(is_crown, -t, 0.0)).steps
+    force = -np.array([one.reactions[is_crown].sum() for one in steps])
+
+    loaded, held = panel()
+    whole = np.zeros(loaded.n_owned)
+    whole[dofs] = -shares
+    path = equilibrium_path(loaded, fm.Continuation(to=1.5 * force.max()), prescribed=held, load=lambda t: t * whole)
+    assert path.end is fm.PathEnd.REACHED
+    # the same curve, wherever the path goes up or down
+    curve = CubicSpline(sunk, force)
+    for one in path.points:
+        down = -at_middle(loaded, one.displacement)
+        if sunk[1] < down < sunk[-2]:
+            assert one.t == pytest.approx(float(curve(down)), abs=2e-4 * force.max())
+    turns = curve.derivative().roots(extrapolate=False)
+    assert [one.kind for one in path.critical] == [LIMIT_POINT, LIMIT_POINT]
+    assert [one.t for one in path.critical] == pytest.approx(curve(turns), rel=1e-5)
+
+
+def test_a_panel_snaps_through_under_its_weight():
+    """Two bifurcations, at which it would bend to one side, and two limit points; where it is stable between."""
+    body, held = panel()
+    seen = []
+    path = equilibrium_path(
+        body, fm.Continuation(to=2.0), prescribed=held, loads=WEIGHT,
+        accepted=lambda t: seen.append((t, at_middle(body, body.displacement))),
+    )  # fmt: skip
+    assert [one.kind for one in path.critical] == [BIFURCATION, LIMIT_POINT, BIFURCATION, LIMIT_POINT]
+    first, top, second, bottom = (one.t for one in path.critical)
+    assert first < top
+    assert bottom < second < first
+    assert repr(path.critical[1]) == f"<BodyCriticalPoint: limit point at the factor {top:.9g}>"
+    assert "limit point at 0.6696" in repr(path)
+    # every point is in balance, and the body stands at the last
+    assert [t for t, _ in seen] == list(path.factors[1:])
+    whole = BodyAcceleration((0.0, 0.0, -1.0), 2.0 * SIZE)
+    again, held_again = panel()
+    again.displacement[:] = path.points[-1].displacement
+    steps = follow(again, [1.0], prescribed=held_again, loads=[whole]).steps
+    assert len(steps) == 1
+    assert at_middle(again, again.displacement) == pytest.approx(seen[-1][1], rel=1e-7)
+    np.testing.assert_array_equal(body.displacement, path.points[-1].displacement)
+    # what the bifurcations leave to the other path: a closed one, from the first to the second and back
+    with pytest.warns(fm.PathWarning, match="broken off after 32 points"):
+        aside = equilibrium_path(
+            body, fm.Continuation(to=2.0, most_points=31), prescribed=held, loads=WEIGHT, about=path.critical[0]
+        )
+    turns = [one.t for one in aside.critical]
+    assert len(turns) > 1
+    assert turns[:2] == pytest.approx([second, first], rel=1e-4)
+    left, right = (at_side(body, aside.points[5].displacement, x) for x in (0.25, 0.75))
+    assert abs(left - right) > 1e-3
+
+
+def at_side(body, displacement, place):
+    nodes = np.flatnonzero(abs(body.layout.node_x[:, 0] - place) < 1e-9)
+    return float(displacement[body.displacement_dofs[nodes, 2]].mean())
+
+
+def test_pressure_that_follows_has_no_potential():
+    """The same critical points within a few 1e-4: of a shallow panel the pressure hardly turns."""
+    body, held = panel()
+    half = fm.Continuation(to=1.0, most_points=6)
+    with pytest.warns(fm.PathWarning):
+        dead = equilibrium_path(body, half, prescribed=held, loads=WEIGHT)
+    assert len(dead.critical) == 2
+    other, held = panel()
+    pressure = PressureOnFacets("z_max", lambda t: 1000.0 * 0.01 * SIZE * t)
+    with pytest.warns(fm.PathWarning):
+        path = equilibrium_path(other, half, prescribed=held, loads=[pressure])
+    assert [one.kind for one in path.critical] == [one.kind for one in dead.critical]
+    for one, its in zip(path.critical, dead.critical, strict=True):
+        assert one.t == pytest.approx(its.t, rel=3e-3)
+        assert one.t != its.t
+
+
+def column(divisions, *, height=0.02, form=svk):
+    """A cantilever of 1 m under a pressing dead force at its end, in units of EI / L^2."""
+    mesh = meshes.block(1.0, 0.03, height, divisions=(divisions, 1, 1), cell="hexahedron", degree=2, comm=MPI.COMM_SELF)
+    body = NonlinearModel(mesh, form, form.Parameters(E=1e9, nu=0.0, rho=1000.0), degree=2)
+    bending = 1e9 * 0.03 * height**3 / 12.0
+    load = TractionOnFacets("x_max", (-bending / (0.03 * height), 0.0, 0.0), lambda t: t)
+    return body, clamped_dofs(body, ["x_min"]), [load]
+
+
+@pytest.mark.parametrize(("form", "side"), [(svk, 1), (svk, -1), (neo_hookean, 1)])
+def test_a_column_buckles_to_the_elastica(form, side):
+    """Tip at 2 E / K - 1 and 2 k / K under K(k)^2 EI / L^2 (Timoshenko & Gere 1961, section 2.7)."""
+    body, held, loads = column(20, form=form)
+    straight = equilibrium_path(body, fm.Continuation(to=4.0), prescribed=held, loads=loads)
+    (critical,) = straight.critical
+    assert critical.kind is BIFURCATION
+    assert critical.t == pytest.approx(np.pi**2 / 4, rel=1e-3)
+    assert [one.unstable for one in straight.points] == [int(one.t > critical.t) for one in straight.points]
+    bent = equilibrium_path(
+        body, fm.Continuation(to=3.5, side=side), prescribed=held, loads=loads, about=critical
+    )
+    assert bent.factors[0] == critical.t
+    assert all(one.unstable == 0 for one in bent.points[1:])
+    end = body.displacement_dofs[body.layout.nodes_on(2, body.mesh.facets("x_max"))]
+    for one in bent.points[3:]:
+        k = brentq(lambda k, one=one: ellipk(k * k) ** 2 - one.t, 1e-6, 0.999999)
+        exact = 2 * ellipe(k * k) / ellipk(k * k) - 2, 2 * k / ellipk(k * k)
+        x, _, z = one.displacement[end].mean(axis=0)
+        assert (x, abs(z)) == pytest.approx(exact, abs=6e-3)
+    other = equilibrium_path(body, fm.Continuation(to=3.5, side=-side), prescribed=held, loads=loads, about=critical)
+    first, second = (path.points[5].displacement[end].mean(axis=0)[2] for path in (bent, other))
+    assert first == pytest.approx(-second, rel=1e-5)
+
+
+def test_a_beam_with_rotations_buckles_as_the_exact_beam_does():
+    """Euler's load, less what shear and shortening take: P = P_E (1 - P_E / kGA + P_E / EA) to first order."""
+    E, A, inertia = 1e9, 2e-3, 2.67e-7
+    p = beam_exact.Parameters(
+        E=E, nu=0.3, rho=1000.0, A=A, Iy=inertia, Iz=3 * inertia, J=4 * inertia, ky=5 / 6, kz=5 / 6,
+        orientation=(0.0, 0.0, 1.0),
+    )  # fmt: skip
+    beam = Cantilever(p, length=1.0, n=8)
+    whole = np.zeros(beam.body.n_owned)
+    whole[beam.tip[0]] = -E * inertia
+    path = equilibrium_path(beam.body, fm.Continuation(to=4.0), prescribed=beam.held, load=lambda t: t * whole)
+    (critical,) = path.critical
+    euler = np.pi**2 / 4
+    strain = euler * inertia / A
+    assert critical.kind is BIFURCATION
+    assert critical.t == pytest.approx(euler * (1.0 - strain * (2.6 * 6 / 5 - 1.0)), rel=2e-5)
+
+
+def test_a_perfectly_plastic_cylinder_stays_at_its_limit_pressure():
+    """Beyond the limit it widens under one pressure, which no control of the load follows."""
+    body, held, force = cylinder((4, 6))
+    with pytest.warns(fm.PathWarning, match="broken off after 25 points"):
+        path = equilibrium_path(
+            body, fm.Continuation(to=1.5, most_points=25), prescribed=held, load=lambda t: t * LIMIT * force
+        )
+    assert path.end is fm.PathEnd.POINTS
+    assert path.critical == ()
+    assert all(one.unstable == 0 for one in path.points)
+    assert path.factors[-1] == pytest.approx(1.0, abs=1e-2)
+    assert np.ptp(path.factors[-5:]) < 1e-9
+    moved = [abs(one.displacement).max() for one in path.points]
+    assert moved[-1] > 100.0 * moved[3]
+
+
+def test_pressures_do_not_count_as_unstable():
+    """A mixed form's tangent has a negative eigenvalue for each pressure."""
+    mesh = meshes.block(1.0, 0.1, 0.05, divisions=(4, 1, 1), cell="tetrahedron", degree=1, comm=MPI.COMM_SELF)
+    body = NonlinearModel(mesh, solid_mixed, solid_mixed.Parameters(E=1e6, nu=0.4999, rho=1000.0), degree=2)
+    held, force = clamped_dofs(body, ["x_min"]), np.zeros(body.n_owned)
+    force[body.displacement_dofs[body.layout.nodes_on(2, mesh.facets("x_max")), 2]] = 1e-3
+    path = equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, load=lambda t: t * force)
+    assert [one.unstable for one in path.points] == [0] * len(path.points)
+
+
+@pytest.mark.mpi
+def test_a_path_is_the_same_on_any_number_of_ranks():
+    body, held = panel(comm=MPI.COMM_WORLD)
+    alone, held_alone = panel()
+    half = fm.Continuation(to=1.0, most_points=6)
+    with pytest.warns(fm.PathWarning):
+        path = equilibrium_path(body, half, prescribed=held, loads=WEIGHT)
+    with pytest.warns(fm.PathWarning):
+        same = equilibrium_path(alone, half, prescribed=held_alone, loads=WEIGHT)
+    assert len(path.critical) == 2
+    assert [one.t for one in path.critical] == pytest.approx([one.t for one in same.critical], rel=1e-6)
+    assert path.factors == pytest.approx(same.factors, rel=1e-5, abs=1e-6)
+    assert [one.unstable for one in path.points] == [one.unstable for one in same.points]
+
+
+def test_a_path_that_is_lost_keeps_what_it_found():
+    """A load that jumps: the body stands where the last equilibrium was."""
+    body, held = panel()
+    jumps = [BodyAcceleration((0.0, 0.0, -1.0), lambda t: SIZE * t + (1e5 if t > 0.3 else 0.0))]
+    with pytest.raises(fm.PathError, match=r"cannot be followed beyond the factor 0\.[123]") as caught:
+        equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, loads=jumps)
+    path = caught.value.path
+    assert path.end is fm.PathEnd.LOST
+    assert path.points[-1].t <= 0.3
+    np.testing.assert_array_equal(body.displacement, path.points[-1].displacement)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "pattern"),
+    [
+        ({"path": fm.Continuation(to=0.0)}, SceneError, "ends at the load factor 0 at which it begins"),
+        ({"path": fm.Continuation(to=1.0, back_to=0.5)}, SceneError, "does not lie on the other side"),
+        ({"loads": [BodyAcceleration((0.0, 0.0, -1.0), 1.0)]}, SceneError, "the loads do nothing as the factor grows"),
+        ({"path": 2.0}, FormulationError, "path must be"),
+        ({"about": 1.0}, FormulationError, "about must be"),
+        ({"reached": np.nan}, FormulationError, "reached must be"),
+        ({"loads": [BodyAcceleration((0.0, 0.0, -1.0), lambda t: np.nan)]}, SceneError, "finite"),
+    ],
+)
+def test_what_is_refused(given, error, pattern):
+    body, held = panel()
+    with pytest.raises(error, match=pattern) as caught:
+        equilibrium_path(body, **{"path": fm.Continuation(to=1.0), "prescribed": held, "loads": WEIGHT, **given})
+    assert isinstance(caught.value, FlexmbdError)
+
+
+def test_a_body_that_is_held_by_nothing():
+    body, _ = panel()
+    for held in (np.zeros(0, dtype=np.int32), prescribed_dofs(body, {"x_min": "xz", "x_max": "xz"})):
+        with pytest.raises(SceneError, match=r"the body can move as a whole.*prescribed_dofs"):
+            equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, loads=WEIGHT)
