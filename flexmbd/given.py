@@ -11,6 +11,7 @@ import inspect
 import math
 import numbers as kinds_of_numbers
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import wraps
@@ -85,7 +86,12 @@ def refuse_other(value: object, kinds: type | tuple[type, ...], what: str, *, wa
     if isinstance(value, type):
         raise SceneError(f"{what} must be {wanted}, got the class {value.__name__} itself; call it, with its arguments")
     if not isinstance(value, kinds):
-        raise SceneError(f"{what} must be {wanted}, got {value!r:.100}")
+        raise SceneError(f"{what} must be {wanted}, got {_shown(value)}")
+
+
+def _shown(value: object) -> str:
+    """A value as messages have it, without the addresses of objects."""
+    return f"{re.sub(r' at 0x[0-9a-f]+', '', repr(value)):.100}"
 
 
 def refuse_no_function(value: object, what: str, *, wanted: str) -> None:

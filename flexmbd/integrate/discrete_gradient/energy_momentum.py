@@ -190,9 +190,9 @@ def _gradients(scene: CompiledScene, stored: Plan, size: FloatArray) -> FloatArr
     places = [random.standard_normal(nv) * share for _ in range(_SAMPLES)]
     still = np.array([_gradient(scene, stored, place, none, np.zeros(len(plan.rows))) for place in places])
     potential = float(np.abs(still * share).max(initial=0.0))
-    inertia = float(masses(plan).sum()) * scene.extent**2
-    rate = math.sqrt(potential / inertia) if potential > 0.0 and inertia > 0.0 else 1.0
-    multipliers = inertia / scene.extent * rate**2
+    mass = float(masses(plan).sum())
+    rate = math.sqrt(potential / mass) / scene.extent if potential > 0.0 and mass > 0.0 else 1.0
+    multipliers = mass * (scene.extent * rate) * rate
     return np.array(
         [
             _gradient(

@@ -83,7 +83,10 @@ class PseudoRigidBody:
         arm = found.p_BF_B - self.solid.com
         if self.rigid or not arm.any():
             return found
-        rows = np.vstack([(self.modes @ arm).T, np.zeros((3, 6))])
+        with np.errstate(over="ignore"):
+            rows = np.vstack([(self.modes @ arm).T, np.zeros((3, 6))])
+        if not np.isfinite(rows).all():
+            raise SceneError(f"{found.label}: a frame at p = {found.p_BF_B} is so far away that motions there overflow")
         return Frame(self, found.p_BF_B, found.R_BF, rows, found.label)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:

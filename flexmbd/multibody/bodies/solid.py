@@ -87,14 +87,14 @@ class Solid:
     def box(cls, sides: ArrayLike, *, density: float) -> Solid:
         """A box about the origin: sides (3,) m along the axes, density kg/m^3."""
         a = _lengths(sides, "sides of a box")
-        return cls._even(float(a.prod()), a**2 / 12.0, density, Outline(*_unit_box(), a))
+        return cls._even(float(a.prod()), _squared(a) / 12.0, density, Outline(*_unit_box(), a))
 
     @classmethod
     def ellipsoid(cls, semi_axes: ArrayLike, *, density: float) -> Solid:
         """An ellipsoid about the origin: semi-axes (3,) m along the axes, density kg/m^3."""
         a = _lengths(semi_axes, "semi-axes of an ellipsoid")
         volume = 4.0 / 3.0 * np.pi * float(a.prod())
-        return cls._even(volume, a**2 / 5.0, density, Outline(*unit_ball(), a))
+        return cls._even(volume, _squared(a) / 5.0, density, Outline(*unit_ball(), a))
 
     @classmethod
     def cylinder(cls, radius: float, length: float, *, density: float, bore: float = 0.0) -> Solid:
@@ -235,6 +235,12 @@ def unit_tube(bore: float = 0.0, sides: int = _SIDES) -> tuple[FloatArray, IntAr
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
     return 0.5 * (matrix + matrix.T)
+
+
+def _squared(a: FloatArray) -> FloatArray:
+    """Infinite where it is beyond all numbers, which the solid refuses."""
+    with np.errstate(over="ignore"):
+        return a * a
 
 
 def _lengths(values: ArrayLike, what: str) -> FloatArray:

@@ -123,11 +123,17 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
 def _penalty_parameters(extent: float, row: Row, choice: Penalty | AugmentedLagrangian, name: str) -> FloatArray:
     """(2,) stiffness and damping of a row, in its own unit."""
     scale = extent * extent if row.kind in kinds.ROWS_IN_RAD else 1.0
+    both = [float(choice.stiffness) * scale, float(choice.damping) * scale]
+    if not np.isfinite(both).all():
+        raise SceneError(
+            f"{name}: its stiffness and damping, {choice.stiffness:g} and {choice.damping:g} for a m, come to "
+            f"{both[0]:g} and {both[1]:g} for a rad in a machine of {extent:g} m; give less, or shorten the machine"
+        )
     if row.level == kinds.LEVEL_POSITION:
-        return np.array([choice.stiffness, choice.damping], dtype=np.float64) * scale
+        return np.array(both)
     if choice.damping == 0.0:
         raise SceneError(f"{name}: holds velocities alone, so that only damping enforces it; give a damping above 0")
-    return np.array([0.0, choice.damping * scale], dtype=np.float64)
+    return np.array([0.0, both[1]])
 
 
 def _augmented_parameters(extent: float, row: Row, choice: AugmentedLagrangian, name: str) -> FloatArray:

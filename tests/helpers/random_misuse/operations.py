@@ -94,10 +94,10 @@ def _run(session: Session, dice: Dice, parts: Parts, folder: Path) -> None:
     session.finite("rows", np.concatenate([run.t, run.x.ravel(), run.v.ravel()]))
     for _ in range(dice.whole(1, 5)):
         _ask(session, dice, parts, run)
-    if run.checkpoints and dice.chance(0.7):
-        _go_on(session, dice, parts, folder, run.checkpoints[0], t_end, how)
     if isinstance(how.get("stream"), Path) and how["stream"].exists():
         _read_back(session, parts, how["stream"], run)
+    if run.checkpoints and dice.chance(0.7):  # which may write the same stream anew
+        _go_on(session, dice, parts, folder, run.checkpoints[0], t_end, how)
     if dice.chance(0.2):
         path = folder / "saved.h5"
         if session.do("save", lambda: run.save(dice.value(path))) and path.exists():
