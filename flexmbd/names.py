@@ -1,7 +1,7 @@
 """The names of the root, `flexmbd.System` and the others: loaded when the first of them is asked for."""
 
 from flexmbd.compiled_machine import CompiledMachine as CompiledMachine
-from flexmbd.continuation.critical import CriticalKind as CriticalKind
+from flexmbd.continuation.crossing import CriticalKind as CriticalKind
 from flexmbd.continuation.follow import PathEnd as PathEnd
 from flexmbd.continuation.request import Continuation as Continuation
 from flexmbd.coupling import Coupling as Coupling

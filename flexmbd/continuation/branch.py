@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from flexmbd.continuation.critical import CriticalKind
+from flexmbd.continuation.crossing import CriticalKind
 from flexmbd.continuation.follow import Station, station
 from flexmbd.continuation.request import Continuation
 from flexmbd.continuation.space import AnyPoint, FloatArray, PathDirection, PathSpace, unit, until

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 from typing import Generic
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from flexmbd.continuation.crossing import CriticalKind, PathCrossing
 from flexmbd.continuation.follow import Stretch
 from flexmbd.continuation.space import AnyPoint, PathDirection, PathSpace, PathSpectrum, unit
 from flexmbd.errors import ConvergenceError
@@ -28,41 +28,6 @@ _WITHIN = 1e-7  # of a step: how exactly they are located
 _MOST_MODES = 2  # that may give way at once
 _BESIDE = 1e-3  # of a step: how far before and behind tangents are compared
 _NEAR = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)  # of a step: how far from where paths cross a point is tried that is determined
-
-
-class CriticalKind(Enum):
-    """What happens at a critical point.
-
-    Attributes:
-        LIMIT: the load factor turns.
-        BIFURCATION: another path of equilibria crosses.
-        FLUTTER: vibrations begin to grow, of a machine under forces that have no potential.
-    """
-
-    LIMIT = "limit point"
-    BIFURCATION = "bifurcation"
-    FLUTTER = "flutter"
-
-
-@dataclass(frozen=True, eq=False)
-class PathCrossing(Generic[AnyPoint]):
-    """A critical point between two points of a path.
-
-    Attributes:
-        kind: of it.
-        share: of the step at which it lies.
-        point: it.
-        mode: (n,) the direction of giving way; its largest part is 1 rad or the extent.
-        tangent: of the path.
-        unstable: how many motions are unstable behind it.
-    """
-
-    kind: CriticalKind
-    share: float
-    point: AnyPoint
-    mode: FloatArray
-    tangent: PathDirection
-    unstable: int
 
 
 def crossings(space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> list[PathCrossing[AnyPoint]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Generic
 
 import numpy as np
 
+from flexmbd.continuation.crossing import PathCrossing
 from flexmbd.continuation.request import Bounds
 from flexmbd.continuation.space import AnyPoint, PathDirection, PathSpace, PathSpectrum, until
 from flexmbd.errors import ConvergenceError, PathWarning, warn
@@ -18,6 +19,7 @@ _SHORTEST = 1e-8  # rad, of the extent or of the range
 _BEND = 0.3  # rad, between tangents: what a step aims at
 _SHARP = 0.8  # rad: a step that bends by more is taken again, shorter
 _AHEAD = 1.2  # steps: a bound so near ends the step
+_TRIES = 6  # halvings of a step in which a critical point cannot be located
 _USUAL = 6  # iterations: a step that takes more makes the next one shorter
 
 
@@ -54,12 +56,18 @@ class Stretch(Generic[AnyPoint]):
         before, after: its ends.
         step: that led from one to the other.
         across: what corrections were normal to.
+        met: the critical points on the way, in their order, where these are looked for.
     """
 
     before: Station[AnyPoint]
     after: Station[AnyPoint]
     step: PathDirection
     across: PathDirection
+    met: Sequence[PathCrossing[AnyPoint]] = ()
+
+
+#: The critical points of a stretch; ConvergenceError where they cannot be located.
+Locate = Callable[[PathSpace[AnyPoint], Stretch[AnyPoint]], Sequence[PathCrossing[AnyPoint]]]
 
 
 def station(space: PathSpace[AnyPoint], point: AnyPoint, onwards: PathDirection) -> Station[AnyPoint]:
@@ -67,16 +75,27 @@ def station(space: PathSpace[AnyPoint], point: AnyPoint, onwards: PathDirection)
     return Station(point, space.tangent(point, onwards), space.spectrum(point))
 
 
-def follow(space: PathSpace[AnyPoint], first: Station[AnyPoint], bounds: Bounds) -> Iterator[Stretch[AnyPoint]]:
+def follow(
+    space: PathSpace[AnyPoint], first: Station[AnyPoint], bounds: Bounds, *, locate: Locate[AnyPoint] | None = None
+) -> Iterator[Stretch[AnyPoint]]:
     """The stretches of a path, up to a bound or as many as there may be.
+
+    Args:
+        space: that it runs through.
+        first: where it begins, and to which side.
+        bounds: where it ends.
+        locate: the critical points of a stretch; a step in which they cannot be located is taken again, shorter.
 
     Raises:
         ConvergenceError: however short the step is, no equilibrium is found.
+
+    Warns:
+        PathWarning: critical points could not be located.
     """
     here, share = first, _FIRST * bounds.longest / space.largest(first.tangent)
     for _ in range(bounds.points - 1):
         share = min(share, bounds.longest / space.largest(here.tangent))
-        stretch = None
+        stretch, tries = None, 0
         while stretch is None:
             if share * space.largest(here.tangent) < _SHORTEST:
                 raise ConvergenceError(
@@ -85,6 +104,14 @@ def follow(space: PathSpace[AnyPoint], first: Station[AnyPoint], bounds: Bounds)
                     "motion is held by nothing"
                 )
             stretch = _stretch(space, here, bounds, share)
+            if stretch is not None and locate is not None:
+                try:
+                    stretch = replace(stretch, met=locate(space, stretch))
+                except ConvergenceError as reason:
+                    if tries == _TRIES:
+                        warn(f"{reason}; the path goes on without it", PathWarning)
+                    else:
+                        stretch, tries = None, tries + 1
             share *= 0.5 if stretch is None else _growth(space, stretch)
         yield stretch
         here = stretch.after

@@ -18,6 +18,8 @@ from flexmbd.errors import ConvergenceError, SceneError
 
 FloatArray = NDArray[np.float64]
 
+_ASTRAY = 0.4  # of a step: the largest correction of it
+
 
 @dataclass(frozen=True, eq=False)
 class PathDirection:
@@ -142,6 +144,14 @@ def typical_motion(space: PathSpace[AnyPoint], tangent: PathDirection) -> float:
         return 1.0
     over_the_range = space.largest(PathDirection(tangent.xi * (space.width / tangent.factor), 0.0))
     return min(1.0, over_the_range) or 1.0
+
+
+def is_astray(space: PathSpace[AnyPoint], correction: PathDirection, step: PathDirection) -> bool:
+    """Whether the first correction after a step is so large that it leads to another path.
+
+    Along an arc of 0.8 rad it is 0.4 of the step.
+    """
+    return space.product(correction, correction) > _ASTRAY**2 * space.product(step, step) > 0.0
 
 
 def unit(space: PathSpace[AnyPoint], a: PathDirection) -> PathDirection:

@@ -10,7 +10,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.continuation.branch import beside
-from flexmbd.continuation.critical import CriticalKind, PathCrossing, crossings
+from flexmbd.continuation.critical import crossings
+from flexmbd.continuation.crossing import CriticalKind, PathCrossing
 from flexmbd.continuation.follow import PathEnd, Station, follow, found_end, station
 from flexmbd.continuation.request import Continuation, bounds_of
 from flexmbd.continuation.space import PathDirection, typical_motion
@@ -191,16 +192,16 @@ def equilibrium_path(
             met = PathDirection(about.tangent[:-1], float(about.tangent[-1]))
             first = beside(space, there, path, kind=about.kind, mode=about.mode, tangent=met)
         keep(first.point, first.spectrum.unstable)
-        for stretch in follow(space, first, bounds):
-            critical += [_critical_point(body, one, space.typical) for one in crossings(space, stretch)]
+        for stretch in follow(space, first, bounds, locate=crossings):
+            critical += [_critical_point(body, one, space.typical) for one in stretch.met]
             keep(stretch.after.point, stretch.after.spectrum.unstable)
             body.restore(last)
             if accepted is not None:
                 accepted(stretch.after.point.factor)
     except ConvergenceError as reason:
-        body.restore(last)
         raise PathError(str(reason), found(PathEnd.LOST)) from reason
-    body.restore(last)
+    finally:  # of whatever was tried, as when it is interrupted
+        body.restore(last)
     return found(found_end([one.t for one in points], [one.t for one in critical], bounds))
 
 

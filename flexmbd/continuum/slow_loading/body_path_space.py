@@ -19,7 +19,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuation.space import PathDirection, unit
+from flexmbd.continuation.space import PathDirection, is_astray, unit
 from flexmbd.continuum.history.displacement_newton import Balance, Convergence
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
@@ -259,7 +259,8 @@ class BodyPathSpace:
             responses = self._responses(increment, factor, balance, predicted=self._predicts)
             change = self._in_plane(responses, across, undetermined)
             size = self.largest(change)
-            if not np.isfinite(size) or size > _GROWS * last:
+            astray = iteration == 1 and size > _CLOSE and is_astray(self, change, step)
+            if not np.isfinite(size) or size > _GROWS * last or astray:
                 break
             last, close = size, size <= _CLOSE
         raise ConvergenceError("Newton's method does not converge")

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuation.branch import beside
-from flexmbd.continuation.critical import PathCrossing, crossings
+from flexmbd.continuation.critical import crossings
+from flexmbd.continuation.crossing import PathCrossing
 from flexmbd.continuation.follow import PathEnd, Station, follow, found_end, station
 from flexmbd.continuation.request import Bounds, Continuation, bounds_of
 from flexmbd.continuation.space import PathDirection, typical_motion
@@ -61,8 +62,8 @@ def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs
         space, first = _first(space, begin, bounds, side=path.side)
     kept.append(_working_point(scene, first))
     try:
-        for stretch in follow(space, first, bounds):
-            critical += [_critical_point(scene, one, space.typical) for one in crossings(space, stretch)]
+        for stretch in follow(space, first, bounds, locate=crossings):
+            critical += [_critical_point(scene, one, space.typical) for one in stretch.met]
             kept.append(_working_point(scene, stretch.after))
     except (ConvergenceError, SceneError) as reason:
         raise PathError(str(reason), EquilibriumPath(tuple(kept), tuple(critical), PathEnd.LOST)) from reason

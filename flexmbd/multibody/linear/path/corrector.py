@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.continuation.space import PathDirection, unit
+from flexmbd.continuation.space import PathDirection, is_astray, unit
 from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
@@ -159,7 +159,8 @@ class MachineSpace:
             more = self.strains.stiffness(x, predicted - self.strains.at(x))
             change = self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
             size = self.largest(change)
-            if not np.isfinite(size) or size > _GROWS * last:
+            astray = iteration == 1 and size > _CLOSE and is_astray(self, change, step)
+            if not np.isfinite(size) or size > _GROWS * last or astray:
                 break
             last, close = size, size <= _CLOSE
         raise ConvergenceError("Newton's method does not converge")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuation.critical import CriticalKind
+from flexmbd.continuation.crossing import CriticalKind
 from flexmbd.continuation.follow import PathEnd
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
