@@ -120,6 +120,7 @@ def test_modes_that_a_start_does_not_see():
         mass,
         lambda block: block / (values + 0.3),
         lambda block: 1e-16 * values * abs(block),
+        lambda block: block,
         start=np.asfortranarray(start),
         size=60,
         limit=100,
@@ -128,3 +129,31 @@ def test_modes_that_a_start_does_not_see():
     assert search.eigenvalues[:3] == pytest.approx([1.0, 3.0, 5.0])
     search.search_again()
     assert search.eigenvalues[:5] == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
+
+
+def test_round_off_of_rigid_motions_does_not_grow_among_modes():
+    """Of a matrix with two zeros, whose approximate inverse leaves 1e-15 along them: where little is new that is much."""
+    mass = PETSc.Mat().createConstantDiagonal((40, 40), 1.0, comm=COMM).convert("aij")
+    first, end = mass.getOwnershipRange()
+    values = np.maximum(np.arange(first, end)[:, None] - 1.0, 0.0)
+    rigid = values == 0.0
+    noise = np.random.default_rng(COMM.rank)
+
+    def nearly_inverse(block):
+        left = 1e-15 * noise.normal(size=block.shape)
+        return np.asfortranarray(np.where(rigid, left, block / (values + 0.3)))
+
+    search = DavidsonSearch(
+        lambda block: values * block,
+        mass,
+        nearly_inverse,
+        lambda block: 1e-16 * values * abs(block),
+        lambda block: np.asfortranarray(np.where(rigid, 0.0, block)),
+        start=np.asfortranarray(noise.normal(size=(end - first, 3))),
+        size=38,
+        limit=100,
+    )
+    for count in (10, 25, 38):
+        search.find(count)
+        search.search_again()
+        assert search.eigenvalues[:count] == pytest.approx(np.arange(1.0, count + 1.0))

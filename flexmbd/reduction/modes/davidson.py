@@ -44,6 +44,7 @@ class DavidsonSearch:
         mass: PETSc.Mat,
         precondition: BlockOperator,
         noise: BlockOperator,
+        deformation: BlockOperator,
         *,
         start: FloatArray,
         size: int,
@@ -56,6 +57,7 @@ class DavidsonSearch:
             mass: M, positive definite.
             precondition: nearly K^-1 times a block; symmetric positive definite.
             noise: sizes of the round-off of K times a block.
+            deformation: a block less rigid motions, where nothing holds the body.
             start: (owned rows, b) start block.
             size: number of modes there are.
             limit: number of basis vectors that would do with an exact inverse.
@@ -63,6 +65,7 @@ class DavidsonSearch:
         self.eigenvalues: FloatArray = np.zeros(0)
         self.exhausted = False
         self._stiffness, self._mass, self._precondition, self._noise = stiffness, mass, precondition, noise
+        self._deformation = deformation
         self._comm = mass.comm.tompi4py()
         self._size, self._most, self._taken = size, _PATIENCE * limit, 0
         self._basis = LanczosBasis(mass, len(start))
@@ -153,6 +156,10 @@ class DavidsonSearch:
                 continue
             room = self._size - self._basis.size
             block, image = self._basis.beside(none, none, np.asfortranarray(fresh))
+            deformed = self._deformation(block)
+            if deformed is not block:
+                # of directions that bring little new, round-off's rigid motions have become large
+                block, image = self._basis.beside(none, none, deformed)
             block, image = block[:, :room], image[:, :room]
             if block.shape[1] == 0:
                 continue

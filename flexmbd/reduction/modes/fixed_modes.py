@@ -259,6 +259,7 @@ def _mode_search(
             statics.M,
             statics.approximate,
             statics.noise,
+            statics.deformation,
             start=start,
             size=statics.size,
             limit=limit,

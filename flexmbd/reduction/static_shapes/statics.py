@@ -196,6 +196,10 @@ class Statics:
         """Nearly `solve`, at the least cost, of a body without averaged interfaces. Collective."""
         return _flexibility(self._interior, self._interior.inverse.approximate, self._free, block)
 
+    def deformation(self, block: FloatArray) -> FloatArray:
+        """Displacements (rows of `mask`, k) less rigid motions, where nothing holds the body. Collective."""
+        return block if self._free is None else np.asfortranarray(self._free.deformation(block))
+
     def stiffness(self, block: FloatArray) -> FloatArray:
         """K times displacements (rows of `mask`, k) with all interfaces fixed, N, on the same rows. Collective."""
         return np.asfortranarray(multiply(self.model.K, self._on_all(block))[self.mask])
