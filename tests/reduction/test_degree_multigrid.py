@@ -132,7 +132,7 @@ def test_modes_that_a_start_does_not_see():
 
 
 def test_round_off_of_rigid_motions_does_not_grow_among_modes():
-    """Of a matrix with two zeros, whose approximate inverse leaves 1e-15 along them: where little is new that is much."""
+    """Of a matrix with two zeros along which an approximate inverse leaves 1e-15: where little is new that is much."""
     mass = PETSc.Mat().createConstantDiagonal((40, 40), 1.0, comm=COMM).convert("aij")
     first, end = mass.getOwnershipRange()
     values = np.maximum(np.arange(first, end)[:, None] - 1.0, 0.0)
