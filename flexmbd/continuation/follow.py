@@ -128,7 +128,7 @@ def found_end(factors: Sequence[float], met: Sequence[float], bounds: Bounds) ->
     last = factors[-1]
     if last == bounds.to:
         return PathEnd.REACHED
-    most = max(*factors, *met) if bounds.to > bounds.back_to else min(*factors, *met)
+    most = (max if bounds.to > bounds.back_to else min)([*factors, *met])
     if last == bounds.back_to:
         warn(
             f"the path of equilibria turned at the factor {most:.6g}, came back to {bounds.back_to:.6g} and ends "

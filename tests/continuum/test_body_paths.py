@@ -278,6 +278,38 @@ def test_what_is_refused(given, error, pattern):
     assert isinstance(caught.value, FlexmbdError)
 
 
+@pytest.mark.parametrize(
+    ("given", "pattern"),
+    [
+        ({"prescribed": "abc"}, "prescribed must be dofs, as prescribed_dofs"),
+        ({"prescribed": None}, "prescribed must be dofs, as"),
+        ({"prescribed": np.array([0.5])}, "prescribed must be dofs, as"),
+        ({"prescribed": np.array([10**9])}, "prescribed must be dofs that this rank owns"),
+        ({"prescribed": np.array([-1])}, "prescribed must be dofs that this rank owns"),
+        ({"prescribed": np.array([1, 1])}, "a dof twice"),
+        ({"load": lambda t: np.zeros(3)}, r"load gave an array of shape \(3,\)"),
+        ({"load": lambda t: "x"}, "load gave"),
+        ({"displacement": lambda t: np.zeros(1)}, "displacement gave an array of shape"),
+        ({"displacement": lambda t: np.nan}, "displacement gave"),
+    ],
+)
+def test_given_dofs_and_loads_that_are_none(given, pattern):
+    """By steps of the load as along the arc."""
+    body, held = panel()
+    how = {"prescribed": held, "loads": WEIGHT, **given}
+    with pytest.raises(FormulationError, match=pattern):
+        equilibrium_path(body, fm.Continuation(to=0.1), **how)
+    with pytest.raises(FormulationError, match=pattern):
+        follow(body, [0.1], **how)
+
+
+def test_a_load_that_is_no_number_is_no_equilibrium():
+    """It converged, with reactions that are none."""
+    body, held = panel()
+    with pytest.raises(FormulationError, match=r"load gave values that are not finite at 0\.1"):
+        follow(body, [0.1], prescribed=held, load=lambda t: np.full(body.n_owned, np.nan))
+
+
 def test_a_body_that_is_held_by_nothing():
     body, _ = panel()
     for held in (np.zeros(0, dtype=np.int32), prescribed_dofs(body, {"x_min": "xz", "x_max": "xz"})):

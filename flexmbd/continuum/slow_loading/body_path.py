@@ -149,7 +149,7 @@ def equilibrium_path(
         The path.
 
     Raises:
-        FormulationError: on all ranks: forces depend on rates.
+        FormulationError: on all ranks: as `SlowLoads`; forces depend on rates.
         SceneError, MeshError: on all ranks: as `AppliedLoads`; a factor is not finite; the bounds have no sense; the
             loads do nothing; the body is not held; no other path was found.
         PathError: on all ranks: no equilibrium at the start, or the path cannot be followed to its end; it has what was
@@ -163,10 +163,10 @@ def equilibrium_path(
             f"the forces of {body.form_name} depend on rates, and along a path that turns there is no time; follow "
             "the loading itself (flexmbd.continuum.follow, seconds=)"
         )
+    whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     _refuse_unheld(body, prescribed)
     begin = reached if about is None else about.t
     bounds = bounds_of(path, begin=begin)
-    whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     space = BodyPathSpace(whole, bounds.width, convergence)
     points: list[BodyEquilibrium] = []
     critical: list[BodyCriticalPoint] = []

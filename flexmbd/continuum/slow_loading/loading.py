@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads
 from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.errors import FormulationError
+from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
 LoadPath = Callable[[float], FloatArray]
@@ -28,6 +32,10 @@ class SlowLoads:
         displacement: (prescribed dofs,) m, from the undeformed body, at a load parameter; zero if None.
         load: (owned dofs,) N, dead loads in body axes; none if None.
         applied: further ones.
+
+    Raises:
+        FormulationError: on all ranks: `prescribed` is no array of owned dofs, each once; at a load parameter a
+            displacement or a load of another shape, or one that is not finite.
     """
 
     body: NonlinearModel
@@ -36,13 +44,18 @@ class SlowLoads:
     load: LoadPath | None
     applied: AppliedLoads
 
+    def __post_init__(self) -> None:
+        self._agree(self._fault_of_prescribed())
+
     def given(self, t: float) -> FloatArray:
-        """(prescribed dofs,) m, from the undeformed body."""
-        return np.zeros(len(self.prescribed)) if self.displacement is None else self.displacement(t)
+        """(prescribed dofs,) m, from the undeformed body. Collective."""
+        n = len(self.prescribed)
+        return np.zeros(n) if self.displacement is None else self._answer("displacement", self.displacement, t, n)
 
     def outer(self, t: float) -> TrialLoads:
         """The forces at a load parameter. Collective."""
-        dead = np.zeros(self.body.n_owned) if self.load is None else self.load(t)
+        n = self.body.n_owned
+        dead = np.zeros(n) if self.load is None else self._answer("load", self.load, t, n)
         values = self.applied.values(t)
         if self.applied.any:
             dead = dead + self.applied.dead(values, np.eye(3)).reshape(-1)
@@ -71,3 +84,29 @@ class SlowLoads:
     ) -> PETSc.Mat:
         """Its derivative, as of `NonlinearModel.tangent`. Collective."""
         return outer.subtract_slopes(self.body.tangent(increment, dt=dt, predicted=predicted), increment)
+
+    def _fault_of_prescribed(self) -> str:
+        """What is wrong with the given dofs, if anything is."""
+        given: Any = self.prescribed
+        if not isinstance(given, np.ndarray) or given.ndim != 1 or not np.issubdtype(given.dtype, np.integer):
+            return f"prescribed must be dofs, as prescribed_dofs and clamped_dofs give them, got {given!r:.100}"
+        if given.size and not (0 <= given.min() and given.max() < self.body.n_owned):
+            return f"prescribed must be dofs that this rank owns, 0 to {self.body.n_owned - 1}, got {given!r:.100}"
+        if len(np.unique(given)) < len(given):
+            return "prescribed has a dof twice; np.unique makes them one"
+        return ""
+
+    def _answer(self, name: str, function: LoadPath, t: float, n: int) -> FloatArray:
+        """(n,) what a user's function gives at a load parameter."""
+        found = numbers(function(t))
+        fault = ""
+        if found.shape != (n,):
+            fault = f"{name} gave an array of shape {found.shape} at {t:g}, not ({n},)"
+        elif not np.isfinite(found).all():
+            fault = f"{name} gave values that are not finite at {t:g}"
+        self._agree(fault)
+        return found
+
+    def _agree(self, fault: str) -> None:
+        """Raise on all ranks if anything is wrong on one. Collective."""
+        parallel.raise_collectively(self.body.comm, FormulationError(fault) if fault else None)

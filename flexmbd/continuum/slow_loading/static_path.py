@@ -132,14 +132,15 @@ def follow(
             elsewhere.
 
     Raises:
-        FormulationError: on all ranks: forces depend on rates, and `seconds` is not given; it is not positive.
+        FormulationError: on all ranks: as `SlowLoads`; forces depend on rates, and `seconds` is not given; it is not
+            positive.
         SceneError, MeshError: on all ranks: as `AppliedLoads`, or a factor is not finite.
         PathError: on all ranks: Newton's method failed with the smallest step, or a formulation does not integrate
             it well; says where, and why. Or `times` do not ascend from above `reached`.
     """
     pace = _pace(body, seconds)
-    newton, path = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True), StaticPath()
     whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
+    newton, path = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True), StaticPath()
     before = 0.0
     guess: FloatArray = np.zeros(body.layout.n_local)
     if not all(np.diff([reached, *times]) > 0.0):
