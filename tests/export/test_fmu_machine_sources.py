@@ -202,6 +202,17 @@ def test_a_unit_of_sources_alone(tmp_path):
         assert not re.search(rb"__asm__|incbin", b"".join(b.read(name) for name in sources))
 
 
+def test_a_processor_that_sources_do_not_suit_is_told_by_its_compiler(tmp_path):
+    """Machines' memory is written with the lowest byte first; the compiler here believes that the highest is."""
+    fm.export.fmu_machine(pendulum(), tmp_path / "a.fmu", h=1e-3, binary=False)
+    fmpy.extract(str(tmp_path / "a.fmu"), str(tmp_path / "a"))
+    kernel = min((tmp_path / "a" / "sources").glob("kernel_*.c"), key=lambda path: path.stat().st_size)
+    for options, compiles in ((), True), (("-U__BYTE_ORDER__", "-D__BYTE_ORDER__=__ORDER_BIG_ENDIAN__"), False):
+        done = subprocess.run(["gcc", "-fsyntax-only", *options, kernel], capture_output=True, text=True, check=False)
+        assert (done.returncode == 0) is compiles
+        assert ("lowest byte first" in done.stderr) is not compiles
+
+
 def test_a_kernel_that_has_no_c_is_named(tmp_path, monkeypatch):
     """Before anything is written."""
     scene, path = pendulum(), tmp_path / "pendulum.fmu"

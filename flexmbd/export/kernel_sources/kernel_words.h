@@ -11,7 +11,12 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-typedef char flexmbd_needs_64_bit_addresses[sizeof(void *) == 8 ? 1 : -1];
+#if UINTPTR_MAX != UINT64_MAX
+#error "A machine's kernels need addresses of 64 bits."
+#endif
+#if defined(__BYTE_ORDER__) && defined(__ORDER_LITTLE_ENDIAN__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "A machine's memory is written with the lowest byte first, and this processor reads the highest first."
+#endif
 
 #define AT(p) ((void *)(uintptr_t)(p))
 #define MEMORY(name, type) \
