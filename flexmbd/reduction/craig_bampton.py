@@ -80,7 +80,8 @@ def craig_bampton(
         geometric_stiffness: whether the record says how loads change the stiffness
             (`GeometricStiffness`, `ModalStretch`), without which a spinning body comes out too soft; left
             out where the strain energy is quadratic. A few modes are then added (`stretch_modes`), unless
-            there are no fixed-interface modes.
+            there are no fixed-interface modes. Beside nodal interfaces it is that of the deformations that the
+            reduction resolves (`flexmbd.reduction.stiffening.resolved`).
         loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
             modes miss of the static response to each is in the record's provenance.
         damping: of the deformation; none by default.

@@ -1,4 +1,4 @@
-"""Stiffening of bodies with nodal interfaces: a spinning beam in closed form, and bodies whose seam has no interface."""
+"""Stiffening of bodies with nodal interfaces: a beam that spins in closed form, and bodies without the interface."""
 
 import numpy as np
 import pytest
