@@ -45,8 +45,8 @@ def test_a_beam_that_spins(choice, unit):
 
 def test_waves_of_a_seam():
     """The long seam of a thin plate bends: as in the plate without an interface there, whose modes are many."""
-    size, divisions = (0.3, 0.2, 0.004), (6, 6, 1)
-    plain = craig_bampton(part(Interface("x_min"), size=size, divisions=divisions), modes=60, frame="x_min")
+    size, divisions = (0.3, 0.2, 0.004), (5, 4, 1)
+    plain = craig_bampton(part(Interface("x_min"), size=size, divisions=divisions), modes=40, frame="x_min")
     seam = part(Interface("x_min"), NodalInterface("x_max"), size=size, divisions=divisions)
     body = craig_bampton(seam, modes=12, frame="x_min")
     assert body.stiffness[:6] == pytest.approx(plain.stiffness[:6], rel=1e-3)
