@@ -130,7 +130,7 @@ def _describe_reduction(parser: argparse.ArgumentParser) -> None:
         "--interface-modes",
         type=int,
         metavar="N",
-        help="N characteristic modes in the place of the six static shapes of every interface but --joint and --frame",
+        help="N characteristic modes in the place of the static shapes of every interface but --joint and --frame",
     )
     reduction.add_argument(
         "--interface-tol",
@@ -139,7 +139,7 @@ def _describe_reduction(parser: argparse.ArgumentParser) -> None:
         help="instead of N: as many as add no more than E to the relative error of the eigenvalues",
     )
     reduction.add_argument(
-        "--joint", action="append", default=[], metavar="NAME", help="an interface that keeps its six; repeat it"
+        "--joint", action="append", default=[], metavar="NAME", help="an interface that keeps its own; repeat it"
     )
     reduction.add_argument(
         "--residual-vectors",

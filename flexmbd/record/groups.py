@@ -58,9 +58,9 @@ class NodalModes:
 class NodalInterfaces:
     """Optional group ``nodal/``: interfaces whose nodes keep their own displacements, for coupling with other meshes.
 
-    They carry no frame. The displacements of the nodes are independent of each other and of the interface frames: the
-    partition's coordinates ``weld.17.x`` are those of node 17 along B's axes; exports of superelements have them as
-    nodes of three components.
+    They carry no frame; those that interface modes stand for are not among them. The displacements of the nodes are
+    independent of each other and of the interface frames: the partition's coordinates ``weld.17.x`` are those of node
+    17 along B's axes; exports of superelements have them as nodes of three components.
 
     Attributes:
         names: (b,) of the interfaces.

@@ -26,6 +26,7 @@ from flexmbd.reduction.modes.interface_modes import (
     all_interface_shapes,
     check_interface_modes,
     interface_shapes,
+    joints,
     kept_interfaces,
 )
 from flexmbd.reduction.modes.ritz import ritz_modes
@@ -79,7 +80,8 @@ def craig_bampton(
         geometric_stiffness: whether the record says how loads change the stiffness
             (`GeometricStiffness`, `ModalStretch`), without which a spinning body comes out too soft; left
             out where the strain energy is quadratic. A few modes are then added (`stretch_modes`), unless
-            there are no fixed-interface modes.
+            there are no fixed-interface modes. Beside nodal interfaces it is that of the deformations that the
+            reduction resolves (`flexmbd.reduction.stiffening.resolved`).
         loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
             modes miss of the static response to each is in the record's provenance.
         damping: of the deformation; none by default.
@@ -87,8 +89,8 @@ def craig_bampton(
         solver: by what the stiffness is inverted; None: the quickest that fits in the memory there is.
         eigensolver: by what the modes are found: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
             `SpectrumSlicing()`.
-        interface_modes: which interfaces keep their six static shapes, and how many characteristic modes stand for
-            those of the others; None: all keep them.
+        interface_modes: which interfaces keep their static shapes, and how many characteristic modes stand for
+            those of the others, nodal ones among them; None: all keep them.
         residual_vectors: whether the quasi-static response of the modes that are left out, to `loads` and to the
             inertia forces of the body's own motion, is kept as further modes, up to one a load, high ones. Stresses are
             then as good as displacements (`flexmbd.reduction.residual_vectors`).
@@ -145,11 +147,7 @@ def craig_bampton(
         if truncation.free or interface_modes is not None:
             raise ReductionError("nonlinear= goes with fixed-interface modes and interfaces that keep their six shapes")
     if interface_modes is not None:
-        if model.nodal:
-            raise ReductionError(
-                f"interface_modes are for frames, and {model.nodal[0].name!r} is nodal; leave one of the two out"
-            )
-        check_interface_modes(interface_modes, model.interfaces, frame=frame)
+        check_interface_modes(interface_modes, model, frame=frame)
     with stages(model.comm, shown=progress) as stage:
         basis, count, notes = _basis(
             model,
@@ -194,8 +192,6 @@ def _provenance(
     if model.supports:
         texts = "; ".join(one.text for one in model.supports)
         provenance["supports"] = f"{texts}; mass and inertia are of the meshed part alone"
-    if model.nodal:
-        provenance["nodal interfaces"] = ", ".join(group.name for group in model.nodal)
     averaged = [one.name for one in model.interfaces if isinstance(one, AveragedInterface)]
     if averaged:
         provenance["averaged interfaces"] = ", ".join(averaged)
@@ -222,7 +218,7 @@ def _basis(
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
     expected = _EXPECTED if truncation.modes is None else min(truncation.modes, int(model.K.getSize()[0]))
     stage.begin("factor")
-    with body_statics(model, frame=frame, solver=solver, modes=expected) as statics:
+    with body_statics(model, frame=frame, solver=solver, modes=expected, carrying=joints(choice)) as statics:
         stage.note(f"{statics.solver}; some {statics.memory / 1e6:.1f} MB beside K and M")
         stage.begin("static shapes")
         fields = asymmetric_fields(model)
@@ -241,7 +237,7 @@ def _basis(
             fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
         kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
         notes.update(kept.notes)
-        count = len(fixed.eigenvalues)
+        count, resolved = len(fixed.eigenvalues), float(fixed.eigenvalues.max(initial=0.0))
         wanted = "residual vectors" if contents.residual_vectors else "stretch modes"
         if contents.residual_vectors or (contents.geometric_stiffness and count > 0):
             stage.begin(wanted)
@@ -278,16 +274,17 @@ def _basis(
         p=statics.p,
         R=statics.R,
         interfaces=interfaces,
+        nodal=kept.nodal,
         rows=rows - moved,
         names=(
             *kept.names,
-            *(() if statics.nodal is None else statics.nodal.names),
             *(f"modal derivative {i + 1}" for i in range(added)),
             *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free, more=wanted.split()[0]),
         ),
         shapes=shapes,
         forces=forces,
         eigenvalues=fixed.eigenvalues,
+        resolved=resolved,
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
         responses=found,
@@ -309,7 +306,7 @@ def _joined_shapes(
     # the shapes of the first interface were only for the check
     shapes, forces = statics.moving
     if choice is not None:
-        shapes, forces = statics.static.shapes[:, 6:] @ kept.change, statics.static.forces[:, 6:] @ kept.change
+        shapes, forces = shapes @ kept.change, forces @ kept.change
     first = shapes.shape[1]
     if beside is not None:
         shapes, forces = np.hstack([shapes, beside.shapes]), np.hstack([forces, multiply(K, beside.shapes)])

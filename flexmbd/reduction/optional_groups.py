@@ -144,7 +144,9 @@ def optional_parts(
     *,
     modes: FloatArray,
     stiffness: FloatArray,
+    resolved: float,
     frames: Sequence[str],
+    nodal: Sequence[str],
     p: FloatArray,
     R: FloatArray,
 ) -> tuple[dict[str, Any], dict[str, str]]:
@@ -156,7 +158,9 @@ def optional_parts(
         found: the responses to loads.
         modes: (local dofs including ghosts, n) in normal form, in the mesh's axes.
         stiffness: (n,) 1/s^2.
+        resolved: 1/s^2, the highest eigenvalue of the fixed-interface modes that were asked for.
         frames: names of the record's interfaces, in its order.
+        nodal: names of the nodal interfaces whose nodes the record has.
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
 
@@ -183,11 +187,12 @@ def optional_parts(
         displacements = with_ghosts(model, found.displacements)
         groups = stiffening(
             model,
-            found.loads.names,
+            found.loads,
             displacements=displacements,
             modes=modes,
             stiffness=stiffness,
             springs=spring_stiffness(model, modes=own),
+            resolved=resolved if model.nodal else None,
         )
         if groups is not None:
             parts["geometric"], parts["stretch"] = groups.geometric, groups.stretch
@@ -205,8 +210,8 @@ def optional_parts(
         )
         for load, part in zip(contents.loads, missing, strict=True):
             provenance[f"load {load.name}"] = f"{load}; static energy missing {part:.1e}"
-    if model.nodal:
-        parts["nodal"] = nodal_interfaces_group(model, own, p=p, R=R)
+    if nodal:
+        parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
     if contents.keep.modes:
         parts["modes"] = nodal_group(model, modes, p=p, R=R)
         parts["unknowns"] = further_unknowns(model, modes)
@@ -246,14 +251,15 @@ def nodal_group(
     return parallel.on_root(model.comm, make)
 
 
-def nodal_interfaces_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> NodalInterfaces:
-    """The nodes of nodal interfaces with their modes; arguments as in `nodal_group`. Collective."""
-    nodes = retained_nodes(model)
+def nodal_interfaces_group(
+    model: LinearModel, names: Sequence[str], modes: FloatArray, *, p: FloatArray, R: FloatArray
+) -> NodalInterfaces:
+    """The nodes of the nodal interfaces of some names with their modes; arguments as in `nodal_group`. Collective."""
+    nodes = retained_nodes(model, names)
     here = np.flatnonzero(nodes.local >= 0)
     phi = np.zeros((len(nodes.node), 3, modes.shape[1]))
     phi[here] = np.einsum("ba,kbn->kan", R, modes[model.displacement_dofs[nodes.local[here]]])
-    names = tuple(group.name for group in model.nodal)
-    return NodalInterfaces(names, nodes.node, (nodes.x - p) @ R, nodes.interface, total(model.comm, phi))
+    return NodalInterfaces(tuple(names), nodes.node, (nodes.x - p) @ R, nodes.interface, total(model.comm, phi))
 
 
 def further_unknowns(model: LinearModel, modes: FloatArray) -> FurtherUnknowns | None:

@@ -33,11 +33,13 @@ class Basis:
         p: (3,) m, B's origin in the mesh's axes.
         R: (3, 3) rotation from B's axes to the mesh's.
         interfaces: the frames, b of them.
+        nodal: names of the nodal interfaces that keep their nodes.
         rows: (6 b, n) their motions (m, rad) per unit coordinate, in B's axes.
         names: (n,) of the coordinates.
         shapes: (owned dofs, n) static shapes, then fixed-interface modes, in the mesh's axes.
         forces: (owned dofs, n) K times the shapes.
         eigenvalues: (m,) of the fixed-interface modes, 1/s^2.
+        resolved: 1/s^2, the highest of these that was asked for; 0 where there is none.
         rigid_part: (6, n) of the mass-normalised rigid modes, what was taken off the shapes; zero
             where B is attached.
         projections: (n, fields) shapes^T M w for the rule of the signs.
@@ -49,11 +51,13 @@ class Basis:
     p: FloatArray
     R: FloatArray
     interfaces: tuple[FoundInterface, ...]
+    nodal: tuple[str, ...]
     rows: FloatArray
     names: tuple[str, ...]
     shapes: FloatArray
     forces: FloatArray
     eigenvalues: FloatArray
+    resolved: float
     rigid_part: FloatArray
     projections: FloatArray
     responses: Responses
@@ -106,7 +110,9 @@ def project(
         basis.responses,
         modes=modes,
         stiffness=parts["stiffness"],
+        resolved=basis.resolved,
         frames=[one.name for one in basis.interfaces],
+        nodal=basis.nodal,
         p=p,
         R=R,
     )

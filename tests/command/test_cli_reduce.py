@@ -185,6 +185,12 @@ def test_reduce_to_nodes(beam_file, capsys):
     body = ReducedBody.load(output)
     assert (body.frame, body.nodal.names) == ("start", ("end",))
     assert body.partition_names[0] == f"end.{body.nodal.node[0]}.x"
+    more = ["--force", "--degree", "1", "--interface", "end:nodal", "--interface", "start", "--interface-modes", "4"]
+    assert main([*arguments, *more]) == 0
+    body = ReducedBody.load(output)
+    assert body.nodal is None
+    assert body.partition_names[:4] == tuple(f"interface mode {i}" for i in range(1, 5))
+    assert main([*arguments, *more, "--joint", "nowhere"]) != 0
 
 
 def test_reduce_a_half(beam_file, capsys):

@@ -99,3 +99,19 @@ def test_mass_that_differs_by_direction_has_no_gram_matrix():
     body = model("hexahedron", 1, form)
     with pytest.raises(FormulationError, match=r"added_mass: .*no Gram matrix"):
         gram_matrix(body, np.zeros((body.n_owned, 0)), p=np.zeros(3), R=np.eye(3))
+
+
+@pytest.mark.mpi
+def test_many_modes_are_pairs_of_modes():
+    """Fields are multiplied in blocks: each pair of modes has what it has alone."""
+    body = model("hexahedron", 1)
+    p, R = FRAMES["turned"]
+    start = body.M.getOwnershipRange()[0]
+    every = np.random.default_rng(5).normal(size=(body.M.getSize()[0], 40))
+    modes = np.asfortranarray(every[start : start + body.n_owned])
+    gram = gram_matrix(body, modes, p=p, R=R)
+    assert abs(gram - gram.T).max() == 0.0
+    for pair in ([0, 39], [39, 13], [14, 15], [31, 32]):
+        places = np.concatenate([np.arange(4), *(4 + 3 * i + np.arange(3) for i in pair)])
+        alone = gram_matrix(body, modes[:, pair], p=p, R=R)
+        np.testing.assert_allclose(gram[np.ix_(places, places)], alone, rtol=1e-12, atol=1e-13 * abs(alone).max())

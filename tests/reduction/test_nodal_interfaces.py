@@ -9,29 +9,18 @@ import numpy as np
 import pytest
 import scipy.linalg
 from full_model import FullModel
+from halved_bar import HALF, STEEL, TURNED, bar, blocks
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface, NodalInterface, NonlinearModel, SymmetryPlane
+from flexmbd.continuum import Interface, NodalInterface, NonlinearModel, SymmetryPlane
 from flexmbd.errors import ExportError, InterfaceError, ReductionError
 from flexmbd.export import InterfaceNode, NodeSet
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import InterfaceModes, Truncation, craig_bampton, guyan, linear_buckling, prestressed
+from flexmbd.reduction import Truncation, craig_bampton, guyan, linear_buckling, prestressed
 
 pytestmark = pytest.mark.mpi
-
-STEEL = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
-HALF = 0.2
-TURNED = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-
-
-def bar(*interfaces, halves=1, comm=MPI.COMM_WORLD, divisions=(3, 2, 2), **options):
-    """Three cells of half a bar, 9 nodes in a section."""
-    divisions = (halves * divisions[0], *divisions[1:])
-    mesh = meshes.block(halves * HALF, 0.05, 0.04, divisions=divisions, comm=comm)
-    return ContinuumModel(mesh, solid_linear, STEEL, degree=1, interfaces=interfaces, **options)
-
 
 @functools.cache
 def first_half():
@@ -44,15 +33,6 @@ def first_half():
 def second_half():
     """Held by nothing and without a frame, with all 81 modes of what is inside."""
     return craig_bampton(bar(NodalInterface("x_min")), modes=81, geometric_stiffness=False)
-
-
-def blocks(body, *, moved=0.0):
-    """Superelement K, M with the nodes along the mesh's axes, and the nodes' places in the mesh, moved along x."""
-    element = superelement(body, nodes=True)
-    k = len(element.node)
-    turn = scipy.linalg.block_diag(*[body.R_MB] * (2 * len(element.names) + k), np.eye(element.n_modes))
-    x = element.x @ body.R_MB.T + body.p_MB_M + [moved, 0.0, 0.0]
-    return turn @ element.K @ turn.T, turn @ element.M @ turn.T, x
 
 
 def coupled(one, other):
@@ -255,8 +235,6 @@ def test_what_does_not_fit(interfaces, options, message):
 
 def test_what_knows_no_nodal_interfaces():
     model = bar(Interface("x_min"), NodalInterface("x_max"))
-    with pytest.raises(ReductionError, match="interface_modes are for frames, and 'x_max' is nodal"):
-        craig_bampton(model, modes=2, frame="x_min", interface_modes=InterfaceModes(2))
     with pytest.raises(ReductionError, match=r"nodal interfaces.*has no free"):
         craig_bampton(model, modes=Truncation(2, free=True), frame="x_min")
     with pytest.raises(ReductionError, match="nodal interfaces, as 'x_max', are those of a part at rest"):

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.section_inertia import section_gram
-from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric, total
 from flexmbd.errors import FormulationError
 
+# Fields that are multiplied by the mass at a time: the images of all would be two further copies of the modes.
+_BLOCK = 48
 # Largest relative difference between the mass matrix and what the Gram matrix is made of.
 _SAME_MASS = 1e-10
 
@@ -54,8 +56,13 @@ def gram_matrix(
     for i in range(n):
         fields[:, 4 + 3 * i : 7 + 3 * i] = modes[dofs, i] @ R
     mass = _scalar_mass(model)
-    gram = inner(model.comm, fields, multiply(mass, fields))
+    gram = np.zeros((fields.shape[1],) * 2)
+    for start in range(0, len(gram), _BLOCK):
+        block = slice(start, min(start + _BLOCK, len(gram)))
+        part = fields[:, start:].T @ multiply(mass, fields[:, block])
+        gram[start:, block], gram[block, start:] = part, part.T
     mass.destroy()
+    gram = total(model.comm, gram)
     return symmetric(gram)
 
 

@@ -34,7 +34,7 @@ class RetainedNodes:
     Attributes:
         node: (k,) their numbers (`node_numbers`), ascending.
         x: (k, 3) m, in the mesh's axes.
-        interface: (k,) number of the nodal interface, in the model's order.
+        interface: (k,) number of the nodal interface, in the order that was asked for.
         local: (k,) the local node of those that this rank owns, else -1.
     """
 
@@ -121,9 +121,10 @@ def _find(
     return NodalGroup(name, nodes)
 
 
-def retained_nodes(model: LinearModel) -> RetainedNodes:
-    """The nodes of a model's nodal interfaces, by number. Collective."""
-    owned = [group.nodes[group.nodes < model.n_owned_nodes] for group in model.nodal]
+def retained_nodes(model: LinearModel, names: Sequence[str] | None = None) -> RetainedNodes:
+    """The nodes of a model's nodal interfaces, of all or of those of some names, by number. Collective."""
+    groups = {group.name: group.nodes for group in model.nodal}
+    owned = [groups[name][groups[name] < model.n_owned_nodes] for name in (groups if names is None else names)]
     numbers = node_numbers(model)
     mine = np.concatenate([np.empty(0, np.int32), *owned]).astype(np.int64)
     parts = model.comm.allgather(

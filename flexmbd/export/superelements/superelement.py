@@ -109,7 +109,10 @@ def superelement(
         nothing = np.zeros(0, dtype=np.int64)
         nodal = NodalInterfaces((), nothing, np.zeros((0, 3)), nothing, np.zeros((0, 3, body.n_modes)))
     if not frames and nodal.node.size == 0:
-        raise ExportError("the body has no interface frame, and a superelement is made of those: name one at least")
+        raise ExportError(
+            "the body has no interface frame and no node of a nodal interface, and a superelement is made of those: "
+            "name one at least, or reduce it with one that keeps its own, InterfaceModes(..., joints=[...])"
+        )
     names = (*(frame.name for frame in frames), *nodal.names)
     p = np.array([frame.p_BI_B for frame in frames]).reshape(-1, 3)
     motions = _rigid_rows(p, nodal.x)

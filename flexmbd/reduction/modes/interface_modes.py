@@ -1,11 +1,11 @@
-"""Interface reduction: characteristic constraint modes in the place of the six static shapes of every interface.
+"""Interface reduction: characteristic constraint modes in the place of the static shapes of every interface.
 
-The static shapes of many interfaces are as many coordinates, of which a machine feels the softest. Their condensed
-stiffness and mass, K_r x = lam M_r x with the frames that keep their six components fixed, have characteristic
-constraint modes (Castanier, Tan & Pierre 2001), of which the lowest are kept; those of each interface alone, with all
-others fixed, are less effective (local-level characteristic constraint modes, Hong, Epureanu & Castanier 2013). The
-frames that are kept move the others as statics says, -K_rr^-1 K_rk, so the response to loads on them stays exact; so
-does every rigid motion.
+The static shapes of many interfaces, or of one whose nodes all move by themselves, are as many coordinates, of which a
+machine feels the softest. Their condensed stiffness and mass, K_r x = lam M_r x with what is kept fixed, have
+characteristic constraint modes (Castanier, Tan & Pierre 2001), of which the lowest are kept; those of each interface
+alone, with all others fixed, are less effective (local-level characteristic constraint modes, Hong, Epureanu &
+Castanier 2013). What is kept moves the others as statics says, -K_rr^-1 K_rk, so the response to loads on it stays
+exact; so does every rigid motion. Where nothing that is kept holds the body, the modes are the free body's.
 
 What the reduction adds to the error of the body's eigenvalues is computed rather than estimated, from small matrices of
 all static shapes and the modes that were found.
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -22,10 +23,12 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import FoundInterface
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
+from flexmbd.reduction.modes.interface_candidates import Candidates, interface_candidates
 from flexmbd.reduction.modes.truncation import LOWEST, Truncation, chosen_truncation
 from flexmbd.reduction.static_shapes.statics import Statics
 
@@ -33,15 +36,15 @@ from flexmbd.reduction.static_shapes.statics import Statics
 @checked("joints", "local", error=ReductionError)
 @dataclass(frozen=True)
 class InterfaceModes:
-    """Which interfaces keep their six static shapes, and how many characteristic modes stand for those of the others.
+    """Which interfaces keep their static shapes, and how many characteristic modes stand for those of the others.
 
     Attributes:
         modes: how many of all of them: a number, or `Truncation(below_hz=...)`, below a frequency of their own, or
             `Truncation(tol=...)`: as few as add no more than that to the relative errors of the body's eigenvalues, of
             those that `Truncation` names.
-        joints: names of the interfaces that keep their six, for joints, bonds and reactions; that of the body frame, or
-            the first of a floating body, is one of them in any case. The others are no frames of the record: they carry
-            flexibility and mass alone.
+        joints: names of the interfaces that keep theirs, for joints, bonds and reactions, or, of a nodal one, for its
+            nodes to be coupled; that of the body frame, or the first frame of a floating body, is one of them in any
+            case. The others are no frames and no nodes of the record: they carry flexibility and mass alone.
         local: whether each interface has modes of its own, with all others fixed; the lowest of all are kept.
     """
 
@@ -52,16 +55,18 @@ class InterfaceModes:
 
 @dataclass(frozen=True, eq=False)
 class InterfaceShapes:
-    """Coordinates of the static shapes of all interfaces but the first.
+    """Coordinates of the static shapes of all interfaces.
 
     Attributes:
         interfaces: the frames that keep their six, the body frame's or the first one at first.
-        change: (6 (b - 1), s) static shapes per unit of each coordinate: the motions of each of these, then modes.
-        names: (s,) of the coordinates.
+        nodal: names of the nodal interfaces that keep their nodes.
+        change: (s, r) the motions of `Statics.moving` per unit of each coordinate: those that are kept, then modes.
+        names: (r,) of the coordinates.
         notes: for the provenance.
     """
 
     interfaces: tuple[FoundInterface, ...]
+    nodal: tuple[str, ...]
     change: FloatArray
     names: tuple[str, ...]
     notes: dict[str, str]
@@ -69,17 +74,31 @@ class InterfaceShapes:
     def frame_rows(self, statics: Statics, n: int) -> FloatArray:
         """(6 frames, n) motions of the frames per unit of n coordinates, of which these are the first."""
         names = [one.name for one in statics.interfaces[1:]]
+        motions = statics.frame_motions.motions
+        moved = motions @ self.change[: motions.shape[1]]
         rows = np.zeros((6 * len(self.interfaces), n))
         for i, one in enumerate(self.interfaces[1:], start=1):
             place = 6 * names.index(one.name)
-            rows[6 * i : 6 * i + 6, : self.change.shape[1]] = self.change[place : place + 6]
+            rows[6 * i : 6 * i + 6, : self.change.shape[1]] = moved[place : place + 6]
         return rows
 
 
 def all_interface_shapes(statics: Statics) -> InterfaceShapes:
-    """Each interface with its six."""
-    every = np.ones(len(statics.interfaces[1:]), dtype=bool)
-    return InterfaceShapes(statics.interfaces, statics.frame_motions.motions, _names(statics, every), {})
+    """Each interface with its own. Collective."""
+    names = _names(statics)
+    nodal = tuple(group.name for group in statics.model.nodal)
+    return InterfaceShapes(statics.interfaces, nodal, np.eye(len(names)), names, _nodal_notes(nodal, ()))
+
+
+def joints(choice: InterfaceModes | None) -> Sequence[str]:
+    """Names of the interfaces that are asked to keep their static shapes."""
+    return () if choice is None else choice.joints
+
+
+def _nodal_notes(kept: Sequence[str], reduced: Sequence[str]) -> dict[str, str]:
+    """What the provenance says of nodal interfaces."""
+    said = {"nodal interfaces": ", ".join(kept), "nodal interfaces without nodes": ", ".join(reduced)}
+    return {what: names for what, names in said.items() if names}
 
 
 def kept_interfaces(statics: Statics, choice: InterfaceModes | None) -> tuple[FoundInterface, ...]:
@@ -89,7 +108,7 @@ def kept_interfaces(statics: Statics, choice: InterfaceModes | None) -> tuple[Fo
     return (*statics.interfaces[:1], *(one for one in statics.interfaces[1:] if one.name in choice.joints))
 
 
-def check_interface_modes(choice: InterfaceModes, interfaces: Sequence[FoundInterface], *, frame: str | None) -> None:
+def check_interface_modes(choice: InterfaceModes, model: LinearModel, *, frame: str | None) -> None:
     """Refuse what is not well formed; not collective.
 
     Raises:
@@ -100,19 +119,20 @@ def check_interface_modes(choice: InterfaceModes, interfaces: Sequence[FoundInte
     chosen = chosen_truncation(choice.modes)
     if chosen.free:
         raise ReductionError("free=True is for the body's own modes; leave it out of InterfaceModes")
-    names = [one.name for one in interfaces]
+    frames = [one.name for one in model.interfaces]
+    names = [*frames, *(group.name for group in model.nodal)]
     for name in choice.joints:
         if name not in names:
             raise ReductionError(f"joints names {name!r}, and the interfaces are {', '.join(names) or 'none'}")
-    first = names[:1] if frame is None else [frame]
+    first = frames[:1] if frame is None else [frame]
     if len(set(choice.joints)) < len(list(choice.joints)):
         raise ReductionError(f"joints names an interface twice: {list(choice.joints)}")
     if not set(names) - set(choice.joints) - set(first):
-        raise ReductionError("every interface keeps its six static shapes, and none is left to reduce")
+        raise ReductionError("every interface keeps its static shapes, and none is left to reduce")
 
 
 def interface_shapes(statics: Statics, fixed: Modes, choice: InterfaceModes) -> InterfaceShapes:
-    """The kept frames and the characteristic constraint modes of the others. Collective.
+    """What is kept and the characteristic constraint modes of the rest. Collective.
 
     Args:
         statics: of the body.
@@ -120,78 +140,62 @@ def interface_shapes(statics: Statics, fixed: Modes, choice: InterfaceModes) -> 
         choice: checked.
 
     Raises:
-        ReductionError: on all ranks: more modes than there are, or none below the frequency.
+        ReductionError: on all ranks: more modes than there are, none below the frequency, or modes of a nodal interface
+            alone where the others do not hold the body.
     """
     model, comm = statics.model, statics.model.comm
     psi, forces = statics.moving
-    frames = statics.frame_motions
     shapes = np.asfortranarray(np.hstack([model.rigid_motions(statics.p, statics.R), psi]))
     images = multiply(model.M, shapes)
     mass = symmetric(inner(comm, shapes, images))
     coupling = inner(comm, images, fixed.shapes)
     stiffness = symmetric(inner(comm, psi, forces))
-    kept = kept_interfaces(statics, choice)
-    joint = np.array([one.name in choice.joints for one in statics.interfaces[1:]])
-    blocks = [np.flatnonzero(frames.owner == i) for i in np.flatnonzero(~joint)]
-    own_motions = np.flatnonzero(joint[frames.owner])
+    names, owner = _movable(statics)
+    joint = np.array([name in choice.joints for name in names])
+    kept = np.flatnonzero(joint[owner])
+    nodal = tuple(group.name for group in model.nodal if group.name in choice.joints)
+    reduced = [group.name for group in model.nodal if group.name not in nodal]
 
     def choose() -> tuple[FloatArray, FloatArray, dict[str, str]]:
-        following, eigenvalues, modes = _candidates(stiffness, mass[6:, 6:], blocks, own_motions, local=choice.local)
+        found = interface_candidates(statics, stiffness, mass, owner=owner, joint=joint, local=choice.local)
         body = _SmallBody(stiffness, mass, coupling, fixed.eigenvalues, statics.floating)
         truncation = chosen_truncation(choice.modes)
-        count, added = _count(body, following, modes, eigenvalues, truncation)
+        count, added = _count(body, found, truncation)
+        total = len(found.eigenvalues)
+        without = _others(statics.interfaces, kept_interfaces(statics, choice))
         notes = {
-            "interface modes": f"{count} of {len(eigenvalues)}{', interface by interface' if choice.local else ''}",
+            "interface modes": f"{count} of {total}{', interface by interface' if choice.local else ''}",
             "error of eigenvalues added by them": f"{added:.2e} of {truncation.range}",
-            "interfaces without frames": ", ".join(_others(statics.interfaces, kept)),
+            **({"interfaces without frames": ", ".join(without)} if without else {}),
+            **_nodal_notes(nodal, reduced),
         }
-        return np.hstack([following, modes[:, :count]]), eigenvalues[:count], notes
+        return found.change(count), found.eigenvalues[:count], notes
 
     change, eigenvalues, notes = parallel.on_root(comm, choose)
-    change = frames.motions @ change
-    names = (*_names(statics, joint), *(f"interface mode {i + 1}" for i in range(len(eigenvalues))))
-    return InterfaceShapes(kept, change, names, notes)
+    every = _names(statics)
+    coordinates = (*(every[i] for i in kept), *(f"interface mode {i + 1}" for i in range(len(eigenvalues))))
+    return InterfaceShapes(kept_interfaces(statics, choice), nodal, change, coordinates, notes)
 
 
-def _names(statics: Statics, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Names of the motions of chosen interfaces but the first."""
-    frames = statics.frame_motions
-    names = [name for name, owner in zip(frames.names, frames.owner, strict=True) if chosen[owner]]
-    return tuple(f"{name} from {statics.interfaces[0].name}" if statics.floating else name for name in names)
+def _movable(statics: Statics) -> tuple[list[str], NDArray[np.int64]]:
+    """Names of all interfaces but the first frame, and which of them each motion of `Statics.moving` is of."""
+    names, owner = [one.name for one in statics.interfaces[1:]], statics.frame_motions.owner
+    if statics.nodal is not None:
+        owner = np.concatenate([owner, len(names) + statics.nodal.owner])
+    return [*names, *(group.name for group in statics.model.nodal)], owner
+
+
+def _names(statics: Statics) -> tuple[str, ...]:
+    """Names of the motions of `Statics.moving`."""
+    names = statics.frame_motions.names
+    if statics.floating:
+        names = tuple(f"{name} from {statics.interfaces[0].name}" for name in names)
+    return names if statics.nodal is None else (*names, *statics.nodal.names)
 
 
 def _others(interfaces: Sequence[FoundInterface], kept: Sequence[FoundInterface]) -> list[str]:
     names = {one.name for one in kept}
     return [one.name for one in interfaces if one.name not in names]
-
-
-def _candidates(
-    stiffness: FloatArray,
-    mass: FloatArray,
-    blocks: Sequence[NDArray[np.intp]],
-    kept: NDArray[np.intp],
-    *,
-    local: bool,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What follows the kept frames (s, k), and eigenvalues (r,) and modes (s, r) of the rest, ascending.
-
-    ``blocks``: the coordinates of each interface of the rest; ``kept``: all others.
-    """
-    s, rest = len(stiffness), np.concatenate(blocks)
-    following = np.zeros((s, len(kept)))
-    following[kept] = np.eye(len(kept))
-    following[rest] = -scipy.linalg.solve(stiffness[np.ix_(rest, rest)], stiffness[np.ix_(rest, kept)], assume_a="pos")
-    eigenvalues, modes = [], []
-    for block in blocks if local else [rest]:
-        # mass by stiffness, so that the lowest are right to the last digits
-        inverse, x = scipy.linalg.eigh(mass[np.ix_(block, block)], stiffness[np.ix_(block, block)])
-        part = np.zeros((s, len(block)))
-        part[block] = x[:, ::-1] / np.sqrt(inverse[::-1])
-        eigenvalues.append(1.0 / inverse[::-1])
-        modes.append(part * np.where(part[abs(part).argmax(axis=0), np.arange(len(block))] < 0.0, -1.0, 1.0))
-    values = np.concatenate(eigenvalues)
-    order = np.argsort(values, kind="stable")
-    return following, values[order], np.hstack(modes)[:, order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,10 +238,14 @@ class _SmallBody:
             for one in ((free,) if self.floating else (free, held))
         ]
 
+    @cached_property
+    def _all(self) -> list[FloatArray]:
+        return self.frequencies(None)
+
     def added(self, change: FloatArray, truncation: Truncation) -> float:
         """The largest relative error by which static shapes that are left out raise the eigenvalues in a range."""
         worst = 0.0
-        for exact, found in zip(self.frequencies(None), self.frequencies(change), strict=True):
+        for exact, found in zip(self._all, self.frequencies(change), strict=True):
             count = LOWEST if truncation.below_hz is None else int(np.sum(exact < truncation.eigenvalue))
             count = min(count, len(exact))
             if count > len(found):
@@ -246,15 +254,13 @@ class _SmallBody:
         return worst
 
 
-def _count(
-    body: _SmallBody, following: FloatArray, modes: FloatArray, eigenvalues: FloatArray, truncation: Truncation
-) -> tuple[int, float]:
+def _count(body: _SmallBody, found: Candidates, truncation: Truncation) -> tuple[int, float]:
     """How many modes are kept, and the error that they add."""
 
     def added(count: int) -> float:
-        return body.added(np.hstack([following, modes[:, :count]]), truncation)
+        return body.added(found.change(count), truncation)
 
-    most = len(eigenvalues)
+    eigenvalues, most = found.eigenvalues, len(found.eigenvalues)
     if truncation.tol is None:
         wanted = truncation.modes
         count = int(np.sum(eigenvalues < truncation.eigenvalue)) if wanted is None else wanted

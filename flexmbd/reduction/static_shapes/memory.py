@@ -17,7 +17,7 @@ _NUMBER, _ENTRY = 8, 12
 # Vectors of the eigensolver: so many for each mode, and at its beginning.
 _BASIS, _BEGINNING = 3, 60
 # Copies of the block of all static shapes, responses and modes that exist at once when they are projected: the shapes,
-# their forces, the modes with ghosts, the fields of the Gram matrix and their images.
+# their forces, the modes with ghosts, the fields of the Gram matrix, and what products copy.
 _COPIES = 6
 # Memory of the levels of multigrid, and of the blocks that its iteration takes, over that of the matrix.
 _HIERARCHY = 3.0

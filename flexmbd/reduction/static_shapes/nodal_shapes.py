@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +23,17 @@ class NodalDofs:
     Attributes:
         nodes: of all nodal interfaces.
         names: (s,) of the coordinates, as "weld.17.x" of node 17.
+        owner: (s,) the nodal interface that each is of, in the model's order.
+        dofs: (s,) which of the nodes' dofs each is, 3 node + axis.
+        carriers: (6,) those that carry the rigid motions, or (0,) where a frame does.
         unit_motions: (owned dofs, s) each dof moved by 1 m along one of B's axes.
     """
 
     nodes: RetainedNodes
     names: tuple[str, ...]
+    owner: NDArray[np.int64]
+    dofs: NDArray[np.int64]
+    carriers: NDArray[np.int64]
     unit_motions: FloatArray
 
 
@@ -47,7 +54,9 @@ def check_retained(model: LinearModel) -> None:
         )
 
 
-def nodal_dofs(model: LinearModel, *, axes: FloatArray, framed: bool) -> NodalDofs:
+def nodal_dofs(
+    model: LinearModel, *, axes: FloatArray, framed: bool, carrying: Collection[str] = ()
+) -> NodalDofs:
     """The dofs of a model's nodal interfaces. Collective.
 
     Args:
@@ -55,6 +64,7 @@ def nodal_dofs(model: LinearModel, *, axes: FloatArray, framed: bool) -> NodalDo
         axes: (3, 3) rotation from B's axes to the mesh's.
         framed: whether an interface with a frame carries the rigid motions; else six dofs far apart do, and the others
             are coordinates relative to these.
+        carrying: names of nodal interfaces whose nodes shall be these, where they do not lie in one line.
 
     Raises:
         ReductionError: on all ranks: the nodes lie in one line, and cannot carry the rigid motions.
@@ -63,7 +73,8 @@ def nodal_dofs(model: LinearModel, *, axes: FloatArray, framed: bool) -> NodalDo
     count = len(nodes.node)
     carriers: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     if not framed:
-        carriers = parallel.on_root(model.comm, lambda: _carriers(nodes.x @ axes))
+        first = np.flatnonzero([model.nodal[i].name in carrying for i in nodes.interface])
+        carriers = parallel.on_root(model.comm, lambda: _carriers(nodes.x @ axes, first))
     kept = np.setdiff1d(np.arange(3 * count), carriers)
     motions = np.zeros((model.n_owned, 3 * count), order="F")
     here = np.flatnonzero(nodes.local >= 0)
@@ -75,11 +86,20 @@ def nodal_dofs(model: LinearModel, *, axes: FloatArray, framed: bool) -> NodalDo
         for node, interface in zip(nodes.node, nodes.interface, strict=True)
         for axis in "xyz"
     ]
-    return NodalDofs(nodes, tuple(names[i] for i in kept), np.asfortranarray(motions[:, kept]))
+    return NodalDofs(
+        nodes,
+        tuple(names[i] for i in kept),
+        owner=nodes.interface[kept // 3],
+        dofs=kept,
+        carriers=carriers,
+        unit_motions=np.asfortranarray(motions[:, kept]),
+    )
 
 
-
-def _carriers(x: FloatArray) -> NDArray[np.int64]:
+def _carriers(x: FloatArray, first: NDArray[np.intp]) -> NDArray[np.int64]:
+    own = carrying_dofs(x[first]) if len(first) else None
+    if own is not None:
+        return 3 * first[own // 3] + own % 3
     found = carrying_dofs(x)
     if found is None:
         raise ReductionError(

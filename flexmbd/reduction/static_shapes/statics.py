@@ -91,6 +91,7 @@ class Statics:
     _interior: InteriorStiffness
     _constraint: Constraint | None
     _beside: int
+    _carrying: tuple[str, ...] = ()
 
     @property
     def solver(self) -> str:
@@ -175,7 +176,7 @@ class Statics:
         """The dofs that nodal interfaces keep, if there are some. Collective at the first call."""
         if not self.model.nodal:
             return None
-        return nodal_dofs(self.model, axes=self.R, framed=bool(self.interfaces))
+        return nodal_dofs(self.model, axes=self.R, framed=bool(self.interfaces), carrying=self._carrying)
 
     def solve(self, block: FloatArray) -> FloatArray:
         """Displacements under loads with all interfaces fixed, averaged ones in the mean. Collective.
@@ -351,6 +352,7 @@ def body_statics(
     solver: Solver | None = None,
     modes: int = 0,
     grounded: bool = False,
+    carrying: Sequence[str] = (),
 ) -> Iterator[Statics]:
     """Factorise the stiffness of a body for a `with` block, or make another inverse. Collective.
 
@@ -360,6 +362,7 @@ def body_statics(
         solver: the same on all ranks; None: the quickest that fits in memory.
         modes: how many will be looked for, by which the memory that is left is judged.
         grounded: whether supports may hold the body alone; else they are at rest in the frame of an interface.
+        carrying: nodal interfaces whose nodes tell the rigid motions of a body without frames, as far as they can.
 
     Yields:
         The statics; its memory is given back at the end of the block.
@@ -437,6 +440,7 @@ def body_statics(
             _interior=interior,
             _constraint=constraint,
             _beside=beside,
+            _carrying=tuple(carrying),
         )
 
 

@@ -28,6 +28,7 @@ from flexmbd.record.reduced_body import FRAME_DOFS, GeometricStiffness, ModalStr
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.gradient_parts import strain_over_rotation
 from flexmbd.reduction.stiffening.membrane import membrane_fields, stretching_fields
+from flexmbd.reduction.stiffening.resolved import resolved_deformations
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
 
 _AXES = ("x", "y", "z")
@@ -149,69 +150,94 @@ class Stiffening:
     Attributes:
         geometric: load by load.
         stretch: by the membrane fields.
+        resolved: how many deformations are stiffened, or None: all.
     """
 
     geometric: GeometricStiffness
     stretch: ModalStretch
+    resolved: int | None
 
     @property
     def note(self) -> str:
         """What the record's provenance says of them."""
-        return f"{len(self.geometric.loads)} loads, {len(self.stretch.strain)} membrane strains"
+        said = f"{len(self.geometric.loads)} loads, {len(self.stretch.strain)} membrane strains"
+        if self.resolved is None:
+            return said
+        return f"{said}; of {self.resolved} deformations of {self.stretch.strain.shape[1]}, those that are resolved"
 
 
 def stiffening(
     model: LinearModel,
-    names: Sequence[str],
+    loads: UnitLoads,
     *,
     displacements: FloatArray,
     modes: FloatArray,
     stiffness: FloatArray,
     springs: FloatArray | None = None,
+    resolved: float | None = None,
 ) -> Stiffening | None:
     """The groups from the static displacements under the loads and from the modes. Collective.
 
     Args:
         model: the body.
-        names: (l,) of the loads.
+        loads: l of them.
         displacements: (local dofs including ghosts, l) m per unit of each load, with the body held at its frame.
         modes: (local dofs including ghosts, n) in normal form.
         stiffness: (n,) 1/s^2.
         springs: (n, n) 1/s^2, the part of the stiffness that springs on facets have, which is no strain; None: none.
+        resolved: 1/s^2, of the fixed-interface modes the highest eigenvalue, where only what the reduction resolves is
+            stiffened (`resolved_deformations`); None: all.
 
     Returns:
         The groups, the same to the bit on every rank; None where the formulation does not tell how a stress changes
         the stiffness (`stress_stiffness`).
     """
-    found = stress_stiffness(model, np.hstack([displacements, modes]), modes)
+    energy = np.diag(stiffness)
+    if springs is None:
+        basis = np.diag(1.0 / np.sqrt(stiffness))
+    else:
+        # where the modes have strain energy in common: one in which they have none
+        energy = symmetric(energy - springs)
+        squares, x = np.linalg.eigh(energy)
+        basis = x / np.sqrt(squares)
+    if resolved is not None:
+        responses = inner(model.comm, modes[: model.n_owned], loads.forces) / stiffness[:, None]
+        chosen = resolved_deformations(
+            basis.T @ basis,
+            basis.T @ energy @ responses,
+            accelerations=loads.accelerations,
+            eigenvalue=resolved,
+        )
+        basis = np.asarray(model.comm.bcast(basis @ chosen, root=0))
+    # what modal coordinates are in this basis
+    coordinates = basis.T @ energy
+    fields = modes @ basis
+    found = stress_stiffness(model, np.hstack([displacements, fields]), fields)
     if found is None:
         return None
-    by_load, by_mode = np.split(found, [len(names)])
-    gradients = strain_over_rotation(model, modes)
-    if springs is None:
-        stretch = _stretch(by_mode, np.sqrt(stiffness), gradients)
-    else:
-        stretch = _stretch_beside_springs(by_mode, np.diag(stiffness) - springs, gradients)
-    return Stiffening(GeometricStiffness(tuple(names), by_load), stretch)
+    by_load, by_field = np.split(found, [len(loads.names)])
+    stretch = _stretch(by_field, strain_over_rotation(model, fields), coordinates)
+    geometric = GeometricStiffness(loads.names, _symmetric(coordinates.T @ by_load @ coordinates))
+    return Stiffening(geometric, stretch, None if resolved is None else basis.shape[1])
 
 
-def _stretch_beside_springs(by_mode: FloatArray, strain_energy: FloatArray, gradients: FloatArray) -> ModalStretch:
-    """As `_stretch`, where the modes have strain energy in common (n, n): in a basis in which they have none."""
-    squares, x = np.linalg.eigh(symmetric(strain_energy))
-    turned = np.einsum("kij,ka,ib,jc->abc", by_mode, x, x, x, optimize=True)
-    found = _stretch(turned, np.sqrt(squares), x.T @ gradients @ x)
-    P = np.einsum("mbc,ib,jc->mij", found.P, x, x, optimize=True)
-    return ModalStretch(found.strain @ x.T, 0.5 * (P + P.transpose(0, 2, 1)))
+def _stretch(second_order: FloatArray, gradients: FloatArray, coordinates: FloatArray) -> ModalStretch:
+    """Membrane strains of the modes.
 
-
-def _stretch(by_mode: FloatArray, omega: FloatArray, gradients: FloatArray) -> ModalStretch:
-    """Membrane strains of the modes, from P_k,ij (n, n, n), angular frequencies (n,) and `strain_over_rotation`."""
-    pairs = np.outer(omega, omega)
-    second_order = by_mode / (omega[:, None, None] * pairs)
+    Args:
+        second_order: (r, r, r) P_k,ij of deformations of the same energy without energy in common.
+        gradients: (r, r) `strain_over_rotation`.
+        coordinates: (r, n) theirs per unit of each mode.
+    """
     fields = membrane_fields(second_order)
     strains = np.tensordot(fields.T, second_order, 1)
-    others = np.eye(len(omega)) - fields @ fields.T
-    pure = stretching_fields(fields, gradients / pairs)
+    others = np.eye(len(fields)) - fields @ fields.T
+    pure = stretching_fields(fields, gradients)
     own = pure @ pure.T
     P = others @ strains @ others + own @ strains @ own
-    return ModalStretch(fields.T * omega, 0.5 * (P + P.transpose(0, 2, 1)) * pairs)
+    return ModalStretch(fields.T @ coordinates, _symmetric(coordinates.T @ P @ coordinates))
+
+
+def _symmetric(matrices: FloatArray) -> FloatArray:
+    half: FloatArray = 0.5 * (matrices + matrices.transpose(0, 2, 1))
+    return half

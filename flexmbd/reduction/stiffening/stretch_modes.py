@@ -22,6 +22,7 @@ from flexmbd.reduction.modes.ritz import independent, ritz_modes
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads
 from flexmbd.reduction.stiffening.membrane import membrane_fields
+from flexmbd.reduction.stiffening.resolved import resolved_deformations
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
 
 # Of the largest effect of the loads on the stiffness what one of them may lack.
@@ -56,6 +57,8 @@ def stretch_modes(
     basis: FloatArray = np.asfortranarray(np.hstack([statics.moving[0], fixed.shapes]))
     of_basis, of_rest, of_whole = (_energies(model, fields) for fields in (basis, rest, displacements))
     modal = parallel.on_root(comm, lambda: independent(of_basis, np.diag(of_basis)))
+    if model.nodal:
+        modal = modal @ _resolved(statics, basis @ modal, loads=loads, displacements=displacements, fixed=fixed)
     own = parallel.on_root(comm, lambda: independent(of_rest, np.diag(of_whole)))
     scaled = np.hstack([basis @ modal, rest @ own])
     local = with_ghosts(model, scaled)
@@ -70,6 +73,22 @@ def stretch_modes(
     # what rounding left of the modes
     shapes = np.asfortranarray(shapes - fixed.shapes @ inner(comm, fixed.shapes, multiply(model.M, shapes)))
     return ritz_modes(model, shapes, images=images)
+
+
+def _resolved(
+    statics: Statics, scaled: FloatArray, *, loads: UnitLoads, displacements: FloatArray, fixed: Modes
+) -> FloatArray:
+    """Which combinations of fields, of the same energy without energy in common, are stiffened. Collective."""
+    model, comm = statics.model, statics.model.comm
+    responses = inner(comm, scaled, multiply(model.K, displacements))
+    if statics.floating and statics.rigid is not None:
+        scaled = statics.rigid.deformation(scaled)
+    mass = symmetric(inner(comm, scaled, multiply(model.M, scaled)))
+    highest = float(fixed.eigenvalues.max(initial=0.0))
+    return parallel.on_root(
+        comm,
+        lambda: resolved_deformations(mass, responses, accelerations=loads.accelerations, eigenvalue=highest),
+    )
 
 
 def _energies(model: LinearModel, fields: FloatArray) -> FloatArray:
