@@ -213,8 +213,8 @@ def reduce(arguments: argparse.Namespace) -> int:
         interface_modes=characteristic,
         residual_vectors=arguments.residual_vectors,
         progress=parallel.on_root(comm, wants_bar),
+        stream=arguments.output,
     )
-    parallel.on_root(comm, lambda: body.save(arguments.output))
     _report(arguments.output, body, size, as_json=arguments.json)
     return 0
 

@@ -100,16 +100,40 @@ def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
             result = pickle.dumps(function(), protocol=pickle.HIGHEST_PROTOCOL)
         except BaseException as caught:  # noqa: BLE001  (whatever it is, all ranks must hear of it)
             error = caught
-    error = _meet(comm) or error
+    _end_for_all(comm, error, "while rank 0 worked for all")
+    value: T = pickle.loads(_broadcast(comm, result))  # noqa: S301
+    return value
+
+
+def on_every(comm: MPI.Comm, function: Callable[[], object]) -> None:
+    """Run `function`, which is not collective, on every rank; what one of them raises reaches all. Collective.
+
+    Args:
+        comm: the ranks that take part.
+        function: takes nothing.
+
+    Raises:
+        Exception: as `raise_collectively` does; an interrupt (Ctrl-C) as itself on its own rank.
+    """
+    refuse_fork(comm)
+    error: BaseException | None = None
     try:
-        interrupt = f"{type(error).__name__} while rank 0 worked for all"
+        function()
+    except BaseException as caught:  # noqa: BLE001  (whatever it is, all ranks must hear of it)
+        error = caught
+    _end_for_all(comm, error, "while all ranks worked")
+
+
+def _end_for_all(comm: MPI.Comm, error: BaseException | None, when: str) -> None:
+    """Wait for all ranks and raise what any of them has: `on_root`, `on_every`. Collective."""
+    error = _meet(comm) or error
+    interrupt = f"{type(error).__name__} {when}"
+    try:
         raise_collectively(comm, error if error is None or isinstance(error, Exception) else RuntimeError(interrupt))
     except RuntimeError:
         if error is not None and not isinstance(error, Exception):
             raise error from None
         raise
-    value: T = pickle.loads(_broadcast(comm, result))  # noqa: S301
-    return value
 
 
 def _meet(comm: MPI.Comm) -> KeyboardInterrupt | None:

@@ -20,42 +20,25 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from flexmbd.errors import RecordError
-from flexmbd.files.whole_file import replace_file
+from flexmbd.files.tree_layout import HEAD as HEAD
+from flexmbd.files.tree_layout import NUMBERS, lay_out, room_of, store, write_group
+from flexmbd.files.tree_layout import FileKind as FileKind
+from flexmbd.files.tree_layout import Tree as Tree
+from flexmbd.files.whole_file import first_line, part_file
 
 if TYPE_CHECKING:
     import h5py
 
-#: A dictionary of float64, float32 and int64 arrays, texts, tuples of texts, and further such dictionaries.
-Tree = dict[str, Any]
-
-#: Bytes before the HDF5 file proper.
-HEAD = 512
 _READ_AT_ONCE = 1 << 22
 _HEADLINE = re.compile(rb"([a-z ]+), version (\d+)\nHDF5 after (\d+) bytes\nbytes (\d+)\nsha256 ([0-9a-f]{64})\n")
-_KINDS = {np.dtype(np.float64): "<f8", np.dtype(np.float32): "<f4", np.dtype(np.int64): "<i8"}
-
-
-@dataclass(frozen=True)
-class FileKind:
-    """What a file is.
-
-    Attributes:
-        format: its name, small letters and blanks.
-        version: raised by whatever is added or changed after the first release.
-        writer: what a user calls to write one.
-    """
-
-    format: str
-    version: int
-    writer: str
 
 
 def write_tree(path: Path, tree: Mapping[str, Any], *, kind: FileKind) -> None:
@@ -71,15 +54,21 @@ def write_tree(path: Path, tree: Mapping[str, Any], *, kind: FileKind) -> None:
     Raises:
         RecordError: the destination cannot be written, or the tree holds something else.
     """
-    image = tree_image(tree, kind=kind)
+    room = room_of(tree)
     try:
-        replace_file(Path(os.path.realpath(path)), image)
+        with part_file(Path(os.path.realpath(path))) as (part, file):
+            lay_out(part, file, tree, kind=kind)
+            seal(file, kind)
     except OSError as error:
-        raise RecordError(
-            f"cannot write {path}: {error.strerror or error}; nothing was changed there. "
-            f"{len(image)} bytes are needed: choose a folder that exists, that you may write to "
-            "and that has the space"
-        ) from error
+        raise not_written(path, error, room=room) from error
+
+
+def not_written(path: Path, error: OSError, *, room: int) -> RecordError:
+    """What is told of a file of some ``room`` bytes that could not be written."""
+    return RecordError(
+        f"cannot write {path}: {first_line(error)}; nothing was changed there. Some {room} bytes are needed: choose a "
+        "folder that exists, that you may write to and that has the space"
+    )
 
 
 def check_destination(path: Path) -> None:
@@ -89,14 +78,17 @@ def check_destination(path: Path) -> None:
         RecordError: its folder does not exist or may not be written to, or it is something else than a file.
     """
     target = Path(os.path.realpath(path))
-    if not target.parent.is_dir():
-        fault = f"there is no folder {target.parent}"
-    elif target.exists() and not target.is_file():
-        fault = "it is not a regular file"
-    elif not os.access(target.parent, os.W_OK | os.X_OK):
-        fault = f"the folder {target.parent} may not be written to"
-    else:
-        return
+    try:
+        if not target.parent.is_dir():
+            fault = f"there is no folder {target.parent}"
+        elif target.exists() and not target.is_file():
+            fault = "it is not a regular file"
+        elif not os.access(target.parent, os.W_OK | os.X_OK):
+            fault = f"the folder {target.parent} may not be written to"
+        else:
+            return
+    except OSError as error:  # of a name that is too long
+        fault = first_line(error)
     raise RecordError(f"cannot write {path}: {fault}; choose a file in a folder of yours")
 
 
@@ -106,9 +98,9 @@ def read_tree(path: Path, *, kind: FileKind) -> Tree:
     Raises:
         RecordError: the file is missing, foreign, of another version, truncated or damaged.
     """
-    data = _read_bytes(Path(path), kind)
-    check_image(Path(path), data, kind=kind)
-    return tree_of(Path(path), data, kind=kind)
+    # before the HDF5 library sees a byte the whole is checked, which is never in memory as a whole
+    with _open_checked(Path(path), kind=kind) as (file, size):
+        return _tree(Path(path), file, size=size, kind=kind)
 
 
 def tree_of(path: Path, image: bytes, *, kind: FileKind) -> Tree:
@@ -117,13 +109,17 @@ def tree_of(path: Path, image: bytes, *, kind: FileKind) -> Tree:
     Raises:
         RecordError: they hold something else than a tree.
     """
+    return _tree(path, io.BytesIO(image), size=len(image), kind=kind)
+
+
+def _tree(path: Path, stream: BinaryIO, *, size: int, kind: FileKind) -> Tree:
     import h5py
 
     try:
-        with h5py.File(io.BytesIO(image), "r") as file:
-            if _claimed(file) > len(image):
+        with h5py.File(stream, "r") as file:
+            if _claimed(file) > size:
                 # a dataset may claim any size at no cost in the file
-                raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {len(image)}")
+                raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {size}")
             return _read_group(file)
     except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise RecordError(f"{path} does not hold what a {kind.format} should: {error}") from error
@@ -143,7 +139,7 @@ def tree_image(tree: Mapping[str, Any], *, kind: FileKind) -> bytes:
     with h5py.File(buffer, "w", userblock_size=HEAD) as file:
         file.attrs["format"] = kind.format
         file.attrs["version"] = kind.version
-        _write_group(file, tree, where="")
+        write_group(file, tree, store=store)
     with buffer.getbuffer() as image, image[HEAD:] as body:
         head = _head(kind, size=len(body), digest=hashlib.sha256(body).hexdigest())
     buffer.seek(0)
@@ -179,6 +175,13 @@ def check_seal(path: Path, *, kind: FileKind) -> None:
     Raises:
         RecordError: it is missing, foreign, of another version, truncated or damaged.
     """
+    with _open_checked(path, kind=kind):
+        pass
+
+
+@contextmanager
+def _open_checked(path: Path, *, kind: FileKind) -> Iterator[tuple[BinaryIO, int]]:
+    """A file as `seal` left it, and its size; of a foreign one, however long, nothing but the head is read."""
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for
             raise RecordError(f"cannot read {path}: it is not a regular file")
@@ -187,8 +190,9 @@ def check_seal(path: Path, *, kind: FileKind) -> None:
             size = image_size(path, head, kind=kind)
             _refuse_size(path, os.fstat(file.fileno()).st_size, size)
             _refuse_digest(path, _digest(file.fileno())[1], head, kind)
+            yield file, size
     except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
+        raise RecordError(f"cannot read {path}: {first_line(error)}") from error
 
 
 def _digest(file: int) -> tuple[int, str]:
@@ -208,44 +212,6 @@ def head_of(kind: FileKind, *, before: int, size: int, digest: str) -> bytes:
     """The text of a user block of ``before`` bytes, of an HDF5 file of ``size`` bytes behind it."""
     text = f"{kind.format}, version {kind.version}\nHDF5 after {before} bytes\nbytes {size}\nsha256 {digest}\n"
     return text.encode("ascii")
-
-
-def _write_group(group: h5py.Group, tree: Mapping[str, Any], *, where: str) -> None:
-    import h5py
-
-    for key, value in tree.items():
-        item = f"{where}/{key}"
-        if not isinstance(key, str) or key in ("", ".") or "/" in key or "\0" in key:
-            raise RecordError(f"a file cannot have an item named {key!r}")
-        if isinstance(value, Mapping):
-            _write_group(group.create_group(key), value, where=item)
-        elif isinstance(value, np.ndarray) and value.dtype in _KINDS:
-            group.create_dataset(key, data=value.astype(_KINDS[value.dtype], copy=False))
-        elif _is_text(value) or (isinstance(value, tuple) and all(map(_is_text, value))):
-            group.create_dataset(key, data=value, dtype=h5py.string_dtype("utf-8"))
-        else:
-            raise RecordError(
-                f"a file holds float64, float32 and int64 arrays, texts without NUL and tuples of them; "
-                f"item {item} is {getattr(value, 'dtype', type(value).__name__)}"
-            )
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and "\0" not in value
-
-
-def _read_bytes(path: Path, kind: FileKind) -> bytes:
-    """All of a file whose head is sound; of a foreign one, however long, nothing but the head is read."""
-    try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for
-            raise RecordError(f"cannot read {path}: it is not a regular file")
-        with open(path, "rb") as file:
-            head = file.read(HEAD)
-            _headline(path, head, kind)
-            data = head + file.read()
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
-    return data
 
 
 def _headline(path: Path, data: bytes, kind: FileKind) -> re.Match[bytes]:
@@ -329,8 +295,11 @@ def _read_group(group: h5py.Group) -> Tree:
         elif h5py.check_string_dtype(item.dtype):
             texts = item.asstr()[()]
             tree[key] = texts if isinstance(texts, str) else tuple(texts.tolist())
-        elif item.dtype.newbyteorder("=") in _KINDS:
-            tree[key] = np.asarray(item[()], dtype=item.dtype.newbyteorder("="))
+        elif item.dtype.newbyteorder("=") in NUMBERS:
+            array = np.empty(item.shape, item.dtype.newbyteorder("="))
+            if array.size:
+                item.read_direct(array)
+            tree[key] = array
         else:
             raise ValueError(f"{item.name} holds {item.dtype}")
     return tree

@@ -96,6 +96,17 @@ def refuse_no_room(file: int, size: int) -> None:
         os.ftruncate(file, 0)
 
 
+def take_room(file: int) -> None:
+    """Have the disk keep room for all bytes of an open file, also for those that nobody has written.
+
+    Raises:
+        OSError: it has none.
+    """
+    size = os.fstat(file).st_size
+    if size and hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file, 0, size)
+
+
 def first_line(error: BaseException) -> str:
     """What an error says in short, without the libraries' traces below it and what of a file they quote."""
     told = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

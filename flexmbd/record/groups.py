@@ -275,10 +275,22 @@ _NAMES = ("loads", "names")
 
 
 def frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-    """Return a read-only contiguous copy."""
+    """Return a read-only contiguous copy; the array itself, where it is one that has its numbers to itself."""
+    if type(array) is np.ndarray and array.dtype == kind and not array.flags.writeable:
+        if array.base is None and array.flags.c_contiguous:
+            return array
     copy = np.array(array, dtype=kind, order="C", copy=True)
     copy.flags.writeable = False
     return copy
+
+
+def freeze(tree: Mapping[str, Any]) -> None:
+    """Make the arrays of nested dictionaries that nobody else has read-only, so that `frozen` need not copy them."""
+    for value in tree.values():
+        if isinstance(value, Mapping):
+            freeze(value)
+        elif isinstance(value, np.ndarray):
+            value.flags.writeable = False
 
 
 def frozen_frame(frame: InterfaceFrame) -> InterfaceFrame:

@@ -25,7 +25,7 @@ from flexmbd.files.tree_file import Tree, read_tree, write_tree
 from flexmbd.given import checked
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
-from flexmbd.record.groups import GROUPS, FloatArray, frozen, frozen_frame, frozen_group
+from flexmbd.record.groups import GROUPS, FloatArray, freeze, frozen, frozen_frame, frozen_group
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
@@ -337,7 +337,7 @@ class ReducedBody(PicturedRecord):
         Raises:
             RecordError: the file is missing, truncated, foreign, or of another version.
         """
-        tree = read_tree(Path(path), kind=RECORD)
+        freeze(tree := read_tree(Path(path), kind=RECORD))
         try:
             return cls.from_tree(tree)
         except (KeyError, TypeError, ValueError, RecordError) as error:

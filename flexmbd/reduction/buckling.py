@@ -134,7 +134,7 @@ def linear_buckling(
     factors, fields = found.factors[:count], found.fields
     images = multiply(model.M, asymmetric_fields(model))
     turn = model.comm.bcast(determined_rotation(found.factors, inner(model.comm, fields, images)))
-    shape = surface_group(model, with_ghosts(model, (fields @ turn)[:, :count]), p=np.zeros(3), R=np.eye(3))
+    shape = surface_group(model, with_ghosts(model, (fields @ turn)[:, :count]), p=np.zeros(3), R=np.eye(3)).whole()
     sizes = np.linalg.norm(shape.phi, axis=1).max(axis=0, initial=0.0)
     return BucklingModes(factors, Surface(shape.x, shape.triangle, shape.phi / sizes), note)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.errors import ReductionError
+from flexmbd.files.tree_file import check_destination
 from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction.damping import Damping
@@ -35,7 +37,7 @@ from flexmbd.reduction.modes.truncation import Truncation, chosen_truncation
 from flexmbd.reduction.optional_groups import Contents, Keep, Responses, responses
 from flexmbd.reduction.projection import Basis, project
 from flexmbd.reduction.residual_vectors import residual_vectors as residual_modes
-from flexmbd.reduction.stages import Stages, stages
+from flexmbd.reduction.stages import Stages, ranks_note, stages
 from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
@@ -46,7 +48,7 @@ from flexmbd.reduction.unit_loads import Load
 _EXPECTED = 64
 
 
-@checked("model", "loads", error=ReductionError, agree=parallel.told_to_all)
+@checked("model", "loads", "stream", error=ReductionError, agree=parallel.told_to_all)
 def craig_bampton(
     model: LinearModel,
     *,
@@ -62,6 +64,7 @@ def craig_bampton(
     residual_vectors: bool = False,
     nonlinear: ModalDerivatives | None = None,
     progress: bool = False,
+    stream: str | Path | None = None,
 ) -> ReducedBody:
     """Reduce a model to its interfaces and its lowest fixed-interface modes. Collective.
 
@@ -97,9 +100,11 @@ def craig_bampton(
         nonlinear: how a body that bends a lot gets a strain energy of degree four and the shapes for it, in the
             place of geometric stiffness; None: small displacements about a frame that moves. `modes` is a number.
         progress: whether the first rank shows a bar with the stages and the memory that is expected.
+        stream: a file that the record goes to, the one that `ReducedBody.save` would make, in a folder that all ranks
+            see. Each rank writes its part of what `keep` names, which no rank holds as a whole.
 
     Returns:
-        The record, the same to the bit on every rank.
+        The record, the same to the bit on every rank; with `stream` without what `keep` names, which is in the file.
 
     Raises:
         InterfaceError: the model has no interface `frame`.
@@ -110,6 +115,7 @@ def craig_bampton(
         MeshError: a load's facet group is not there, or not on the boundary.
         FormulationError: stress modes of a stress that is not linear in the displacement.
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
+        RecordError: the file cannot be written, of which what can be known is known before the reduction begins.
     """
     given = tuple(loads)
     parallel.check_same(
@@ -127,7 +133,10 @@ def craig_bampton(
         residual_vectors=residual_vectors,
         nonlinear=nonlinear,
         progress=progress,
+        stream=stream,
     )
+    if stream is not None:
+        parallel.on_root(model.comm, lambda: check_destination(Path(stream)))
     refuse_no_truth(
         ReductionError, geometric_stiffness=geometric_stiffness, residual_vectors=residual_vectors, progress=progress
     )
@@ -161,7 +170,7 @@ def craig_bampton(
         )
         stage.begin("projection")
         provenance = _provenance(model, count, truncation, method, notes=notes, frame=frame)
-        return project(model, basis, provenance=provenance, contents=contents)
+        return project(model, basis, provenance=provenance, contents=contents, stream=stream)
 
 
 def _provenance(
@@ -219,7 +228,8 @@ def _basis(
     expected = _EXPECTED if truncation.modes is None else min(truncation.modes, int(model.K.getSize()[0]))
     stage.begin("factor")
     with body_statics(model, frame=frame, solver=solver, modes=expected, carrying=joints(choice)) as statics:
-        stage.note(f"{statics.solver}; some {statics.memory / 1e6:.1f} MB beside K and M")
+        told = ranks_note(model.comm.size, int(model.K.getSize()[0]))
+        stage.note(f"{statics.solver}; some {statics.memory / 1e6:.1f} MB beside K and M{told}")
         stage.begin("static shapes")
         fields = asymmetric_fields(model)
         images = multiply(model.M, fields)

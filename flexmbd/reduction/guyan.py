@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -16,7 +17,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.unit_loads import Load
 
 
-@checked("model", "loads", error=ReductionError, agree=parallel.told_to_all)
+@checked("model", "loads", "stream", error=ReductionError, agree=parallel.told_to_all)
 def guyan(
     model: LinearModel,
     *,
@@ -27,6 +28,7 @@ def guyan(
     keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
     progress: bool = False,
+    stream: str | Path | None = None,
 ) -> ReducedBody:
     """Reduce a model to the six dofs of each interface by static condensation. Collective.
 
@@ -43,6 +45,7 @@ def guyan(
         keep: what the record holds of the modes on the mesh.
         solver: by what the stiffness is inverted.
         progress: whether the first rank shows a bar with the stages.
+        stream: a file that the record goes to, and what `keep` names to that alone.
 
     Returns:
         The record, the same to the bit on every rank; n is six times the interfaces but one.
@@ -51,6 +54,7 @@ def guyan(
         InterfaceError: the model has no interface `frame`.
         ReductionError: a singular stiffness, a failed accuracy check, or loads or a damping that are
             not well formed.
+        RecordError: the file cannot be written.
     """
     return craig_bampton(
         model,
@@ -62,4 +66,5 @@ def guyan(
         keep=keep,
         solver=solver,
         progress=progress,
+        stream=stream,
     )

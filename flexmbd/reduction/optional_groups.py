@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
@@ -34,11 +35,13 @@ from flexmbd.continuum.finite_elements.nodes import (
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
+from flexmbd.record.groups import IntArray
 from flexmbd.record.reduced_body import FurtherUnknowns, NodalInterfaces, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives, refuse_other_nonlinear
 from flexmbd.reduction.loads import loads_group, missing_energy
+from flexmbd.reduction.spread_groups import SpreadGroup, SpreadRows, all_numbers
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
 from flexmbd.reduction.stress_modes import stress_group
@@ -149,8 +152,8 @@ def optional_parts(
     nodal: Sequence[str],
     p: FloatArray,
     R: FloatArray,
-) -> tuple[dict[str, Any], dict[str, str]]:
-    """Damping and optional groups by their names in `ReducedBody`, and their provenance. Collective.
+) -> tuple[dict[str, Any], dict[str, SpreadGroup[Any]], dict[str, str]]:
+    """Damping and optional groups by their names in `ReducedBody`, those of the mesh spread; provenance. Collective.
 
     Args:
         model: the body.
@@ -212,43 +215,64 @@ def optional_parts(
             provenance[f"load {load.name}"] = f"{load}; static energy missing {part:.1e}"
     if nodal:
         parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
+    spread: dict[str, SpreadGroup[Any]] = {}
     if contents.keep.modes:
-        parts["modes"] = nodal_group(model, modes, p=p, R=R)
-        parts["unknowns"] = further_unknowns(model, modes)
+        spread["modes"] = nodal_group(model, modes, p=p, R=R)
+        others = further_unknowns(model, modes)
+        if others is not None:
+            spread["unknowns"] = others
     if contents.keep.surface:
-        parts["surface"] = surface_group(model, modes, p=p, R=R)
+        spread["surface"] = surface_group(model, modes, p=p, R=R)
     if contents.keep.stress:
-        parts["stress"] = stress_group(model, modes, frames=frames, p=p, R=R)
-    return parts, provenance
+        spread["stress"] = stress_group(model, modes, frames=frames, p=p, R=R)
+    return parts, spread, provenance
 
 
-def nodal_group(
-    model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
-) -> NodalModes:
-    """The modes at all displacement nodes, by `node_numbers`, ascending. Collective.
+def nodal_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> SpreadGroup[NodalModes]:
+    """The modes at all displacement nodes, by `node_numbers`, ascending (`NodalModes`). Collective.
 
     Args:
         model: the body.
         modes: (local dofs including ghosts, n), in the mesh's axes.
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
-
-    Returns:
-        The group, the same on every rank.
     """
-    owned = model.n_owned_nodes
-    numbers = parallel.gather_rows(model.comm, node_numbers(model)[:owned])
-    x = parallel.gather_rows(model.comm, model.node_x[:owned])
-    phi = parallel.gather_rows(model.comm, modes[model.displacement_dofs[:owned]])
+    numbers = node_numbers(model)[: model.n_owned_nodes]
+    node = all_numbers(model.comm, numbers)
+    x, phi = _at_nodes(model, modes, node, np.arange(len(numbers)), numbers, p=p, R=R)
+    return SpreadGroup(NodalModes, {"node": node, "x": x, "phi": phi})
 
-    def make() -> NodalModes:
-        assert numbers is not None and x is not None and phi is not None  # noqa: S101, PT018
-        order = np.argsort(numbers)
-        return NodalModes(
-            numbers[order], (x[order] - p) @ R, np.einsum("ba,kbn->kan", R, phi[order])
-        )
 
-    return parallel.on_root(model.comm, make)
+def _at_nodes(
+    model: LinearModel,
+    modes: FloatArray,
+    node: IntArray,
+    here: NDArray[np.intp],
+    numbers: IntArray,
+    *,
+    p: FloatArray,
+    R: FloatArray,
+) -> tuple[FloatArray, SpreadRows]:
+    """Places (k, 3) of the nodes with numbers `node`, ascending, and the modes (k, 3, n) there, in B. Collective.
+
+    Args:
+        model: the body.
+        modes: as of `nodal_group`, and so are `p` and `R`.
+        node: (k,) the same on all ranks.
+        here: (m,) this rank's own nodes among them.
+        numbers: (m,) theirs.
+        p: see there.
+        R: see there.
+    """
+    place = np.searchsorted(node, numbers)
+    x = SpreadRows(model.comm, len(node), place, (3,), lambda which: model.node_x[here[which]]).whole()
+
+    def rows(which: NDArray[np.intp]) -> FloatArray:
+        return np.einsum("ba,kbn->kan", R, modes[model.displacement_dofs[here[which]]])
+
+    # by one rank, so that all have the same bits
+    moved = parallel.on_root(model.comm, lambda: (x - p) @ R)
+    return moved, SpreadRows(model.comm, len(node), place, (3, modes.shape[1]), rows)
 
 
 def nodal_interfaces_group(
@@ -262,7 +286,7 @@ def nodal_interfaces_group(
     return NodalInterfaces(tuple(names), nodes.node, (nodes.x - p) @ R, nodes.interface, total(model.comm, phi))
 
 
-def further_unknowns(model: LinearModel, modes: FloatArray) -> FurtherUnknowns | None:
+def further_unknowns(model: LinearModel, modes: FloatArray) -> SpreadGroup[FurtherUnknowns] | None:
     """What the modes hold beside displacements, by `dof_numbers`, ascending; None where that is nothing. Collective.
 
     Args:
@@ -273,30 +297,19 @@ def further_unknowns(model: LinearModel, modes: FloatArray) -> FurtherUnknowns |
     if model.comm.allreduce(len(others)) == 0:
         return None
     owned = others < model.n_owned
-    numbers = parallel.gather_rows(model.comm, dof_numbers(model, others)[owned])
-    phi = parallel.gather_rows(model.comm, modes[others[owned]])
-
-    def make() -> FurtherUnknowns:
-        assert numbers is not None and phi is not None  # noqa: S101, PT018  (rank 0)
-        order = np.argsort(numbers)
-        return FurtherUnknowns(numbers[order], phi[order])
-
-    return parallel.on_root(model.comm, make)
+    numbers, mine = dof_numbers(model, others)[owned], others[owned]
+    dof = all_numbers(model.comm, numbers)
+    place = np.searchsorted(dof, numbers)
+    phi = SpreadRows(model.comm, len(dof), place, (modes.shape[1],), lambda which: modes[mine[which]])
+    return SpreadGroup(FurtherUnknowns, {"dof": dof, "phi": phi})
 
 
-def surface_group(
-    model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray
-) -> Surface:
-    """The boundary's triangles with their modes; arguments as in `nodal_group`. Collective."""
+def surface_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> SpreadGroup[Surface]:
+    """The boundary's triangles with their modes (`Surface`); arguments as in `nodal_group`. Collective."""
     numbers = node_numbers(model)
-    triangles = parallel.gather_rows(model.comm, numbers[boundary_triangles(model)])
-    every = nodal_group(model, modes, p=p, R=R)
-
-    def make() -> Surface:
-        assert triangles is not None  # noqa: S101  (rank 0)
-        used = np.unique(triangles)
-        place = np.searchsorted(every.node, used)
-        rows = np.searchsorted(used, sorted_triangles(triangles))
-        return Surface(every.x[place], rows, every.phi[place])
-
-    return parallel.on_root(model.comm, make)
+    triangles = np.concatenate(model.comm.allgather(numbers[boundary_triangles(model)]))
+    used = np.unique(triangles)
+    here = np.flatnonzero(np.isin(numbers[: model.n_owned_nodes], used))
+    x, phi = _at_nodes(model, modes, used, here, numbers[here], p=p, R=R)
+    rows = np.searchsorted(used, sorted_triangles(triangles))
+    return SpreadGroup(Surface, {"x": x, "triangle": rows, "phi": phi})

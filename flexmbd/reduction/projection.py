@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from flexmbd.reduction.large_displacements.basis import LargeDisplacements
 from flexmbd.reduction.modes.signs import determined_rotation
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
+from flexmbd.reduction.record_stream import write_record
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 
 
@@ -70,12 +72,15 @@ def project(
     *,
     provenance: Mapping[str, str],
     contents: Contents,
+    stream: str | Path | None = None,
 ) -> ReducedBody:
     """Project the model on a basis and bring the result to normal form. Collective.
 
-    The record is made on rank 0 and handed to the others bit for bit.
+    The record is made on rank 0 and handed to the others bit for bit; where it goes to a file, without the groups of
+    the mesh, which are in that alone.
 
     Raises:
+        RecordError: on all ranks: the file cannot be written.
         ReductionError: on all ranks: the basis has lost its orthonormality, or a damping does not fit.
         FormulationError: on all ranks: stress modes of a stress that is not linear.
     """
@@ -104,7 +109,7 @@ def project(
 
     parts, x = parallel.on_root(model.comm, make)
     modes = with_ghosts(model, basis.shapes @ x)
-    more, notes = optional_parts(
+    more, spread, notes = optional_parts(
         model,
         contents,
         basis.responses,
@@ -119,7 +124,12 @@ def project(
     parts["provenance"].update(notes)
     if basis.large is not None:
         more["nonlinear"], parts["provenance"]["strain energy"] = basis.large.group(modes, parts["partition"])
-    return ReducedBody(**parts, **more)
+    if stream is None:
+        more.update((name, group.whole()) for name, group in spread.items())
+    body = ReducedBody(**parts, **more)
+    if stream is not None:
+        write_record(model.comm, stream, body, spread)
+    return body
 
 
 # Of a double's digits: what is lost below that shows nowhere, whatever its cause.

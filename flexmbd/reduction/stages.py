@@ -15,6 +15,14 @@ from flexmbd.errors import ReductionError
 #: In the order they are gone through.
 STAGES = ("factor", "static shapes", "responses to loads", "modes", "stretch modes", "modal derivatives", "projection")
 
+# Dofs up to which two ranks reduce a part no quicker than one does, on cores that do nothing else (docs/scaling.md).
+_SMALL = 5_000
+
+
+def ranks_note(ranks: int, dofs: int) -> str:
+    """What is to be said to the user who reduces so few dofs on several ranks; nothing to others."""
+    return f"; so small a part takes one rank no longer than {ranks}" if ranks > 1 and dofs < _SMALL else ""
+
 
 class Stages:
     """Which stage a reduction has come to; made by `stages`."""

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.stress import StressRecovery
+from flexmbd.continuum.grid.row_exchange import share_of
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.errors import FormulationError
 from flexmbd.record.reduced_body import StressModes
+from flexmbd.reduction.spread_groups import SpreadGroup, SpreadRows
 
 # Rows and columns of the components xx yy zz xy xz yz.
 _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
@@ -22,8 +24,8 @@ _LINEAR = 1e-9
 
 def stress_group(
     model: LinearModel, modes: FloatArray, *, frames: Sequence[str], p: FloatArray, R: FloatArray
-) -> StressModes:
-    """The group, as `LinearModel.stress_field` averages each mode. Collective.
+) -> SpreadGroup[StressModes]:
+    """The group (`StressModes`), as `LinearModel.stress_field` averages each mode. Collective.
 
     Args:
         model: the body.
@@ -32,25 +34,35 @@ def stress_group(
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
 
-    Returns:
-        The group, the same to the bit on every rank.
-
     Raises:
         FormulationError: on all ranks: the formulation's stress is not linear in the displacement.
     """
-    recovery = StressRecovery(model)
-    sigma = np.empty((len(recovery.node), 6, modes.shape[1]))
+    comm, recovery = model.comm, StressRecovery(model)
+    # all ranks have a mode's stress at all nodes, and keep that of some nodes
+    own = share_of(comm.rank, comm.size, len(recovery.node))
+    sigma = np.empty((own.stop - own.start, 6, modes.shape[1]))
     for i, mode in enumerate(modes.T):
-        sigma[:, :, i] = _components(recovery.nodal(mode), R)
+        sigma[:, :, i] = _components(recovery.nodal(mode)[own], R)
     # one field in which all modes take part
     weights = np.cos(np.arange(modes.shape[1]))
-    error = abs(_components(recovery.nodal(modes @ weights), R) - sigma @ weights).max(initial=0.0)
-    if not error <= _LINEAR * abs(sigma).max(initial=0.0):
+    off = _components(recovery.nodal(modes @ weights)[own], R) - sigma @ weights
+    error, size = np.max(comm.allgather([abs(off).max(initial=0.0), abs(sigma).max(initial=0.0)]), axis=0)
+    if not error <= _LINEAR * size:
         raise FormulationError(
             f"{model.form_name}: its stress is not linear in the displacement, so it has no stress "
             "modes; keep the modes (Keep(modes=True)) and have stresses from the model"
         )
-    return StressModes(recovery.node, (recovery.x - p) @ R, _interface_of(model, recovery.node, frames), sigma)
+    place = np.arange(own.start, own.stop)
+    rows = SpreadRows(comm, len(recovery.node), place, sigma.shape[1:], lambda which: sigma[which])
+    return SpreadGroup(
+        StressModes,
+        {
+            "node": recovery.node,
+            "x": (recovery.x - p) @ R,
+            "interface": _interface_of(model, recovery.node, frames),
+            "sigma": rows,
+        },
+    )
 
 
 def _interface_of(model: LinearModel, node: NDArray[np.int64], frames: Sequence[str]) -> NDArray[np.int64]:

@@ -66,6 +66,7 @@ def test_stages(capfd):
     if COMM.rank == 0:
         assert f"{STAGES[-1]}: {len(STAGES)}/{len(STAGES)}" in shown
         assert "MB beside K and M" in shown
+        assert (f"so small a part takes one rank no longer than {COMM.size}" in shown) == (COMM.size > 1)
     else:
         assert STAGES[-1] not in shown
     assert body.stiffness.tobytes() == plain.stiffness.tobytes()
