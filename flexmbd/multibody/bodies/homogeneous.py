@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.solid import Solid
+from flexmbd.overflow import looked_at
 from flexmbd.record.reduced_body import ModalStretch, ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -120,7 +121,7 @@ class StVenantKirchhoff:
         """(..., 3, 3) Pa, lambda tr(E) 1 + 2 mu E."""
         lam, mu = self.lame
         trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
-        with np.errstate(over="ignore", invalid="ignore"):  # _normal refuses what is not finite
+        with looked_at():  # _normal refuses what is not finite
             return np.asarray(lam * trace * np.eye(3) + 2.0 * mu * strain)
 
 
