@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, is_number, numbers
+from flexmbd.given import checked, is_number, numbers, shaped_numbers
 from flexmbd.multibody.bodies.closed_surface import enclosed_moments, outward
 from flexmbd.overflow import looked_at
 
@@ -170,8 +170,13 @@ class Solid:
 
     @looked_at()
     def moved(self, p: FloatArray, R: FloatArray) -> Solid:
-        """The solid turned by R (3, 3) about the origin, then shifted by p (3,) m; without its outline."""
-        return Solid(self.mass, self.volume, R @ self.com + p, _symmetric(R @ self.second @ R.T))
+        """The solid turned by R (3, 3) about the origin, then shifted by p (3,) m; without its outline.
+
+        Raises:
+            SceneError: p or R is of another shape, or not finite.
+        """
+        place, turn = shaped_numbers(p, (3,), "p"), shaped_numbers(R, (3, 3), "R")
+        return Solid(self.mass, self.volume, turn @ self.com + place, _symmetric(turn @ self.second @ turn.T))
 
     @cached_property
     def inertia(self) -> FloatArray:
