@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 
 class ForceSeries(MotionSeries):
-    """Questions to the rows of a `Trajectory` that its forces answer.
+    """Questions to the rows of a `Trajectory` that its forces answer; as those of `MotionSeries` beyond numbers.
 
     Attributes:
         row_multipliers, interior_rows, kept_rows: as there.
