@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -28,7 +29,6 @@ from flexmbd.multibody.start.independent_rows import better_rows
 from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team
-from flexmbd.overflow import looked_at
 from flexmbd.run.controller import Controller
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
@@ -229,9 +229,8 @@ class Integration:
 
     def _beside(self, t: float) -> float:
         """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
-        with looked_at():
-            span = min(1.0 / self.state.numbers[st.LEAST_RATE], np.finfo(float).max)
-        return 8.0 * float(np.spacing(max(abs(t), span)))
+        span = min(1.0 / float(self.state.numbers[st.LEAST_RATE]), np.finfo(float).max)
+        return 8.0 * math.ulp(max(abs(t), span))
 
     def _leave_break(self) -> None:
         """Go on from a break with the values just after it; the method's history is dropped."""

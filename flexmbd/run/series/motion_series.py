@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 class MotionSeries:
     """Questions to the rows of a `Trajectory` that its configurations, velocities and accelerations answer.
 
-    An answer that is beyond what doubles hold at some instant, as of a run that diverged, is a SceneError that names it.
+    An answer beyond what doubles hold at some instant, as of a run that diverged, is a SceneError that names it.
 
     Attributes:
         scene, t, x, v, a, departures: as there.
