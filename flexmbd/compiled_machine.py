@@ -9,7 +9,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import NoneType
 from typing import Any, Literal
 
 import numpy as np
@@ -336,6 +335,7 @@ class CompiledMachine:
         x, v, *_ = given_start(scene, self.connections, self.bodies)
         return x, v
 
+    @checked("file")
     def ensemble(
         self,
         samples: Mapping[str, ArrayLike] | Sequence[Mapping[str, Any]],
@@ -405,7 +405,6 @@ class CompiledMachine:
         for name in outputs:
             if not isinstance(name, str) or not name.strip(".") or "/" in name:
                 raise SceneError(f"an output cannot be called {name!r}: the file has it by that name")
-        refuse_other(file, (str, Path, NoneType), "file", wanted="a path")
         values = Samples(samples)
         self._refuse_unknown(values.names)
         method = integrator if isinstance(integrator, str) else integrator.name

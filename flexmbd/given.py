@@ -42,6 +42,20 @@ def numbers(value: object) -> FloatArray:
     return np.array(np.nan)
 
 
+def shaped_numbers(value: object, shape: tuple[int, ...], what: str) -> FloatArray:
+    """Finite numbers of a shape; an axis of -1 is as long as it is.
+
+    Raises:
+        SceneError: it is something else.
+    """
+    found = numbers(value)
+    fits = found.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, found.shape, strict=False))
+    if not fits or not np.isfinite(found).all():
+        axes = ", ".join("n" if n == -1 else str(n) for n in shape)
+        raise SceneError(f"{what} must be ({axes}{',' * (len(shape) == 1)}) finite numbers, got {_shown(value)}")
+    return found
+
+
 def _holds_no_number(value: object) -> bool:
     """Whether anything in it is True, False or beneath a mask."""
     if isinstance(value, list | tuple):
@@ -211,7 +225,10 @@ def _wrapped(
             _learn(function, is_checked, asked, order)
         found = fault(args, kwargs)
         if agree is not None:
-            found = agree(inspect.signature(function).bind(*args, **kwargs).arguments, found)
+            arguments = inspect.signature(function).bind(*args, **kwargs).arguments
+            if function.__name__ == "__init__":  # what is not made yet can be asked nothing
+                arguments.pop(next(iter(arguments)))
+            found = agree(arguments, found)
         if found:
             raise error(found)
         return function(*args, **kwargs)

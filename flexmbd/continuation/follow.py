@@ -97,7 +97,7 @@ def follow(
         share = min(share, bounds.longest / space.largest(here.tangent))
         stretch, tries = None, 0
         while stretch is None:
-            if share * space.largest(here.tangent) < _SHORTEST:
+            if not share * space.largest(here.tangent) >= _SHORTEST:  # nor is a tangent that is no number
                 raise ConvergenceError(
                     f"the path of equilibria cannot be followed beyond the factor {here.point.factor:.6g}: however "
                     "short the step, Newton's method finds no equilibrium; forces or stiffnesses jump there, or a "

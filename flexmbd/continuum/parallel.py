@@ -11,7 +11,7 @@ import pickle
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from mpi4py import MPI
 
@@ -79,6 +79,7 @@ def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
         raise kind(f"{text} (on rank {rank} of {comm.size})") from error
 
 
+@checked()
 def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
     """Run `function` on rank 0 only and hand its result to every rank. Collective.
 
@@ -90,6 +91,7 @@ def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
 
     Raises:
         Exception: whatever `function` raised, on every rank; an interrupt (Ctrl-C) as itself on its own rank.
+        SceneError: no communicator, or no function; on the rank that is given it.
     """
     refuse_fork(comm)
     result = b""
@@ -183,13 +185,22 @@ def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> No
                 )
 
 
+@runtime_checkable
+class OnRanks(Protocol):
+    """What lies on the ranks of a communicator: a mesh, a model, a body with history."""
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks."""
+
+
 def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
     """What is wrong on the lowest rank on which anything is, for `flexmbd.given.checked`. Collective.
 
-    The ranks are those of the first argument that is a communicator or has one; without any only those hear of it on
-    which it is wrong.
+    The ranks are those of the first argument that is a communicator or lies on one's (`OnRanks`); without any only
+    those hear of it on which it is wrong.
     """
-    comms = (value if isinstance(value, MPI.Comm) else getattr(value, "comm", None) for value in arguments.values())
+    comms = (value.comm if isinstance(value, OnRanks) else value for value in arguments.values())
     comm = next((comm for comm in comms if isinstance(comm, MPI.Comm) and comm != MPI.COMM_NULL), None)
     return fault if comm is None else next(filter(None, comm.allgather(fault)), "")
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers, refuse_other
+from flexmbd.given import checked, numbers, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
@@ -89,6 +89,7 @@ class Sampled:
             place = of.name
         return f"{type(self.output).__name__} {place} {np.shape(self.t)} {self.times.tolist()}"
 
+    @checked()
     def __call__(self, run: Trajectory) -> FloatArray:
         """The output by a trajectory."""
         of, t = self.output.of, self.times

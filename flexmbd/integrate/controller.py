@@ -152,6 +152,8 @@ def propose_step(rule, knots, state, groups):
         number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING], number[st.STABLE_STEP])
         if number[st.STEP] * rate > rule.longest:
             number[st.STEP] = rule.room * rule.longest / rate
+        if not number[st.STEP] >= number[st.STEP_FLOOR_SIZE]:  # a rate beyond all steps: the shortest one, which fails
+            number[st.STEP] = number[st.STEP_FLOOR_SIZE]
     h = number[st.STEP]
     if number[st.STEP_REMAINDER] > 0.0:
         h = number[st.STEP_REMAINDER]

@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, fastest_rate
 from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.overflow import looked_at
 
 FloatArray = NDArray[np.float64]
 
@@ -49,6 +50,7 @@ class MachineRates:
     amplitudes: FloatArray
 
 
+@looked_at()
 def machine_rates(start: Start, t: float) -> MachineRates:
     """Rates at the start, at time t (s): dense, in O(nv^3).  A start or inertias beyond numbers: infinite."""
     mass, damping, stiffness, along = _linearised(start, t)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, numbers
+from flexmbd.given import checked, numbers, shaped_numbers
 from flexmbd.monitors.yield_history import YieldHistory
 
 FloatArray = NDArray[np.float64]
@@ -47,8 +47,12 @@ class Slab:
         object.__setattr__(self, "axis", tuple(float(value) for value in axis / np.linalg.norm(axis)))
 
     def __call__(self, x: FloatArray) -> NDArray[np.bool_]:
-        """Which of points (3, n), m in the mesh's axes, lie in it (n,)."""
-        along = np.asarray(self.axis) @ x
+        """Which of points (3, n), m in the mesh's axes, lie in it (n,).
+
+        Raises:
+            SceneError: they are no such points.
+        """
+        along = np.asarray(self.axis) @ shaped_numbers(x, (3, -1), "points x")
         inside: NDArray[np.bool_] = (along > self.start) & (along < self.end)
         return inside
 

@@ -26,6 +26,7 @@ from flexmbd.multibody.force.beam_strain import BeamStrain, StrainTable, strain_
 from flexmbd.multibody.force.frame_force import Axes, FrameForce
 from flexmbd.multibody.force.protocol import Force, vector
 from flexmbd.multibody.functions.time_function import TimeFunction
+from flexmbd.overflow import looked_at
 
 FloatArray = NDArray[np.float64]
 
@@ -250,6 +251,7 @@ class ExactBeam:
     def _carried(self) -> list[list[tuple[ElementAtRest, float]]]:
         return node_weights(self.elements, self.mesh.points, len(self.mesh.x))
 
+    @looked_at()
     def _part(self, carried: Sequence[tuple[ElementAtRest, float]]) -> RigidBody:
         mass, second = 0.0, np.zeros((3, 3))
         for one, length in carried:

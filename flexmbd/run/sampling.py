@@ -67,6 +67,7 @@ class ControllerSamples:
         rest = {name: getattr(self, name)[k:] for name in _BY_SAMPLE}
         return replace(self, before=self.inputs[k - 1] if k else self.before, **rest)
 
+    @checked()
     def followed_by(self, other: ControllerSamples, *, since: float) -> ControllerSamples:
         """These before a time (s), and then those of another."""
         k = int(np.searchsorted(self.t, since))

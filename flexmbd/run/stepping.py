@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -228,7 +229,8 @@ class Integration:
 
     def _beside(self, t: float) -> float:
         """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
-        return 8.0 * float(np.spacing(max(abs(t), 1.0 / self.state.numbers[st.LEAST_RATE])))
+        span = min(1.0 / float(self.state.numbers[st.LEAST_RATE]), np.finfo(float).max)
+        return 8.0 * math.ulp(max(abs(t), span))
 
     def _leave_break(self) -> None:
         """Go on from a break with the values just after it; the method's history is dropped."""

@@ -27,6 +27,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
+from flexmbd.overflow import keep_overflow
 from flexmbd.record.stress_field import StressField, StressModel
 from flexmbd.run.controller import Controller
 from flexmbd.run.recording import BodyRecording
@@ -202,7 +203,8 @@ class Trajectory(ForceSeries):
         """
         refuse_other(path, (str, Path), "path", wanted='a file, "run.h5"')
         saved = SavedRun(**{one.name: getattr(self, one.name) for one in fields(SavedRun)})
-        save_run(Path(path), saved, self.table, scene=self.scene, team=self.team)
+        with keep_overflow():
+            save_run(Path(path), saved, self.table, scene=self.scene, team=self.team)
         return Path(path)
 
     @staticmethod

@@ -62,6 +62,12 @@ def loaded() -> continuum.NonlinearModel:
 
 
 @cache
+def followed() -> continuum.NonlinearModel:
+    """Of the same steel, which loads leave where it can go on, whatever was done to the others before."""
+    return continuum.NonlinearModel(mesh(), updated_lagrangian, YIELDING, degree=1, interfaces=interfaces())
+
+
+@cache
 def cut() -> continuum.CutMesh:
     return continuum.cut_mesh(mesh(), {"near": lambda x: x[0] < 0.11, "far": lambda x: x[0] > 0.09})
 
@@ -177,7 +183,8 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "continuum.ContinuumModel.show": {"path": lambda w: "a.png"},
     "continuum.LinearModel.show": {"path": lambda w: "a.png"},
     "continuum.follow": {
-        "times": lambda w: [1.0], "prescribed": lambda w: continuum.clamped_dofs(nonlinear(), ["x_min"]),
+        "body": lambda w: followed(), "times": lambda w: [1.0],
+        "prescribed": lambda w: continuum.clamped_dofs(followed(), ["x_min"]),
     },
     "continuum.equilibrium_path": {
         "body": lambda w: loaded(),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import public_bodies
+import public_parts
 import public_runs
 from public_calls import Public
 from random_misuse.scenes import record
@@ -25,7 +26,8 @@ CALLED_BY_THE_MACHINE = (
     "CompiledScene.", "Scheme.", "force.Kinematics.", "CentralDifference.", "continuum.CorotatedInterior.",
     "continuum.ExplicitContinuum.", "continuum.ImplicitContinuum.", "continuum.RegularCheckpoints.",
     "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
-    "continuum.NonlinearModel.refuse_surface_energy",
+    "continuum.NonlinearModel.refuse_surface_energy", "Event.value", "Event.passes", "Checkpoint.of",
+    "ExactBeam.resultants", "RunSettings.method",
 )
 #: Made by flexmbd and handed to users: nobody calls their constructors.
 MADE_BY_FLEXMBD = {
@@ -209,15 +211,16 @@ BY_NAME: dict[str, dict[str, Callable[[World], Any]]] = {
 }
 
 
-_WORDED = {**public_bodies.BY_WORDS, **public_runs.BY_WORDS, **BY_WORDS}
-_NAMED = {**public_bodies.BY_NAME, **public_runs.BY_NAME, **BY_NAME}
-_OWNERS = {**public_bodies.OBJECTS, **public_runs.OBJECTS, **OBJECTS}
+_WORDED = {**public_bodies.BY_WORDS, **public_runs.BY_WORDS, **public_parts.BY_WORDS, **BY_WORDS}
+_NAMED = {**public_bodies.BY_NAME, **public_runs.BY_NAME, **public_parts.BY_NAME, **BY_NAME}
+_OWNERS = {**public_bodies.OBJECTS, **public_runs.OBJECTS, **public_parts.OBJECTS, **OBJECTS}
+_FOR_METHODS = {**public_runs.FOR_METHODS, **public_parts.FOR_METHODS}
 
 
 def _object(public: Public, world: World) -> Any:
     """The object whose method is called."""
-    if public.name in public_runs.FOR_METHODS:
-        return public_runs.FOR_METHODS[public.name]()
+    if public.name in _FOR_METHODS:
+        return _FOR_METHODS[public.name]()
     return _OWNERS[public.owner.__name__ if public.owner is not None else ""](world)
 
 
@@ -239,7 +242,7 @@ def right_call(public: Public) -> Callable[[dict[str, Any]], Any]:
     def call(instead: dict[str, Any]) -> Any:
         made = called(instead)
         if public.owner is None:  # forces, joints and functions of time may be judged where they are used
-            if public.name.startswith("force."):
+            if isinstance(made, force.Force):
                 world.scene.add_force(made)
             elif public.name.startswith("parameter."):
                 world.scene.compile(parameters={"value": made})

@@ -110,3 +110,12 @@ def test_scenes_from_files_end(tmp_path, monkeypatch, capsys, text):
     assert read_scene("s.toml", changes={"simulate.max_steps": 5}).run.max_steps == 5
     assert main(["simulate", "s.toml", "--set", "simulate.h=1e-9"]) == 2
     assert "simulate.h: would take 1e+12 steps; max_steps = 20000 are the most" in capsys.readouterr().err
+
+
+def test_the_argument_of_a_force_parameter_is_a_name():
+    scene = fm.System()
+    bob = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="bob")
+    hinge = scene.connect(fm.joint.Revolute(), scene.ground.frame(), bob.frame(), name="hinge")
+    spring = scene.add_force(fm.force.JointSpring(hinge, 1.0))
+    with pytest.raises(fm.SceneError, match="the argument of a parameter OfForce must be a text"):
+        scene.compile(parameters={"k": fm.parameter.OfForce(spring, np.zeros((3, 3)))})

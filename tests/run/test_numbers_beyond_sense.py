@@ -91,3 +91,42 @@ def test_a_force_that_fails_while_an_event_is_located(method):
     with pytest.raises(fm.SimulationError, match=r"at t = 0\.0[0-9]+ s failed: ValueError: worn out") as caught:
         scene.simulate(0.1, events=[fm.Event(crossing)])
     assert caught.value.trajectory.t[-1] < 0.05
+
+
+def beyond_energy():
+    """A run whose rows are numbers, and whose energy and momentum are none: a rock that slides along, weightless."""
+    scene = fm.System()
+    rock = scene.add(fm.RigidBody(1e308, (1.0, 1.0, 1.0)), name="rock")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), rock.frame(), name="slide")
+    slide.velocity = 1e3
+    return scene.simulate(1e-3, h=1e-3, integrator=fm.ExplicitRungeKutta()), scene, rock
+
+
+def test_answers_beyond_what_doubles_hold_are_told_by_name():
+    run, _, rock = beyond_energy()
+    assert np.isfinite(run.x).all()
+    for ask, name in (
+        (run.energy, "the energy"), (lambda: run.energy(t=[5e-4]), "the energy"), (run.momentum, "the momentum"),
+        (lambda: run.table(energies=True), "the energy"),
+    ):  # fmt: skip
+        with pytest.raises(fm.SceneError, match=f"{name} is beyond what doubles hold at t = (0|0.0005) s"):
+            ask()
+    assert run.position(rock.frame()).shape == (len(run.t), 3)
+
+
+def test_a_run_whose_energy_is_beyond_numbers_is_saved_nevertheless(tmp_path):
+    run, scene, _ = beyond_energy()
+    again = fm.Trajectory.load(run.save(tmp_path / "run.h5"), scene)
+    np.testing.assert_array_equal(again.x, run.x)
+
+
+@pytest.mark.parametrize("method", [fm.ExplicitRungeKutta(), fm.GeneralizedAlpha(), fm.RadauIIA()])
+@pytest.mark.timeout(60)
+def test_a_machine_faster_than_every_step_ends(method):
+    """Its rate asks for a step of nothing, by which no time passes."""
+    scene = fm.System()
+    block = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="block")
+    slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), block.frame(), name="slide")
+    scene.add_force(fm.force.JointForce(slide, 1e300))
+    with pytest.raises(fm.SimulationError, match="the simulation stopped at t = "):
+        scene.simulate(1.0, integrator=method, max_steps=1000)

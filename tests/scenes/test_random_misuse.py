@@ -6,8 +6,12 @@ from random_misuse.children import tried
 SEEDS = 40
 #: Machines that once ended otherwise: energies beyond all numbers, inertias so unlike that round-off takes one, motions
 #: whose square is no number, a load factor of 101 bits, rows of numbers without dimensions or ragged, and
-#: a slide set to the largest double; energies and rows of joints whose squares overflow.
-ONCE = (12857, 15015, 40877, 41271, 42199, 42286, 44127, 45480, 46518, 70937, 71665, 71942, 72022, 72170)
+#: a slide set to the largest double; energies and rows of joints whose squares overflow; masses and stiffnesses of the
+#: largest double, a rate that no step follows, friction asked for at rest.
+ONCE = (
+    12857, 13281, 15015, 15128, 40877, 41260, 41271, 41330, 42199, 42286, 44127, 45480, 46518, 47747, 47820, 70937,
+    71665, 71942, 72022, 72170, 200647, 221734,
+)  # fmt: skip
 
 
 @pytest.mark.timeout(300)

@@ -18,6 +18,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract import formulation
 from flexmbd.continuum.contract.entries import has_facet_terms, optional_entries
 from flexmbd.errors import FlexmbdError, FormulationError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.homogeneous import CompiledEnergy
 
 Expr: TypeAlias = ufl.core.expr.Expr
@@ -26,6 +27,7 @@ EnergyDensity: TypeAlias = Callable[[Expr], Expr]
 _CELL = "tetrahedron"  # F is the same throughout, so that any would do
 
 
+@checked("comm", error=FormulationError)
 def homogeneous_energy(
     source: EnergyDensity | ModuleType | str | Path, parameters: Any = None, *, comm: MPI.Comm = MPI.COMM_WORLD
 ) -> CompiledEnergy:

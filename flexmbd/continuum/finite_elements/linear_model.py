@@ -161,6 +161,7 @@ class LinearModel(PicturedModel):
             )
         return np.asfortranarray(self.layout.rigid_columns(at, turned)[: self.n_owned])
 
+    @checked(error=FormulationError)
     def internal_work(self, u: fem.Function, v: ufl.core.expr.Expr) -> list[ufl.Form]:
         """Virtual work, J, of the internal forces and of springs on facets at u on v, linear in v; not collective.
 
@@ -173,6 +174,7 @@ class LinearModel(PicturedModel):
         """
         return [*assembly.internal_work(self.groups, u, v), *surface_work(self.surfaces, u, v)]
 
+    @checked(error=FormulationError)
     def kinetic_energy(self, v: fem.Function) -> list[ufl.Form]:
         """Kinetic energy, J, of the velocity v on `space`; one form a term and cell group."""
         return [*assembly.kinetic_energy(self.groups, v), *surface_kinetic_energy(self.surfaces, v)]

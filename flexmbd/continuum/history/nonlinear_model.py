@@ -372,8 +372,13 @@ class NonlinearModel(DiscretisedBody):
             self.displacement.copy(), tuple(history.snapshot() for history in self._histories), self._viscous_work
         )
 
+    @checked(error=FormulationError)
     def restore(self, snapshot: HistorySnapshot) -> None:
-        """Go back to a snapshot of this body."""
+        """Go back to a snapshot of this body; not collective.
+
+        Raises:
+            FormulationError: it is no snapshot.
+        """
         self._evaluated = None
         self.displacement[:] = snapshot.displacement
         self._viscous_work = snapshot.viscous_work

@@ -20,10 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, path_of_frames
 from flexmbd.continuum.interior.rotational_dofs import ExplicitOperator
 from flexmbd.continuum.matrices.blocks import FloatArray
-from flexmbd.errors import ConvergenceError
+from flexmbd.errors import ConvergenceError, FormulationError
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.rotation import to_quaternion
@@ -47,6 +49,7 @@ class CorotatedInterior:
         mass: kg, of the nodes that are not bonded.
     """
 
+    @checked(error=FormulationError, agree=parallel.told_to_all)
     def __init__(self, operator: ExplicitOperator, *, rigid_parts: Mapping[str, RigidBody] | None = None) -> None:
         """Collect the frames and find the stable step. Collective.
 

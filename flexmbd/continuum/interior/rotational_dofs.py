@@ -78,6 +78,11 @@ class ExplicitOperator:
     _condensed: _Condensed | None
 
     @property
+    def comm(self) -> MPI.Comm:
+        """The model's."""
+        return self.model.comm
+
+    @property
     def condenses(self) -> bool:
         """Whether rotations have no inertia and follow the displacements."""
         return self._condensed is not None
@@ -100,6 +105,7 @@ class ExplicitOperator:
         """
         return self._product.of(u)
 
+    @checked(error=InterfaceError, agree=parallel.told_to_all)
     def stable_step(self, frames: Sequence[FloatArray] | None = None) -> float:
         """The longest stable step, s, of central differences: 2 over the largest angular frequency. Collective.
 
@@ -108,8 +114,10 @@ class ExplicitOperator:
                 origin and in the mesh's axes; None: the frames are held.
 
         Raises:
-            InterfaceError: on all ranks: such a matrix is not positive definite.
+            InterfaceError: on all ranks: such a matrix is not positive definite, or not one of each bond.
         """
+        if frames is not None and [np.shape(mass) for mass in frames] != [(6, 6)] * len(self.bonds):
+            raise InterfaceError(f"frames must be a (6, 6) mass matrix of each of the {len(self.bonds)} bonds")
         return float(2.0 / np.sqrt(_fastest(self, frames)))
 
 

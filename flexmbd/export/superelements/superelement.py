@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.given import checked
+from flexmbd.given import checked, shaped_numbers
 from flexmbd.record.carrying_dofs import carrying_dofs
 from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.reduced_body import NodalInterfaces, ReducedBody
@@ -70,9 +70,13 @@ class Superelement:
         return 6 * len(self.names) + 3 * len(self.node)
 
     def rigid_motions(self, origin: FloatArray) -> FloatArray:
-        """(rows of K, 6) coordinates of the rigid motions about a point (3,): translations (m), rotations (rad)."""
-        motions = np.zeros((len(self.K), 6))
-        motions[: self.n_boundary] = _rigid_rows(self.p - origin, self.x - origin)
+        """(rows of K, 6) coordinates of the rigid motions about a point (3,): translations (m), rotations (rad).
+
+        Raises:
+            SceneError: the origin is no point.
+        """
+        about, motions = shaped_numbers(origin, (3,), "origin"), np.zeros((len(self.K), 6))
+        motions[: self.n_boundary] = _rigid_rows(self.p - about, self.x - about)
         return motions
 
 

@@ -18,6 +18,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, numbers, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid, principal_axes
+from flexmbd.overflow import looked_at
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 from flexmbd.rotation import check_rotation
 
@@ -133,7 +134,7 @@ def moments_about_frame(mass: ArrayLike, com: FloatArray, tensor: FloatArray) ->
         tensor: (3, 3) kg m^2.
     """
     m = np.asarray(mass)
-    with np.errstate(over="ignore", invalid="ignore"):  # the plan refuses what is not finite
+    with looked_at():  # the plan refuses what is not finite
         about_centre = 0.5 * np.trace(tensor) * np.eye(3) - tensor
         return m[..., None] * com, about_centre + m[..., None, None] * (com[..., :, None] * com[..., None, :])
 

@@ -19,8 +19,9 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers
+from flexmbd.given import is_number, numbers, shaped_numbers
 from flexmbd.multibody.bodies.solid import Solid
+from flexmbd.overflow import looked_at
 from flexmbd.record.reduced_body import ModalStretch, ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -120,7 +121,7 @@ class StVenantKirchhoff:
         """(..., 3, 3) Pa, lambda tr(E) 1 + 2 mu E."""
         lam, mu = self.lame
         trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
-        with np.errstate(over="ignore", invalid="ignore"):  # _normal refuses what is not finite
+        with looked_at():  # _normal refuses what is not finite
             return np.asarray(lam * trace * np.eye(3) + 2.0 * mu * strain)
 
 
@@ -167,8 +168,12 @@ class CompiledEnergy:
         )
 
     def evaluate(self, F: ArrayLike) -> tuple[float, FloatArray, FloatArray]:
-        """W (J/m^3), dW/dF (3, 3) and its derivative (3, 3, 3, 3), Pa."""
-        f, out, none = np.array(F, np.float64, order="C"), np.zeros(91), np.zeros(12)
+        """W (J/m^3), dW/dF (3, 3) and its derivative (3, 3, 3, 3), Pa, at F (3, 3).
+
+        Raises:
+            SceneError: F is not (3, 3) finite numbers.
+        """
+        f, out, none = np.array(shaped_numbers(F, (3, 3), "F"), order="C"), np.zeros(91), np.zeros(12)
         call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)(self.address)
         call(out.ctypes.data, None, f.ctypes.data, none.ctypes.data, None, None, None)
         return float(out[0]), out[1:10].reshape(3, 3).copy(), out[10:].reshape(3, 3, 3, 3).copy()

@@ -14,6 +14,7 @@ from flexmbd.multibody.bodies.body import Frame, marker, refuse_change
 from flexmbd.multibody.bodies.homogeneous import HomogeneousEnergy, mode_tensors
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid
+from flexmbd.overflow import looked_at
 from flexmbd.record.reduced_body import ReducedBody, Surface
 
 FloatArray = NDArray[np.float64]
@@ -83,7 +84,7 @@ class PseudoRigidBody:
         arm = found.p_BF_B - self.solid.com
         if self.rigid or not arm.any():
             return found
-        with np.errstate(over="ignore"):
+        with looked_at():
             rows = np.vstack([(self.modes @ arm).T, np.zeros((3, 6))])
         if not np.isfinite(rows).all():
             raise SceneError(f"{found.label}: a frame at p = {found.p_BF_B} is so far away that motions there overflow")

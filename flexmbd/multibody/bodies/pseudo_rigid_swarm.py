@@ -81,6 +81,7 @@ class PseudoRigidSwarm:
         self._inverse = np.ascontiguousarray(inverse[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]])
         self._scratch: FloatArray = np.zeros(kernel.N_ROWS * kernel.LANES)
 
+    @checked("count")
     def step(self, h: float, count: int = 1) -> None:
         """Take ``count`` steps of h (s).
 
@@ -89,8 +90,11 @@ class PseudoRigidSwarm:
                 with the body and the time.  The swarm is then as before the call.
         """
         n = len(self.mass)
-        if not (is_number(h) and h > 0.0) or count < 0:
-            raise SceneError(f"a swarm's step h = {h} s must be positive and finite, their number {count} not negative")
+        if not (is_number(h) and h > 0.0) or not 0 <= count <= np.iinfo(np.int64).max:
+            raise SceneError(
+                f"a swarm's step h = {h} s must be positive and finite, their number, count = {count}, not negative "
+                "and one that 64 bits hold"
+            )
         shapes = {"r": (n, 3), "v": (n, 3), "F": (n, 3, 3), "F_rate": (n, 3, 3)}
         r, v, F, G = (_array(getattr(self, name), shape, name) for name, shape in shapes.items())
         nine = (n, 9)

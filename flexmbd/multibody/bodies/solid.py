@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, is_number, numbers
+from flexmbd.given import checked, is_number, numbers, shaped_numbers
 from flexmbd.multibody.bodies.closed_surface import enclosed_moments, outward
+from flexmbd.overflow import looked_at
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -84,19 +85,22 @@ class Solid:
             object.__setattr__(self, name, value)
 
     @classmethod
+    @looked_at()
     def box(cls, sides: ArrayLike, *, density: float) -> Solid:
         """A box about the origin: sides (3,) m along the axes, density kg/m^3."""
         a = _lengths(sides, "sides of a box")
-        return cls._even(float(a.prod()), _squared(a) / 12.0, density, Outline(*_unit_box(), a))
+        return cls._even(float(a.prod()), a * a / 12.0, density, Outline(*_unit_box(), a))
 
     @classmethod
+    @looked_at()
     def ellipsoid(cls, semi_axes: ArrayLike, *, density: float) -> Solid:
         """An ellipsoid about the origin: semi-axes (3,) m along the axes, density kg/m^3."""
         a = _lengths(semi_axes, "semi-axes of an ellipsoid")
         volume = 4.0 / 3.0 * np.pi * float(a.prod())
-        return cls._even(volume, _squared(a) / 5.0, density, Outline(*unit_ball(), a))
+        return cls._even(volume, a * a / 5.0, density, Outline(*unit_ball(), a))
 
     @classmethod
+    @looked_at()
     def cylinder(cls, radius: float, length: float, *, density: float, bore: float = 0.0) -> Solid:
         """A round cylinder along z about the origin, or a tube: radius, length and inner radius m, density kg/m^3."""
         r, h, inner = (float(one) if is_number(one) else np.nan for one in (radius, length, bore))
@@ -113,6 +117,7 @@ class Solid:
 
     @classmethod
     @checked()
+    @looked_at()
     def together(cls, solids: Sequence[Solid]) -> Solid:
         """Several solids as one; where they overlap the mass counts twice.  It has no outline.
 
@@ -130,6 +135,7 @@ class Solid:
         return cls(mass, sum(one.volume for one in solids), com, second)
 
     @classmethod
+    @looked_at()
     def from_surface(cls, points: ArrayLike, triangles: ArrayLike, *, density: float) -> Solid:
         """The solid inside a closed surface of flat triangles; see ``closed_surface.outward``.
 
@@ -157,13 +163,20 @@ class Solid:
         return self.mass / self.volume
 
     @checked()
+    @looked_at()
     def scaled(self, factor: float) -> Solid:
         """The same solid, ``factor`` times as dense."""
         return replace(self, mass=_positive(factor) * self.mass, second=factor * self.second)
 
+    @looked_at()
     def moved(self, p: FloatArray, R: FloatArray) -> Solid:
-        """The solid turned by R (3, 3) about the origin, then shifted by p (3,) m; without its outline."""
-        return Solid(self.mass, self.volume, R @ self.com + p, _symmetric(R @ self.second @ R.T))
+        """The solid turned by R (3, 3) about the origin, then shifted by p (3,) m; without its outline.
+
+        Raises:
+            SceneError: p or R is of another shape, or not finite.
+        """
+        place, turn = shaped_numbers(p, (3,), "p"), shaped_numbers(R, (3, 3), "R")
+        return Solid(self.mass, self.volume, turn @ self.com + place, _symmetric(turn @ self.second @ turn.T))
 
     @cached_property
     def inertia(self) -> FloatArray:
@@ -235,12 +248,6 @@ def unit_tube(bore: float = 0.0, sides: int = _SIDES) -> tuple[FloatArray, IntAr
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
     return 0.5 * (matrix + matrix.T)
-
-
-def _squared(a: FloatArray) -> FloatArray:
-    """Infinite where it is beyond all numbers, which the solid refuses."""
-    with np.errstate(over="ignore"):
-        return a * a
 
 
 def _lengths(values: ArrayLike, what: str) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_truth, numbers
+from flexmbd.given import checked, is_truth, numbers
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.signal import Signal
@@ -33,9 +33,14 @@ class Sine:
     offset: float = 0.0
 
 
+@checked()
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A prescribed motion by three functions made by ``flexmbd.compiled``."""
+    """A prescribed motion by three functions made by ``flexmbd.compiled``.
+
+    Raises:
+        SceneError: one is no such function.
+    """
 
     value: Compiled
     rate: Compiled

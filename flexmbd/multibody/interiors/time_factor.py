@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from flexmbd.errors import SceneError, described
+from flexmbd.given import checked
 from flexmbd.multibody.bodies.continuum_body import Interior
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
@@ -32,11 +33,12 @@ class TimeFactor:
         self.function, self.what = function, what
         self._call = _callable(function, what)
 
+    @checked()
     def at(self, t: float) -> float:
         """Its value at t (s).
 
         Raises:
-            SceneError: it failed, or gives no finite number; the message names it and the time.
+            SceneError: t is no time, or it failed, or gives no finite number; the message names it and the time.
         """
         try:
             return float(answered(self._call(t), ()))

@@ -21,11 +21,13 @@ from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
 from flexmbd.multibody.kernels.reading.force_tables import without_function
 from flexmbd.multibody.kernels.reading.tree import joint_frame
 from flexmbd.multibody.motion.machine import Machine
+from flexmbd.overflow import looked_at, refuse_not_finite
 
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 50
 _SETTLED = 1e-13  # of the largest friction force
+_LEAST = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,31 +62,36 @@ class Bearings:
         self._places = [_joint_place(scene, b.connection) for b in self._bearings]
         self._units = np.eye(scene.nv)[self._coordinate]
 
+    @looked_at()
     def __call__(self, t: float, x: FloatArray, v: FloatArray) -> FloatArray:
         """Generalised forces (nv,).
 
         Raises:
             SceneError: a joint locks by its own friction.
+            AssemblyError: numbers beyond what doubles hold.
         """
+        out: FloatArray = np.zeros(self._scene.nv)
+        sliding = self._factor * np.tanh(v[self._coordinate] / self._speed)
+        if not sliding.any():  # as about an equilibrium, whatever else is moved for its derivatives
+            return out
         answer = self._response.evaluate(t, x, v, self._units)
         here = self._normal_forces(t, x, v, answer.a, answer.multipliers)
         # told by forces of the friction's own size, for beside it a unit of force may be round-off
         size = self._factor * np.linalg.norm(here, axis=1)
         size[size == 0.0] = 1.0
-        slopes = [
+        slopes: FloatArray = np.array([
             (self._normal_forces(t, x, v, answer.a + s * a, answer.multipliers + s * nu) - here) / s
             for s, a, nu in zip(size, answer.a_slopes, answer.multiplier_slopes, strict=True)
-        ]
+        ])  # fmt: skip
         self._scene.refuse_failed(self._response.work)
-        sliding = self._factor * np.tanh(v[self._coordinate] / self._speed)
-        found = friction_forces(sliding, here, np.array(slopes))
+        refuse_not_finite(f"the friction of joints at t = {t:g} s", sliding, here, slopes)
+        found = friction_forces(sliding, here, slopes)
         if found is None:
             worst = self._bearings[int(np.argmax(np.abs(sliding)))]
             raise SceneError(
                 f"the friction of joint {worst.connection.name!r} at t = {t:g} s holds itself: the reaction that it "
                 "causes is no smaller than the one it comes from; the joint locks, take a smaller coefficient"
             )
-        out: FloatArray = np.zeros(self._scene.nv)
         np.add.at(out, self._coordinate, found)  # a joint may bear several
         return out
 
@@ -109,9 +116,9 @@ def friction_forces(sliding: FloatArray, here: FloatArray, slopes: FloatArray) -
         normal = here + np.einsum("j,jic->ic", f, slopes)
         size = np.linalg.norm(normal, axis=1)
         left = f + sliding * size
-        direction = normal / np.maximum(size, np.finfo(float).tiny)[:, None]
+        direction = normal / np.maximum(size, _LEAST)[:, None]
         slope = np.eye(len(f)) + sliding[:, None] * np.einsum("ic,jic->ij", direction, slopes)
-        if np.abs(left).max() <= _SETTLED * np.abs(sliding * size).max(initial=np.finfo(float).tiny):
+        if np.abs(left).max() <= _SETTLED * np.abs(sliding * size).max(initial=_LEAST):
             return f if np.linalg.det(slope) > 0.0 else None
         f = f - np.linalg.lstsq(slope, left, rcond=None)[0]
     return None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers
+from flexmbd.given import checked, numbers, shaped_numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
@@ -92,6 +92,7 @@ class Kinematics(Instant):
         return out
 
 
+@checked()
 def active_forces(kinematics: Kinematics, contributions: Sequence[Contribution]) -> FloatArray:
     """F_r = sum of v_r . F + w_r . T (nv,), by definition."""
     loads = [_checked(*contribution) for contribution in contributions]
@@ -101,13 +102,14 @@ def active_forces(kinematics: Kinematics, contributions: Sequence[Contribution])
     return np.einsum("kcr,kc->r", linear, force) + np.einsum("kcr,kc->r", angular, torque)
 
 
+@checked()
 def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
     """F*_r (nv,) of all bodies, and the active forces of their weight with ``gravity`` (3,) m/s^2.
 
     Rigid bodies: -m a* . v*_r - (I alpha + w x I w) . w_r at the centre of mass (eq. 3.2-3.4); flexible ones:
     -m a . v_r over the point masses that have all their inertia integrals, and the moments of rotors inside them.
     """
-    g = np.asarray(gravity, dtype=np.float64)
+    g = shaped_numbers(gravity, (3,), "gravity")
     total = np.zeros(len(kinematics.v))
     for body in kinematics.bodies:
         now = kinematics.scene.index.now(body)
@@ -119,6 +121,7 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
     return total
 
 
+@checked()
 def elastic_forces(kinematics: Kinematics, scene: Machine) -> FloatArray:
     """F_r (nv,) of the strain energy, the modal damping and the modal gyroscopic forces of all flexible bodies."""
     out = np.zeros(len(kinematics.v))

@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinemat
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
 from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
@@ -94,18 +95,17 @@ def balance(
     residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
     scene.refuse_failed(work)
     force += further
-    of = derive(scene.plan, work, x, v, np.zeros(m), size=size)
-    turning = angular_rate_matrix(scene.plan, v)
-    by = eliminate(scene, own_coordinates(scene), of, turning, given or nothing_prescribed(scene))
-    free = scene.plan.free
     multipliers: FloatArray = np.zeros(m)
     if m:
         # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
-        mass = of.mass[np.ix_(free, free)]
-        J = of.jacobian[:, free]
-        weighted = np.linalg.solve(mass, J.T)
-        multipliers = np.asarray(-np.linalg.solve(J @ weighted, weighted.T @ force[free]), dtype=np.float64)
-        of = derive(scene.plan, work, x, v, multipliers, size=size)
+        free = scene.plan.free
+        bare = derive(without_forces(scene.plan), work, x, v, multipliers, size=size)
+        weighted = np.linalg.solve(bare.mass[np.ix_(free, free)], bare.jacobian[:, free].T)
+        apart = bare.jacobian[:, free] @ weighted
+        multipliers = np.asarray(-np.linalg.solve(apart, weighted.T @ force[free]), dtype=np.float64)
+    of = derive(scene.plan, work, x, v, multipliers, size=size)
+    turning = angular_rate_matrix(scene.plan, v)
+    by = eliminate(scene, own_coordinates(scene), of, turning, given or nothing_prescribed(scene))
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz

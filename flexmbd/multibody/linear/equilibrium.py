@@ -24,7 +24,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start
-from flexmbd.multibody.start.overflow import refuse_overflow
+from flexmbd.overflow import refuse_overflow
 
 FloatArray = NDArray[np.float64]
 

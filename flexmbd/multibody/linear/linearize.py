@@ -28,7 +28,7 @@ from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
-from flexmbd.multibody.start.overflow import refuse_overflow
+from flexmbd.overflow import refuse_overflow
 
 FloatArray = NDArray[np.float64]
 

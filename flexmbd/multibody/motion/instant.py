@@ -17,6 +17,7 @@ from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.moving_frames import MovingFrames
 from flexmbd.multibody.motion.quantity import ORDERS, Output
 from flexmbd.multibody.motion.reaction import reactions
+from flexmbd.overflow import finite_answer, looked_at
 
 FloatArray = NDArray[np.float64]
 
@@ -55,27 +56,27 @@ class Instant:
 
     def position(self, frame: Frame) -> FloatArray:
         """(3,) m, of the frame's origin."""
-        return self._frames.motion(frame).p
+        return self._told(frame, "p")
 
     def rotation(self, frame: Frame) -> FloatArray:
         """(3, 3) rotation from the frame's axes to inertial ones."""
-        return self._frames.motion(frame).R
+        return self._told(frame, "R")
 
     def velocity(self, frame: Frame) -> FloatArray:
         """(3,) m/s, of the frame's origin."""
-        return self._frames.motion(frame).v
+        return self._told(frame, "v")
 
     def angular_velocity(self, frame: Frame) -> FloatArray:
         """(3,) rad/s."""
-        return self._frames.motion(frame).w
+        return self._told(frame, "w")
 
     def acceleration(self, frame: Frame) -> FloatArray:
         """(3,) m/s^2, of the frame's origin."""
-        return self._frames.motion(frame).a
+        return self._told(frame, "a")
 
     def angular_acceleration(self, frame: Frame) -> FloatArray:
         """(3,) rad/s^2."""
-        return self._frames.motion(frame).alpha
+        return self._told(frame, "alpha")
 
     def beta(self, connection: Connection) -> FloatArray:
         """Coordinates of a joint (rad or m): a number where there is one, else (k,)."""
@@ -118,7 +119,17 @@ class Instant:
                 "trajectory, run.reaction(joint)"
             )
         rows = (np.array([self.t]), self.x[None], self.v[None], self.a[None], self.multipliers[None])
-        return reactions(self.scene, connection, *rows)[0]
+        with looked_at():
+            found = reactions(self.scene, connection, *rows)
+        return finite_answer(f"the reaction of joint {connection.name!r}", rows[0], found)[0]
+
+    def _told(self, frame: Frame, quantity: str) -> FloatArray:
+        """One of ``FrameKinematics``."""
+        with looked_at():
+            found: FloatArray = getattr(self._frames.motion(frame), quantity)
+        if not np.isfinite(found).all():
+            finite_answer(f"the motion of frame {frame.label!r}", np.array([self.t]), found[None])
+        return found
 
     @cached_property
     def _frames(self) -> MovingFrames:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ class WrenchSource(Protocol):
         """Force and torque on each frame that it acts on, at a time (s) and state x (nx,), v (nv,)."""
 
 
+@runtime_checkable
 class Machine(Protocol):
     """A compiled scene, as far as its motion and forces are concerned."""
 

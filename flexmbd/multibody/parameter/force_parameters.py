@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from flexmbd.errors import SceneError
-from flexmbd.given import refuse_other
+from flexmbd.given import refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
@@ -33,6 +33,7 @@ class OfForce:
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError unless the scene has this force, and it such an argument, which says where it acts not."""
         refuse_other(self.force, Force, "the force of a parameter OfForce", wanted="what scene.add_force() gives")
+        refuse_no_name(self.argument, "the argument of a parameter OfForce")
         if self.force not in scene.index.forces:
             raise SceneError(f"this {type(self.force).__name__} is not in the scene")
         arguments = self._arguments()

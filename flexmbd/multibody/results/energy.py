@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.overflow import looked_at
+
 FloatArray = NDArray[np.float64]
 
 
@@ -20,6 +22,7 @@ class Energy:
     spring: FloatArray
 
     @property
+    @looked_at()
     def total(self) -> FloatArray:
         """Sum of the four."""
         return self.kinetic + self.elastic + self.gravitational + self.spring

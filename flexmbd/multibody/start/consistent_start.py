@@ -37,9 +37,9 @@ from flexmbd.multibody.start.independent_rows import (
 )
 from flexmbd.multibody.start.interior_start import begin_interiors
 from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
-from flexmbd.multibody.start.overflow import refuse_not_finite, refuse_overflow
 from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
 from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordinates
+from flexmbd.overflow import refuse_not_finite, refuse_overflow
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -43,7 +43,7 @@ class GivenCoordinates:
             joint = connection.joint
             rest = np.zeros(len(joint.velocity_names))
             p_given, R_given, _, _ = joint_state(joint, np.asarray(scene.index.now(connection).position), rest)
-            p, R, _, _ = _relative(scene, work, connection)
+            p, R = _relative(scene, work, connection)
             turned = rotation_vector(tuple((R @ R_given.T).ravel()))
             gaps.append(_measure(joint, R) @ np.concatenate([p - p_given, turned]))
         return np.concatenate(gaps)
@@ -51,7 +51,7 @@ class GivenCoordinates:
     def velocity_gaps(self, scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> FloatArray:
         """(k,) m/s or rad/s: velocities of the joints at (x (nx,), v (nv,)), less those given."""
         wanted = [np.zeros(0), *(np.asarray(scene.index.now(c).velocity) for c in self.velocities)]
-        return _rates(scene, work, x, v, self.velocities) - np.concatenate(wanted)
+        return _rates(scene, work, x, v[None], self.velocities)[0] - np.concatenate(wanted)
 
     def position_slopes(self, scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
         """(k, nv) rates of ``position_gaps`` per unit of each velocity."""
@@ -114,27 +114,31 @@ def _sizes(scene: CompiledScene, joints: Sequence[Connection]) -> FloatArray:
 
 
 def _slopes(scene: CompiledScene, work: Work, x: FloatArray, joints: Sequence[Connection]) -> FloatArray:
-    rest = _rates(scene, work, x, np.zeros(scene.nv), joints)
-    columns = [_rates(scene, work, x, unit, joints) - rest for unit in np.eye(scene.nv)] if joints else []
-    return np.array(columns).reshape(scene.nv, len(rest)).T
+    if not joints:
+        return np.zeros((0, scene.nv))
+    rest, *columns = _rates(scene, work, x, np.vstack([np.zeros(scene.nv), np.eye(scene.nv)]), joints)
+    return (np.array(columns).reshape(scene.nv, len(rest)) - rest).T
 
 
-def _rates(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, joints: Sequence[Connection]) -> FloatArray:
-    """(k,) velocities of joints."""
-    forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv))
-    rates = [np.zeros(0)]
-    for connection in joints:
-        _, R, rate, spin = _relative(scene, work, connection)
-        rates.append(_measure(connection.joint, R) @ np.concatenate([rate, spin]))
-    return np.concatenate(rates)
+def _rates(
+    scene: CompiledScene, work: Work, x: FloatArray, velocities: FloatArray, joints: Sequence[Connection]
+) -> FloatArray:
+    """(n, k) velocities of joints by each of the machine's velocities (n, nv)."""
+    ends = [scene.index.closures[connection] for connection in joints]
+    twists, turns = np.zeros((len(joints), len(velocities), 6)), np.zeros((len(joints), 3, 3))
+    for i, v in enumerate(velocities):
+        forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv))
+        for k, frames in enumerate(ends):
+            _, turns[k].flat[:], rate, spin, _, _ = relative_motion(scene.plan, work, *frames)
+            twists[k, i] = *rate, *spin
+    parts = [twist @ _measure(one.joint, R).T for one, twist, R in zip(joints, twists, turns, strict=True)]
+    return np.hstack([np.zeros((len(velocities), 0)), *parts])
 
 
-def _relative(
-    scene: CompiledScene, work: Work, connection: Connection
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """p_FG_F, R_FG, and velocity and angular velocity of G against F in F's axes, of the turned frames."""
-    p, R, rate, spin, _, _ = relative_motion(scene.plan, work, *scene.index.closures[connection])
-    return np.array(p), np.reshape(R, (3, 3)), np.array(rate), np.array(spin)
+def _relative(scene: CompiledScene, work: Work, connection: Connection) -> tuple[FloatArray, FloatArray]:
+    """p_FG_F and R_FG of the turned frames."""
+    p, R, *_ = relative_motion(scene.plan, work, *scene.index.closures[connection])
+    return np.array(p), np.reshape(R, (3, 3))
 
 
 def _measure(joint: Joint, R: FloatArray) -> FloatArray:

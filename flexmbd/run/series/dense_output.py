@@ -12,6 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
+from flexmbd.overflow import looked_at
 from flexmbd.run.series.departure import Departure
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +20,7 @@ FloatArray = NDArray[np.float64]
 Rows: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
+@looked_at()
 def motion_between(
     plan: Plan, rows: Rows, departures: Sequence[Departure], t: ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -24,13 +24,14 @@ from flexmbd.multibody.motion.reaction import coordinate_force, reactions
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
 from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
+from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.series.motion_series import MotionSeries, single
 
 FloatArray = NDArray[np.float64]
 
 
 class ForceSeries(MotionSeries):
-    """Questions to the rows of a `Trajectory` that its forces answer.
+    """Questions to the rows of a `Trajectory` that its forces answer; as those of `MotionSeries` beyond numbers.
 
     Attributes:
         row_multipliers, interior_rows, kept_rows: as there.
@@ -66,7 +67,9 @@ class ForceSeries(MotionSeries):
         for k, element in enumerate(beam.bonds):
             if element in given:
                 slack[:, k] = given[element].value
-        return beam.resultants(motion[..., :3], motion[..., 3:12].reshape(*motion.shape[:2], 3, 3), slack)
+        with looked_at():
+            found = beam.resultants(motion[..., :3], motion[..., 3:12].reshape(*motion.shape[:2], 3, 3), slack)
+        return finite_answer(f"the section loads of beam {beam.name!r}", self._instants(t), found)
 
     @checked("t")
     def strain_power(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
@@ -86,9 +89,6 @@ class ForceSeries(MotionSeries):
         if beam.parts[0] not in self.scene.index.bodies:
             raise SceneError(f"beam {beam.name!r} is not in this trajectory's scene")
 
-    def _instants(self, t: ArrayLike | None) -> FloatArray:
-        return self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))
-
     def reaction(self, connection: Connection) -> FloatArray:
         """(nt, 6) force (N) and moment (N m) that a joint's parent exerts on its child through the joint.
 
@@ -99,11 +99,12 @@ class ForceSeries(MotionSeries):
         Raises:
             SceneError: the joint is of another scene.
         """
-        found = [
-            reactions(self.scene, connection, *(p[rows] for p in (self.t, self.x, self.v, self.a, self.multipliers)))
-            for rows in self._stretches()
-        ]
-        return np.vstack(found)
+        series = (self.t, self.x, self.v, self.a, self.multipliers)
+        with looked_at():
+            found = [
+                reactions(self.scene, connection, *(part[rows] for part in series)) for rows in self._stretches()
+            ]
+        return finite_answer(f"the reaction of joint {connection.name!r}", self.t, np.vstack(found))
 
     def drive(self, connection: Connection) -> FloatArray:
         """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
@@ -126,7 +127,7 @@ class ForceSeries(MotionSeries):
             series = (self.t, self.x, self.v, self.a, self.multipliers, out)
             force_series(plan, work, *(part[rows] for part in series))
         self.scene.refuse_failed(work)
-        return single(out[:, slots.v])
+        return single(finite_answer(f"the drive of joint {connection.name!r}", self.t, out[:, slots.v]))
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
@@ -212,4 +213,7 @@ class ForceSeries(MotionSeries):
         energy_series(plan, new_work(plan), x, v, none, scratch, out)
         if any(isinstance(force, BeamStrain) for force in self.scene.index.forces):
             out[:, 3] += energy_of_given(self.scene, self._instants(t), self.body_motion(t=t))
+        with looked_at():
+            sums = out.sum(axis=1, keepdims=True)
+        finite_answer("the energy", self._instants(t), np.hstack([out, sums]))
         return Energy(*out.T)

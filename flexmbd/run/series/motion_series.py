@@ -15,6 +15,7 @@ from flexmbd.multibody.kernels.sampling.series import body_series, frame_series
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.results.momentum import Momentum, momentum_of
 from flexmbd.multibody.scene_index import Slots
+from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.series.dense_output import motion_between
 from flexmbd.run.series.departure import Departure
 
@@ -23,6 +24,8 @@ FloatArray = NDArray[np.float64]
 
 class MotionSeries:
     """Questions to the rows of a `Trajectory` that its configurations, velocities and accelerations answer.
+
+    An answer beyond what doubles hold at some instant, as of a run that diverged, is a SceneError that names it.
 
     Attributes:
         scene, t, x, v, a, departures: as there.
@@ -70,7 +73,7 @@ class MotionSeries:
         plan = self.scene.plan
         out = np.zeros((len(x), len(plan.tree), 21))
         body_series(plan, new_work(plan), x, v, a, out)
-        return out
+        return finite_answer("the motion of bodies", self._instants(t), out)
 
     def beta(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
         """Joint coordinates, (nt,) where there is one, else (nt, k); or at times ``t``."""
@@ -129,7 +132,9 @@ class MotionSeries:
         Raises:
             SceneError: a time outside the trajectory, or not a time.
         """
-        return motion_between(self.scene.plan, (self.t, self.x, self.v, self.a), self.departures, t)
+        found = motion_between(self.scene.plan, (self.t, self.x, self.v, self.a), self.departures, t)
+        finite_answer("the motion between steps", self._instants(t), np.hstack(found))
+        return found
 
     def momentum(self, *, t: ArrayLike | None = None) -> Momentum:
         """Centre of mass, momentum and angular momentum of all bodies together at each instant, or at times ``t``.
@@ -138,7 +143,10 @@ class MotionSeries:
             SceneError: the machine has no mass, or bodies with history, whose interiors have momenta of their own.
         """
         x, v = (self.x, self.v) if t is None else self.motion(t)[:2]
-        return momentum_of(self.scene, x, v)
+        with looked_at():
+            found = momentum_of(self.scene, x, v)
+        finite_answer("the momentum", self._instants(t), np.hstack([found.centre, found.linear, found.angular]))
+        return found
 
     def _frame(self, frame: Frame, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 21) rows of ``frame_series``, or (k, 21) at times ``t`` (k,)."""
@@ -146,7 +154,10 @@ class MotionSeries:
         plan = add_probe(self.scene, frame)
         out = np.zeros((len(x), 21))
         frame_series(plan, new_work(plan), len(plan.frames) - 1, x, v, a, out)
-        return out
+        return finite_answer(f"the motion of frame {frame.label!r}", self._instants(t), out)
+
+    def _instants(self, t: ArrayLike | None) -> FloatArray:
+        return self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))
 
     def _slots(self, connection: Connection) -> Slots:
         return self.scene.index.coordinates(connection)

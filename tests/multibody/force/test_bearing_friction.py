@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kane.bearing import friction_forces
+from flexmbd.multibody.kane.force_response import ForceResponse
 from flexmbd.run.stopped import SimulationError
 
 MU = 0.2
@@ -256,3 +257,26 @@ def test_other_joints_and_unknown_loads_are_refused():
     scene.add_force(fm.force.KaneForce(lambda m: [], name="wind"))
     with pytest.raises(SceneError, match=r"'slide'.*KaneForce 'wind'"):
         scene.compile()
+
+
+def test_where_nothing_slides_nothing_is_solved(monkeypatch):
+    """An equilibrium asks for the friction at rest a hundred times for each of its steps."""
+    scene, slide = sled(push=30.0, angle=0.1)
+    scene.add_force(fm.force.JointSpring(slide, 100.0))
+    asked, evaluate = [], ForceResponse.evaluate
+
+    def counted(self, t, x, v, forces):
+        asked.append(v)
+        return evaluate(self, t, x, v, forces)
+
+    monkeypatch.setattr(ForceResponse, "evaluate", counted)
+    point = scene.equilibrium()
+    assert point.beta(slide) == pytest.approx(-2.0 * 9.81 * np.sin(0.1) / 100.0, rel=1e-9)
+    assert all(v.any() for v in asked)
+
+
+def test_friction_beyond_numbers_is_one_error():
+    scene, slide = sled(push=1e300, mu=1e300)
+    slide.velocity = 1.0
+    with pytest.raises(SceneError, match="the friction of joints at t = 0 s cannot be computed"):
+        scene.simulate(0.1)

@@ -1,10 +1,15 @@
 """Paths of equilibria: closed forms of snap-through and buckling of rigid machines, and what is refused."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.errors import SceneError
+from flexmbd.continuation.follow import Station, follow
+from flexmbd.continuation.request import Bounds
+from flexmbd.continuation.space import PathDirection
+from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear.balance import balance
 from flexmbd.multibody.linear.stability import has_potential
@@ -317,3 +322,22 @@ def test_paths_that_cannot_begin():
     slide.velocity = 1.0
     with pytest.raises(SceneError, match="of a machine at rest, but joint 'slide' is given a velocity"):
         scene.equilibrium(path=fm.Continuation(to=3.0))
+
+
+class Nowhere:
+    """A space in which nothing is found and no length is a number."""
+
+    width = 1.0
+
+    def largest(self, a):
+        return np.nan
+
+    def correct(self, start, step, across, *, undetermined=0):
+        raise ConvergenceError("nothing here")
+
+
+@pytest.mark.timeout(20)
+def test_a_path_whose_tangent_is_no_number_ends():
+    begin = Station(SimpleNamespace(factor=0.0), PathDirection(np.array([np.nan]), np.nan), None)
+    with pytest.raises(ConvergenceError, match="cannot be followed beyond the factor 0"):
+        next(follow(Nowhere(), begin, Bounds(to=1.0, back_to=-1.0, longest=0.3, points=10)))
