@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 
 from flexmbd.continuation.crossing import CriticalKind
-from flexmbd.continuation.follow import Station, station
 from flexmbd.continuation.request import Continuation
 from flexmbd.continuation.space import AnyPoint, FloatArray, PathDirection, PathSpace, unit, until
+from flexmbd.continuation.station import Station, station
 from flexmbd.errors import SceneError
 
 _HALVINGS = 12

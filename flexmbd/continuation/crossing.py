@@ -20,7 +20,7 @@ class CriticalKind(Enum):
     Attributes:
         LIMIT: the load factor turns.
         BIFURCATION: another path of equilibria crosses.
-        FLUTTER: vibrations begin to grow, of a machine under forces that have no potential.
+        FLUTTER: vibrations begin to grow, of a machine or a body under forces that have no potential.
     """
 
     LIMIT = "limit point"

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
-from typing import Generic
 
 import numpy as np
 
+from flexmbd.continuation.closing import closed
 from flexmbd.continuation.crossing import PathCrossing
 from flexmbd.continuation.request import Bounds
-from flexmbd.continuation.space import AnyPoint, PathDirection, PathSpace, PathSpectrum, until
+from flexmbd.continuation.space import AnyPoint, PathSpace, until
+from flexmbd.continuation.station import Station, Stretch, angle, station
 from flexmbd.errors import ConvergenceError, PathWarning, warn
 
 _FIRST = 0.5  # of the longest step: the first one
@@ -28,57 +29,27 @@ class PathEnd(Enum):
 
     Attributes:
         REACHED: at the factor that was asked for.
+        CLOSED: it has come back to where it began, in the same direction, without reaching it.
         TURNED_BACK: the factor has come back to the bound on the other side, and never reached the one asked for.
         POINTS: after as many points as were allowed.
         LOST: no further equilibrium was found, however short the step (`PathError`).
     """
 
     REACHED = "reached"
+    CLOSED = "closed"
     TURNED_BACK = "turned back"
     POINTS = "points"
     LOST = "lost"
-
-
-@dataclass(frozen=True, eq=False)
-class Station(Generic[AnyPoint]):
-    """A point of a path with its tangent and the spectrum of its stiffness."""
-
-    point: AnyPoint
-    tangent: PathDirection
-    spectrum: PathSpectrum
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch(Generic[AnyPoint]):
-    """A step of a path, from one station to the next.
-
-    Attributes:
-        before, after: its ends.
-        step: that led from one to the other.
-        across: what corrections were normal to.
-        met: the critical points on the way, in their order, where these are looked for.
-    """
-
-    before: Station[AnyPoint]
-    after: Station[AnyPoint]
-    step: PathDirection
-    across: PathDirection
-    met: Sequence[PathCrossing[AnyPoint]] = ()
 
 
 #: The critical points of a stretch; ConvergenceError where they cannot be located.
 Locate = Callable[[PathSpace[AnyPoint], Stretch[AnyPoint]], Sequence[PathCrossing[AnyPoint]]]
 
 
-def station(space: PathSpace[AnyPoint], point: AnyPoint, onwards: PathDirection) -> Station[AnyPoint]:
-    """A point with its tangent on the side of a direction."""
-    return Station(point, space.tangent(point, onwards), space.spectrum(point))
-
-
 def follow(
     space: PathSpace[AnyPoint], first: Station[AnyPoint], bounds: Bounds, *, locate: Locate[AnyPoint] | None = None
 ) -> Iterator[Stretch[AnyPoint]]:
-    """The stretches of a path, up to a bound or as many as there may be.
+    """The stretches of a path, up to a bound, once round if it is closed, or as many as there may be.
 
     Args:
         space: that it runs through.
@@ -104,6 +75,8 @@ def follow(
                     "motion is held by nothing"
                 )
             stretch = _stretch(space, here, bounds, share)
+            if stretch is not None:
+                stretch = closed(space, first, stretch) or stretch
             if stretch is not None and locate is not None:
                 try:
                     stretch = replace(stretch, met=locate(space, stretch))
@@ -115,33 +88,34 @@ def follow(
             share *= 0.5 if stretch is None else _growth(space, stretch)
         yield stretch
         here = stretch.after
-        if here.point.factor in (bounds.to, bounds.back_to):
+        if stretch.closes or here.point.factor in (bounds.to, bounds.back_to):
             return
 
 
-def found_end(factors: Sequence[float], met: Sequence[float], bounds: Bounds) -> PathEnd:
+def found_end(factors: Sequence[float], met: Sequence[float], bounds: Bounds, *, closes: bool) -> PathEnd:
     """Why a path ended, by the factors of its points and of the critical ones; warns unless it reached its goal.
 
     Warns:
-        PathWarning: it turned back, or was broken off.
+        PathWarning: it is closed, turned back, or was broken off.
     """
-    last = factors[-1]
-    if last == bounds.to:
+    last, to, back_to = factors[-1], bounds.to, bounds.back_to
+    if last == to:
         return PathEnd.REACHED
-    most = (max if bounds.to > bounds.back_to else min)([*factors, *met])
-    if last == bounds.back_to:
-        warn(
-            f"the path of equilibria turned at the factor {most:.6g}, came back to {bounds.back_to:.6g} and ends "
-            f"there: it never reached {bounds.to:.6g}; back_to= lets it go on",
-            PathWarning,
-        )
-        return PathEnd.TURNED_BACK
-    warn(
-        f"the path of equilibria was broken off after {len(factors)} points at the factor {last:.6g}, on the way "
-        f"to {bounds.to:.6g}, of which it came as near as {most:.6g}; most_points= lets it go on",
-        PathWarning,
-    )
-    return PathEnd.POINTS
+    most = (max if to > back_to else min)([*factors, *met])
+    if closes:
+        end = PathEnd.CLOSED
+        told = f"is closed: after {len(factors)} points it came back to where it began, the factor {last:.6g}"
+        told += f", having come as near to {to:.6g} as {most:.6g}"
+    elif last == back_to:
+        end = PathEnd.TURNED_BACK
+        told = f"turned at the factor {most:.6g}, came back to {back_to:.6g} and ends there"
+        told += f": it never reached {to:.6g}; back_to= lets it go on"
+    else:
+        end = PathEnd.POINTS
+        told = f"was broken off after {len(factors)} points at the factor {last:.6g}, on the way to {to:.6g}"
+        told += f", of which it came as near as {most:.6g}; most_points= lets it go on"
+    warn(f"the path of equilibria {told}", PathWarning)
+    return end
 
 
 def _stretch(
@@ -162,16 +136,11 @@ def _stretch(
     if accepted is None:
         return None
     after = station(space, accepted, here.tangent)
-    return Stretch(here, after, step, across) if _angle(space, here, after) <= _SHARP else None
-
-
-def _angle(space: PathSpace[AnyPoint], a: Station[AnyPoint], b: Station[AnyPoint]) -> float:
-    return float(np.arccos(np.clip(space.product(a.tangent, b.tangent), -1.0, 1.0)))
+    return Stretch(here, after, step, across) if angle(space, here, after) <= _SHARP else None
 
 
 def _growth(space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> float:
     """By what the next step is longer."""
-    angle = _angle(space, stretch.before, stretch.after)
-    by_bend = _BEND / max(angle, 1e-3)
+    by_bend = _BEND / max(angle(space, stretch.before, stretch.after), 1e-3)
     by_effort = 2.0 ** (0.5 * (_USUAL - stretch.after.point.iterations))
     return float(np.clip(min(by_bend, by_effort), 0.5, 2.0))

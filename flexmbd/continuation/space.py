@@ -18,8 +18,6 @@ from flexmbd.errors import ConvergenceError, SceneError
 
 FloatArray = NDArray[np.float64]
 
-_ASTRAY = 0.4  # of a step: the largest correction of it
-
 
 @dataclass(frozen=True, eq=False)
 class PathDirection:
@@ -70,6 +68,10 @@ class PathSpectrum(Protocol):
         """Whether nothing resists some motion, up to round-off."""
 
     @property
+    def round_off(self) -> float:
+        """What is left of an eigenvalue that is zero."""
+
+    @property
     def sign(self) -> float:
         """Of the product of all eigenvalues."""
 
@@ -84,6 +86,9 @@ class PathSpectrum(Protocol):
 
     def mode(self, k: int) -> FloatArray:
         """(n,) its eigenvector, as a change of the configuration."""
+
+    def flutter_mode(self) -> FloatArray:
+        """(n,) that of the two eigenvalues that became complex last, its real part."""
 
 
 AnyPoint = TypeVar("AnyPoint", bound=PathPoint)
@@ -104,6 +109,12 @@ class PathSpace(Protocol[AnyPoint]):
 
     def along_factor(self, sign: float) -> PathDirection:
         """The factor's own direction, of length one."""
+
+    def difference(self, before: AnyPoint, after: AnyPoint) -> PathDirection:
+        """The change from one point to another."""
+
+    def remember_alike(self, one: AnyPoint, other: AnyPoint) -> bool:
+        """Whether what has a memory remembers the same at two points, up to round-off."""
 
     def sized(self, mode: FloatArray) -> FloatArray:
         """(n,) a mode whose largest part is 1 rad, or the extent."""
@@ -144,14 +155,6 @@ def typical_motion(space: PathSpace[AnyPoint], tangent: PathDirection) -> float:
         return 1.0
     over_the_range = space.largest(PathDirection(tangent.xi * (space.width / tangent.factor), 0.0))
     return min(1.0, over_the_range) or 1.0
-
-
-def is_astray(space: PathSpace[AnyPoint], correction: PathDirection, step: PathDirection) -> bool:
-    """Whether the first correction after a step is so large that it leads to another path.
-
-    Along an arc of 0.8 rad it is 0.4 of the step.
-    """
-    return space.product(correction, correction) > _ASTRAY**2 * space.product(step, step) > 0.0
 
 
 def unit(space: PathSpace[AnyPoint], a: PathDirection) -> PathDirection:

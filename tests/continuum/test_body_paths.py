@@ -1,4 +1,4 @@
-"""Paths of equilibria of bodies along their arc: buckling, snap-through, limit loads, branches; and what is refused."""
+"""Paths of equilibria of bodies: buckling, snap-through, limit loads, branches, flutter; and what is refused."""
 
 from mpi4py import MPI
 
@@ -22,6 +22,7 @@ from flexmbd.continuum import (
     follow,
     prescribed_dofs,
 )
+from flexmbd.continuum.history.tangent_solver import TangentSolver
 from flexmbd.errors import FlexmbdError, FormulationError, SceneError
 from flexmbd.forms import beam_exact, neo_hookean, solid_mixed
 from flexmbd.forms import st_venant_kirchhoff as svk
@@ -108,13 +109,17 @@ def test_a_panel_snaps_through_under_its_weight():
     assert at_middle(again, again.displacement) == pytest.approx(seen[-1][1], rel=1e-7)
     np.testing.assert_array_equal(body.displacement, path.points[-1].displacement)
     # what the bifurcations leave to the other path: a closed one, from the first to the second and back
-    with pytest.warns(fm.PathWarning, match="broken off after 32 points"):
-        aside = equilibrium_path(
-            body, fm.Continuation(to=2.0, most_points=31), prescribed=held, loads=WEIGHT, about=path.critical[0]
-        )
-    turns = [one.t for one in aside.critical]
-    assert len(turns) > 1
-    assert turns[:2] == pytest.approx([second, first], rel=1e-4)
+    with pytest.warns(fm.PathWarning, match=r"is closed: after \d+ points it came back to where it began"):
+        aside = equilibrium_path(body, fm.Continuation(to=2.0), prescribed=held, loads=WEIGHT, about=path.critical[0])
+    assert aside.end is fm.PathEnd.CLOSED
+    assert [one.t for one in aside.critical] == pytest.approx([second, first], rel=1e-6)
+    # of a branch the point beside the bifurcation, and the body stands there
+    assert aside.factors[-1] == aside.factors[1]
+    scale = abs(aside.points[1].displacement).max()
+    assert aside.points[-1].displacement == pytest.approx(aside.points[1].displacement, abs=1e-7 * scale)
+    np.testing.assert_array_equal(body.displacement, aside.points[-1].displacement)
+    # to each critical point some dozen, not fifty
+    assert path.factorisations < 5 * len(path.points) + 15 * len(path.critical)
     left, right = (at_side(body, aside.points[5].displacement, x) for x in (0.25, 0.75))
     assert abs(left - right) > 1e-3
 
@@ -188,6 +193,59 @@ def test_a_column_buckles_to_the_elastica(form, side):
     assert first == pytest.approx(-second, rel=1e-5)
 
 
+def test_a_branch_begins_where_the_stiffness_is_singular_to_the_last_bit(monkeypatch):
+    """What a factor gives there is not asked for."""
+    body, held, loads = column(6)
+    (critical,) = equilibrium_path(body, fm.Continuation(to=4.0), prescribed=held, loads=loads).critical
+    whole, asked = TangentSolver.solve_block, []
+
+    def singular_at_first(self, block):
+        asked.append(len(block))
+        return whole(self, block) if len(asked) > 1 else np.full_like(block, np.nan)
+
+    monkeypatch.setattr(TangentSolver, "solve_block", singular_at_first)
+    bent = equilibrium_path(body, fm.Continuation(to=2.6), prescribed=held, loads=loads, about=critical)
+    assert bent.end is fm.PathEnd.REACHED
+    assert abs(at_side(body, bent.points[-1].displacement, 1.0)) > 0.1
+
+
+def becks_column(divisions, *, height=0.02, unit=1.0, comm=MPI.COMM_SELF):
+    """The path of a cantilever whose end is pressed by what follows it, t EI / L^2; ``unit``: m for a length of one."""
+    size = [part / unit for part in (1.0, 1.5 * height, height)]
+    mesh = meshes.block(*size, divisions=(divisions, 1, 1), cell="hexahedron", degree=2, comm=comm)
+    # forces stay in N
+    body = NonlinearModel(mesh, svk, svk.Parameters(E=1e9 * unit**2, nu=0.0, rho=1000.0 * unit**4), degree=2)
+    pressure = 1e9 * height**2 / 12.0 * unit**2
+    load = PressureOnFacets("x_max", lambda t: t * pressure)
+    path = equilibrium_path(body, fm.Continuation(to=25.0), prescribed=clamped_dofs(body, ["x_min"]), loads=[load])
+    return body, path
+
+
+def test_becks_column_flutters():
+    """At 20.05 EI / L^2 where it is thin (Beck 1952), without ever having another equilibrium.
+
+    Shear, rotary inertia and shortening take of it by the square of the height.
+    """
+    found = []
+    for height in (0.04, 0.02):
+        body, path = becks_column(20, height=height)
+        (critical,) = path.critical
+        assert critical.kind is fm.CriticalKind.FLUTTER
+        assert list(path.unstable) == [2 * (one.t > critical.t) for one in path.points]
+        found.append(critical.t)
+    assert (4.0 * found[1] - found[0]) / 3.0 == pytest.approx(20.0509, rel=4e-3)
+    # it bends in the weak plane, as the two lowest vibrations that have met
+    end = body.displacement_dofs[body.layout.nodes_on(2, body.mesh.facets("x_max"))]
+    assert abs(critical.mode[end[:, 2]]).min() > 0.2
+    assert abs(critical.mode[body.displacement_dofs[:, 1]]).max() < 1e-3
+
+
+def test_becks_column_in_other_units():
+    """Of mm, t and s: the same factor."""
+    loads = [becks_column(4, unit=unit)[1].critical[0].t for unit in (1.0, 1e-3)]
+    assert loads[1] == pytest.approx(loads[0], rel=1e-6)
+
+
 def test_a_beam_with_rotations_buckles_as_the_exact_beam_does():
     """Euler's load, less what shear and shortening take: P = P_E (1 - P_E / kGA + P_E / EA) to first order."""
     E, A, inertia = 1e9, 2e-3, 2.67e-7
@@ -245,6 +303,13 @@ def test_a_path_is_the_same_on_any_number_of_ranks():
     assert [one.t for one in path.critical] == pytest.approx([one.t for one in same.critical], rel=1e-6)
     assert path.factors == pytest.approx(same.factors, rel=1e-5, abs=1e-6)
     assert [one.unstable for one in path.points] == [one.unstable for one in same.points]
+
+
+@pytest.mark.mpi
+def test_flutter_is_the_same_on_any_number_of_ranks():
+    alone, whole = (becks_column(6, comm=comm)[1] for comm in (MPI.COMM_SELF, MPI.COMM_WORLD))
+    assert [one.t for one in whole.critical] == pytest.approx([one.t for one in alone.critical], rel=1e-6)
+    assert list(whole.unstable) == list(alone.unstable)
 
 
 def test_a_path_that_is_lost_keeps_what_it_found():

@@ -231,7 +231,7 @@ class TangentSolver:
     def _factored_anew(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> bool:
         """Factor a matrix in the order of the one before; False where it needs another kind of factor. Collective."""
         kept = self._preconditioning_matrix
-        if self._uses_multigrid or _is_symmetric(matrix) != self._is_symmetric:
+        if self._uses_multigrid or is_symmetric(matrix) != self._is_symmetric:
             return False
         matrix.copy(kept, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         ksp.getPC().setReusePreconditioner(False)
@@ -250,7 +250,7 @@ class TangentSolver:
         if self._uses_multigrid:
             self._set_up_multigrid(ksp, preconditioning_matrix)
         else:
-            self._is_symmetric = symmetric = _is_symmetric(matrix)
+            self._is_symmetric = symmetric = is_symmetric(matrix)
             preconditioning_matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
             ksp.getPC().setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
             ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
@@ -286,7 +286,8 @@ class TangentSolver:
             item.destroy()
 
 
-def _is_symmetric(matrix: PETSc.Mat) -> bool:
+def is_symmetric(matrix: PETSc.Mat) -> bool:
+    """Whether a matrix is symmetric up to round-off. Collective."""
     x, y = matrix.createVecRight(), matrix.createVecRight()
     first, last = x.getOwnershipRange()
     # the same vectors on any number of ranks

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from flexmbd.continuation.branch import beside
 from flexmbd.continuation.critical import crossings
 from flexmbd.continuation.crossing import CriticalKind, PathCrossing
-from flexmbd.continuation.follow import PathEnd, Station, follow, found_end, station
-from flexmbd.continuation.request import Continuation, bounds_of
+from flexmbd.continuation.follow import PathEnd, follow, found_end
+from flexmbd.continuation.found_path import FoundPath, told
+from flexmbd.continuation.request import Bounds, Continuation, bounds_of
 from flexmbd.continuation.space import PathDirection, typical_motion
+from flexmbd.continuation.station import Station, station
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.displacement_newton import DEFAULT_CONVERGENCE, Convergence, Newton
@@ -22,7 +24,8 @@ from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
 from flexmbd.continuum.matrices.blocks import inner
-from flexmbd.continuum.slow_loading.body_path_space import BodyPathSpace, BodyPoint
+from flexmbd.continuum.slow_loading.body_path_space import BodyPathSpace
+from flexmbd.continuum.slow_loading.body_point import BodyPoint
 from flexmbd.continuum.slow_loading.loading import LoadPath, SlowLoads
 from flexmbd.continuum.slow_loading.static_path import equilibrium
 from flexmbd.errors import ConvergenceError, FormulationError, PathError, SceneError
@@ -41,8 +44,7 @@ class BodyEquilibrium:
         t: its load factor.
         displacement: (local dofs including ghosts,) m, from the undeformed body.
         reactions: (prescribed dofs of this rank,) N.
-        unstable: how many independent motions have a negative tangent stiffness: with none it is stable.  Where the
-            tangent is not symmetric they are those next to zero.
+        unstable: how many independent motions grow from it: with none it is stable.
         iterations: of Newton's method.
     """
 
@@ -55,7 +57,7 @@ class BodyEquilibrium:
 
 @dataclass(frozen=True, eq=False)
 class BodyCriticalPoint:
-    """An equilibrium of a body at which a path turns or branches; ``equilibrium_path(about=...)`` goes on from it.
+    """An equilibrium of a body at which a path turns, branches or begins to flutter; ``about=`` goes on from it.
 
     Attributes:
         t: its load factor.
@@ -77,38 +79,22 @@ class BodyCriticalPoint:
 
     def __repr__(self) -> str:
         """Its kind and factor."""
-        return f"<BodyCriticalPoint: {self.kind.value} at the factor {self.t:.9g}>"
+        return told(self)
 
 
-@dataclass(frozen=True, eq=False)
-class BodyPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyPath(FoundPath[BodyEquilibrium, BodyCriticalPoint]):
     """Equilibria of a body one after the other, as its loads grow and fall.
 
     Attributes:
         points: the equilibria; the body stands at the last of them.
-        critical: limit points and bifurcations among them, in their order; located to 1e-7 of the step in which they
-            lie.
+        critical: limit points, bifurcations and onsets of flutter among them, in their order; located to 1e-7 of the
+            step in which they lie, or as exactly as round-off lets them be.
         end: why the path ends.
         factorisations: of tangents, that it took.
     """
 
-    points: tuple[BodyEquilibrium, ...]
-    critical: tuple[BodyCriticalPoint, ...]
-    end: PathEnd
     factorisations: int
-
-    def __repr__(self) -> str:
-        """How far it goes and what lies on it."""
-        met = ", ".join(f"{one.kind.value} at {one.t:.6g}" for one in self.critical) or "no critical point"
-        return (
-            f"<BodyPath: {len(self.points)} points, factors {self.factors[0]:.6g} to {self.factors[-1]:.6g} "
-            f"({self.end.value}); {met}>"
-        )
-
-    @property
-    def factors(self) -> FloatArray:
-        """(k,) load factors."""
-        return np.array([one.t for one in self.points])
 
 
 @checked(but=("prescribed",), error=FormulationError, agree=parallel.told_to_all)
@@ -127,11 +113,9 @@ def equilibrium_path(
 ) -> BodyPath:
     """Follow the equilibria of a body as a load factor grows and falls, along the arc of their path. Collective.
 
-    It starts from where the body stands, or at a critical point of a path found before.  Where the load has a maximum,
-    as when a panel snaps through, the factor turns and the path goes on; where the stiffness becomes singular another
-    path may cross.  Both are located, and how many motions are unstable is counted by the inertia of the tangent's
-    factor.  Without a potential, as under some loads that follow the surface, they are counted among the eigenvalues
-    next to zero, and no onset of flutter is seen: reduce the body, and take the machine's path.
+    Where the load has a maximum, as when a panel snaps through, the factor turns and the path goes on; where the
+    stiffness becomes singular another path may cross.  Both are located, as are onsets of flutter where loads have no
+    potential; of a body with rotations, as of a beam, flutter is not seen.  A closed path is gone round once.
 
     Args:
         body: the body, which stands at the last point of the path afterwards.
@@ -156,53 +140,65 @@ def equilibrium_path(
             found, and the body stands at the last point of it.
 
     Warns:
-        PathWarning: the path turned back, or was broken off, before the factor that was asked for.
+        PathWarning: the path is closed, turned back, or was broken off, before the factor that was asked for.
     """
-    if body.needs_step:
-        raise FormulationError(
-            f"the forces of {body.form_name} depend on rates, and along a path that turns there is no time; follow "
-            "the loading itself (flexmbd.continuum.follow, seconds=)"
-        )
+    _refuse_rates(body)
     whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     _refuse_unheld(body, prescribed)
     begin = reached if about is None else about.t
-    bounds = bounds_of(path, begin=begin)
-    space = BodyPathSpace(whole, bounds.width, convergence)
-    points: list[BodyEquilibrium] = []
-    critical: list[BodyCriticalPoint] = []
-    last = body.snapshot()
-
-    def keep(here: BodyPoint, unstable: int) -> None:
-        nonlocal last
-        last = here.state
-        place = last.displacement.copy()
-        points.append(BodyEquilibrium(float(here.factor), place, here.reactions, unstable, here.iterations))
-
-    def found(end: PathEnd) -> BodyPath:
-        return BodyPath(tuple(points), tuple(critical), end, space.solver.factorisations)
-
+    bounds, sign = bounds_of(path, begin=begin), path.side * float(np.sign(path.to - begin))
+    found = _Found(body, BodyPathSpace(whole, bounds.width, convergence))
     try:
         if about is None:
-            first = _first(space, whole, convergence, begin=begin, sign=path.side * float(np.sign(path.to - begin)))
+            first = _first(found.space, whole, convergence, begin=begin, sign=sign)
         else:
-            body.restore(about.state)
-            space.typical = about.typical
-            there = space.standing(about.t)
-            keep(there, about.unstable)  # of an eigenvalue that is zero round-off chooses the sign
-            met = PathDirection(about.tangent[:-1], float(about.tangent[-1]))
-            first = beside(space, there, path, kind=about.kind, mode=about.mode, tangent=met)
-        keep(first.point, first.spectrum.unstable)
-        for stretch in follow(space, first, bounds, locate=crossings):
-            critical += [_critical_point(body, one, space.typical) for one in stretch.met]
-            keep(stretch.after.point, stretch.after.spectrum.unstable)
-            body.restore(last)
+            first = found.beside(about, path)
+        return found.along(first, bounds, accepted)
+    except ConvergenceError as reason:
+        raise PathError(str(reason), found.path(PathEnd.LOST)) from reason
+    finally:  # of whatever was tried, as when it is interrupted
+        body.restore(found.last)
+
+
+class _Found:
+    """What is found of a path, and the state at its end so far."""
+
+    def __init__(self, body: NonlinearModel, space: BodyPathSpace) -> None:
+        self._body, self.space = body, space
+        self.points: list[BodyEquilibrium] = []
+        self.critical: list[BodyCriticalPoint] = []
+        self.last = body.snapshot()
+
+    def beside(self, about: BodyCriticalPoint, path: Continuation) -> Station[BodyPoint]:
+        """The station beside a critical point, which is kept."""
+        self._body.restore(about.state)
+        self.space.typical = about.typical
+        there = self.space.standing_where_it_gives_way(about.t)
+        self.keep(there, about.unstable)  # of an eigenvalue that is zero round-off chooses the sign
+        met = PathDirection(about.tangent[:-1], float(about.tangent[-1]))
+        return beside(self.space, there, path, kind=about.kind, mode=about.mode, tangent=met)
+
+    def keep(self, here: BodyPoint, unstable: int) -> None:
+        self.last = here.state
+        place = self.last.displacement.copy()
+        self.points.append(BodyEquilibrium(float(here.factor), place, here.reactions, unstable, here.iterations))
+
+    def along(self, first: Station[BodyPoint], bounds: Bounds, accepted: Callable[[float], None] | None) -> BodyPath:
+        """Follow the path from its first station on; the body stands at each point when it is ``accepted``."""
+        self.keep(first.point, first.spectrum.unstable)
+        closes = False
+        for stretch in follow(self.space, first, bounds, locate=crossings):
+            self.critical += [_critical_point(self._body, one, self.space.typical) for one in stretch.met]
+            self.keep(stretch.after.point, stretch.after.spectrum.unstable)
+            self._body.restore(self.last)
+            closes = stretch.closes
             if accepted is not None:
                 accepted(stretch.after.point.factor)
-    except ConvergenceError as reason:
-        raise PathError(str(reason), found(PathEnd.LOST)) from reason
-    finally:  # of whatever was tried, as when it is interrupted
-        body.restore(last)
-    return found(found_end([one.t for one in points], [one.t for one in critical], bounds))
+        factors, met = ([one.t for one in some] for some in (self.points, self.critical))
+        return self.path(found_end(factors, met, bounds, closes=closes))
+
+    def path(self, end: PathEnd) -> BodyPath:
+        return BodyPath(tuple(self.points), tuple(self.critical), end, self.space.solver.factorisations)
 
 
 def _first(
@@ -230,6 +226,15 @@ def _first(
     onwards = space.along_factor(sign)
     space.typical = typical_motion(space, space.tangent(here, onwards))
     return station(space, here, onwards)
+
+
+def _refuse_rates(body: NonlinearModel) -> None:
+    """Raise FormulationError where forces depend on rates."""
+    if body.needs_step:
+        raise FormulationError(
+            f"the forces of {body.form_name} depend on rates, and along a path that turns there is no time; follow "
+            "the loading itself (flexmbd.continuum.follow, seconds=)"
+        )
 
 
 def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:

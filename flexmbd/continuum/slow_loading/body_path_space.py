@@ -11,138 +11,34 @@ path (Riks 1979, doi:10.1016/0020-7683(79)90081-7).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuation.space import PathDirection, is_astray, unit
+from flexmbd.continuation.newton import corrected
+from flexmbd.continuation.space import PathDirection, unit
 from flexmbd.continuum.history.displacement_newton import Balance, Convergence
-from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
-from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
+from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
+from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver, is_symmetric
 from flexmbd.continuum.matrices.blocks import inner
+from flexmbd.continuum.slow_loading.body_point import BodyPoint, BodySpectrum
 from flexmbd.continuum.slow_loading.loading import SlowLoads
-from flexmbd.continuum.slow_loading.stiffness_spectrum import smallest_eigenvalues
+from flexmbd.continuum.slow_loading.motion_metric import motion_metric
+from flexmbd.continuum.slow_loading.stiffness_spectrum import NearZero, smallest_eigenvalues, smallest_vibrations
 from flexmbd.errors import ConvergenceError
 
 FloatArray = NDArray[np.float64]
 
-_CLOSE = 1e-7  # of the extent, or of the range: after a correction of this size the next one is round-off
-_GROWS = 2.0  # corrections that grow by more do not converge
-_ASTRAY = 0.7  # of the step: a larger correction leads to another path
+_ALIKE = 1e-6  # of what is remembered: up to round-off
 _UNBALANCED = 1e-5  # of the forces at hand: what no round-off of displacements excuses
 _DIFFERENCE = 1e-4  # of the range of factors: over how much loads are differenced; exact of loads in proportion to it
 _APART = float(np.finfo(float).eps ** (1 / 3))  # of the extent: between the points of a difference of tangents
 _ROUND_OFF = 1e-14  # of the largest stiffness of a dof: what a factor leaves of an eigenvalue that is zero
-_FEW = 4  # eigenvalues next to zero that are looked at first
-_MOST_NEAR = 64  # eigenvalues next to zero among which one is looked for
-
-
-@dataclass(frozen=True, eq=False)
-class BodyPoint:
-    """An equilibrium of a body on a path.
-
-    Attributes:
-        before: what the body remembered before the step that led there.
-        increment: (local dofs including ghosts,) m, of that step.
-        factor: of the load.
-        iterations: of Newton's method.
-        response: (owned dofs,) change of the configuration by one of the factor.
-        reactions: (prescribed dofs of this rank,) N.
-        negative: how many negative eigenvalues the stiffness has; None of one that is not symmetric.
-        sign: of its determinant.
-        after: what the body remembers there, once it is accepted.
-    """
-
-    before: HistorySnapshot
-    increment: FloatArray
-    factor: float
-    iterations: int
-    response: FloatArray
-    reactions: FloatArray
-    negative: int | None
-    sign: float
-    after: HistorySnapshot | None = None
-
-    @property
-    def state(self) -> HistorySnapshot:
-        """What the body remembers there; until it is accepted, what it did before."""
-        return self.before if self.after is None else self.after
-
-
-@dataclass(frozen=True, eq=False)
-class BodySpectrum:
-    """The stiffness' eigenvalues at a point, computed when they are asked for. All of it is collective."""
-
-    space: BodyPathSpace
-    point: BodyPoint
-
-    @cached_property
-    def unstable(self) -> int:
-        """How many are negative beyond round-off; where the stiffness is not symmetric, of those next to zero."""
-        if self.point.negative == 0:
-            return 0
-        count = _FEW
-        while True:
-            values = self._near(count)[0]
-            negative = (values.real < 0.0) & (abs(values) > self.space.round_off)
-            if self.point.negative is not None:
-                idle = int(np.count_nonzero((values.real < 0.0) & ~negative))
-                return self.point.negative - idle
-            if not negative[len(values) // 2 :].any() or len(values) < count or count >= _MOST_NEAR:
-                return int(np.count_nonzero(negative))
-            count *= 2
-
-    @cached_property
-    def gives_way(self) -> bool:
-        """Whether nothing resists some motion, up to round-off, as where a body yields without hardening."""
-        return bool(abs(self._near(1)[0][0]) <= self.space.round_off)
-
-    @property
-    def has_potential(self) -> bool:
-        """Whether the stiffness is symmetric."""
-        return self.point.negative is not None
-
-    @property
-    def sign(self) -> float:
-        """Of the product of all."""
-        return self.point.sign
-
-    def smallest(self) -> float:
-        """The size of the one next to zero."""
-        return float(abs(self._near(1)[0][0]))
-
-    def nearest(self) -> int:
-        """Which of them is the smallest in size."""
-        first = self.point.negative or 0
-        return first - 1 if self._near(1)[0][0].real < 0.0 else first
-
-    def eigenvalue(self, k: int) -> float:
-        """Of number k, ascending."""
-        return self._pair(k)[0]
-
-    def mode(self, k: int) -> FloatArray:
-        """(owned dofs,) of number k."""
-        return self._pair(k)[1]
-
-    def _pair(self, k: int) -> tuple[float, FloatArray]:
-        first = self.point.negative or 0
-        side, place = (-1.0, first - 1 - k) if k < first else (1.0, k - first)
-        count = place + 1
-        while True:
-            values, columns = self._near(count)
-            own = np.flatnonzero(np.sign(values.real) == side)
-            if len(own) > place:
-                return float(values[own[place]].real), columns[:, own[place]]
-            if count >= _MOST_NEAR:
-                raise ConvergenceError(f"eigenvalue {k} of the tangent stiffness was not found next to zero")
-            count = min(2 * count, _MOST_NEAR)
-
-    def _near(self, count: int) -> tuple[NDArray[np.complex128], FloatArray]:
-        return self.space.near_zero(self.point, count)
 
 
 class BodyPathSpace:
@@ -151,7 +47,6 @@ class BodyPathSpace:
     Attributes:
         width: of the range of factors.
         typical: of the sizes of motions, what counts as much as the range of factors in the product.
-        round_off: of the eigenvalues of the tangent that was factorised last.
         solver: of the linear equations; it counts its factors.
     """
 
@@ -169,11 +64,10 @@ class BodyPathSpace:
         self.solver = TangentSolver(body, prescribed, LinearSolver(0), counts=True)
         self._free = np.setdiff1d(np.arange(body.n_owned), prescribed)
         self._ghosted = body.vector()
-        self._size, self._weights = _sizes(body)
-        self.typical, self.round_off = 1.0, 0.0
+        self._size, self._weights = motion_metric(body)
+        self.typical, self._round_off = 1.0, 0.0
         self._factored: BodyPoint | None = None
         self._predicts = body.predicts_stress
-        self._near: tuple[NDArray[np.complex128], FloatArray] | None = None
 
     def product(self, a: PathDirection, b: PathDirection) -> float:
         """<a, b>."""
@@ -202,20 +96,24 @@ class BodyPathSpace:
         along = unit(self, PathDirection(here.response * self.width, self.width))
         return along.times(-1.0 if self.product(along, onwards) < 0.0 else 1.0)
 
+    def difference(self, before: BodyPoint, after: BodyPoint) -> PathDirection:
+        """The change from one point to another."""
+        n = self._body.n_owned
+        return PathDirection((after.displacement - before.displacement)[:n], after.factor - before.factor)
+
+    def remember_alike(self, one: BodyPoint, other: BodyPoint) -> bool:
+        """Whether the histories are the same, each of their components over the largest that the body has of it."""
+        comm, alike = self._body.comm, True
+        shapes = [part.shape for part in self._body.history()]
+        for shape, *pair in zip(shapes, one.state.history, other.state.history, strict=True):
+            first, second = (part.reshape(shape) for part in pair)
+            largest = comm.allreduce(np.abs(first).max(axis=0, initial=0.0), op=MPI.MAX)
+            alike &= bool((np.abs(second - first) <= _ALIKE * largest).all())
+        return bool(comm.allreduce(alike, op=MPI.LAND))
+
     def spectrum(self, here: BodyPoint) -> BodySpectrum:
         """Of its stiffness."""
-        return BodySpectrum(self, here)
-
-    def near_zero(self, here: BodyPoint, count: int) -> tuple[NDArray[np.complex128], FloatArray]:
-        """Eigenvalues of a point's stiffness next to zero, and their modes (owned dofs, count), by size."""
-        self._factorise_at(here)
-        if self._near is None or len(self._near[0]) < count:
-            counted = int(self._body.comm.allreduce(int(np.count_nonzero(self._weights[self._free]))))
-            count = min(count, counted)
-            self._near = smallest_eigenvalues(
-                self.solver, self._free_weights, count, symmetric=here.negative is not None
-            )
-        return self._near
+        return BodySpectrum(here, partial(self._near_zero, here))
 
     def other_path(self, here: BodyPoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
         """Unit direction of the path that crosses another one at a bifurcation.
@@ -242,10 +140,10 @@ class BodyPathSpace:
         before = start.state
         self._stand(before)
         increment: FloatArray = start.increment if start.after is None else np.zeros_like(start.increment)
-        factor, change = start.factor, step
-        last = max(_ASTRAY / _GROWS * self.largest(step), _CLOSE)
-        close = False
-        for iteration in range(1, self._rule.max_iterations + 1):
+        factor = start.factor
+
+        def iterate(change: PathDirection, iteration: int, close: bool) -> BodyPoint | PathDirection:
+            nonlocal increment, factor
             factor += change.factor
             moved = self._moved(increment, change.xi, factor)
             if self._predicts:
@@ -257,13 +155,9 @@ class BodyPathSpace:
                 self._body.check_increment(increment)
                 return self._point(before, increment, factor, iteration, balance)
             responses = self._responses(increment, factor, balance, predicted=self._predicts)
-            change = self._in_plane(responses, across, undetermined)
-            size = self.largest(change)
-            astray = iteration == 1 and size > _CLOSE and is_astray(self, change, step)
-            if not np.isfinite(size) or size > _GROWS * last or astray:
-                break
-            last, close = size, size <= _CLOSE
-        raise ConvergenceError("Newton's method does not converge")
+            return self._in_plane(responses, across, undetermined)
+
+        return corrected(self, step, iterate, most=self._rule.max_iterations)
 
     def standing(self, factor: float) -> BodyPoint:
         """The point at which the body stands, in balance under a factor, and accepted."""
@@ -271,6 +165,16 @@ class BodyPathSpace:
         rest: FloatArray = np.zeros(self._body.layout.n_local)
         found = self._point(before, rest, factor, 0, self._balance(rest, factor))
         return replace(found, after=before)
+
+    def standing_where_it_gives_way(self, factor: float) -> BodyPoint:
+        """The same at a critical point, without the tangent of the path: the stiffness may be singular."""
+        before = self._body.snapshot()
+        rest: FloatArray = np.zeros(self._body.layout.n_local)
+        reactions = self._balance(rest, factor).residual[self._loads.prescribed]
+        matrix = self._loads.tangent(self._loads.outer(factor), rest)
+        self.solver.constrain(matrix)
+        negative = 0 if is_symmetric(matrix) else None
+        return BodyPoint(before, rest, factor, 0, np.zeros(self._body.n_owned), reactions, negative, 0.0, before)
 
     def remembered(self, here: BodyPoint, factor: float) -> BodyPoint:
         """The point, accepted by the body, its factor rounded to the given one.
@@ -332,21 +236,29 @@ class BodyPathSpace:
         left.array[:] = 0.0
         left.array[prescribed] = slope
         matrix.mult(left, right)
-        counted = self._free_weights > 0.0
-        own = np.abs(matrix.getDiagonal().array_r[counted]) / self._free_weights[counted]
-        self.round_off = _ROUND_OFF * self._body.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX)
         block = np.stack([-balance.residual, self._load_slope(increment, factor) - right.array], axis=1)
-        self._factored = self._near = None
+        self._factored = None
         self.solver.constrain(matrix)
         self.solver.set_operator(matrix)
+        self._round_off = self._zero_up_to(matrix)
         found = self.solver.solve_block(block)
         found[prescribed, 1] = slope
         return found
 
+    def _zero_up_to(self, matrix: PETSc.Mat) -> float:
+        """What the factor of a matrix leaves of an eigenvalue that is zero."""
+        weights = self._free_weights
+        if not self.solver.is_symmetric and self._inertia is not None:
+            weights = np.zeros_like(weights)
+            weights[self._free] = self._inertia.getDiagonal().array_r[self._free]
+        counted = weights > 0.0
+        own = np.abs(matrix.getDiagonal().array_r[counted]) / weights[counted]
+        return _ROUND_OFF * float(self._body.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX))
+
     def _in_plane(self, responses: FloatArray, across: PathDirection, undetermined: int) -> PathDirection:
         """The step a + b df that stays in the plane normal to a direction."""
         if undetermined:
-            shape = self.spectrum_of_factor(undetermined)
+            shape = self._modes_next_to_zero(undetermined)
             shares = inner(self._body.comm, self._free_weights[:, None] * shape, responses)
             gram = inner(self._body.comm, self._free_weights[:, None] * shape, shape)
             responses = responses - shape @ np.linalg.solve(gram, shares)
@@ -356,7 +268,7 @@ class BodyPathSpace:
             raise ConvergenceError("the path has no direction there")
         return lacking.plus(by_factor.times(-self.product(across, lacking) / along))
 
-    def spectrum_of_factor(self, count: int) -> FloatArray:
+    def _modes_next_to_zero(self, count: int) -> FloatArray:
         """(owned dofs, count) modes next to zero of the tangent that was factorised last."""
         return smallest_eigenvalues(self.solver, self._free_weights, count, symmetric=self.solver.is_symmetric)[1]
 
@@ -382,6 +294,17 @@ class BodyPathSpace:
         self._responses(here.increment, here.factor, self._balance(here.increment, here.factor))
         self._factored = here
 
+    def _near_zero(self, here: BodyPoint, count: int) -> NearZero:
+        """Eigenvalues of a point's stiffness next to zero; without a potential those of its vibrations."""
+        self._factorise_at(here)
+        counted = int(self._body.comm.allreduce(int(np.count_nonzero(self._weights[self._free]))))
+        count = min(count, counted)
+        if here.negative is None and self._inertia is not None:
+            return NearZero(*smallest_vibrations(self.solver, self._inertia, count), self._round_off)
+        symmetric = here.negative is not None
+        found = smallest_eigenvalues(self.solver, self._free_weights, count, symmetric=symmetric)
+        return NearZero(*found, self._round_off)
+
     def _stiffening(self, here: BodyPoint, along: PathDirection, mode: FloatArray) -> float:
         """m.K'(t)m by a difference of tangents."""
         length = _APART / self.largest(along)
@@ -404,26 +327,16 @@ class BodyPathSpace:
         return weights
 
     @cached_property
+    def _inertia(self) -> PETSc.Mat | None:
+        """The mass matrix, where the unknowns that move are displacements: it is the same in every shape."""
+        layout, n = self._body.layout, self._body.n_owned
+        displaced = np.zeros(layout.n_local, dtype=bool)
+        displaced[layout.displacement_dofs] = True
+        turns = bool((layout.kinematic[:n] & ~displaced[:n]).any())
+        return None if self._body.comm.allreduce(turns, op=MPI.LOR) else self._body.mass()
+
+    @cached_property
     def _constraints(self) -> int:
         """Dofs that are neither displacement nor rotation: each takes a negative pivot from a stable body."""
         mine = np.count_nonzero(~self._body.layout.kinematic[: self._body.n_owned][self._free])
         return int(self._body.comm.allreduce(int(mine)))
-
-
-def _sizes(body: NonlinearModel) -> tuple[FloatArray, FloatArray]:
-    """(owned dofs,) what counts as large, infinite where nothing does; and the weights of the product."""
-    layout, n = body.layout, body.n_owned
-    x = layout.node_x[: layout.n_owned_nodes]
-    low = np.array([body.comm.allreduce(float(part.min(initial=np.inf)), op=MPI.MIN) for part in x.T])
-    high = np.array([body.comm.allreduce(float(part.max(initial=-np.inf)), op=MPI.MAX) for part in x.T])
-    kinematic = layout.kinematic[:n]
-    size = np.where(kinematic, 1.0, np.inf)
-    displaced = np.zeros(n, dtype=bool)
-    own = layout.displacement_dofs[: layout.n_owned_nodes].reshape(-1)
-    displaced[own[own < n]] = True
-    size[displaced] = float(np.linalg.norm(high - low))
-    weights = np.zeros(n)
-    for part in (displaced, kinematic & ~displaced):
-        count = int(body.comm.allreduce(int(part.sum())))
-        weights[part] = 3.0 / max(count, 1) / size[part] ** 2
-    return size, weights

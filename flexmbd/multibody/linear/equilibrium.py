@@ -8,8 +8,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.continuation.follow import follow, station
+from flexmbd.continuation.follow import follow
 from flexmbd.continuation.request import Bounds
+from flexmbd.continuation.station import station
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady

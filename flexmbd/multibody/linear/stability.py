@@ -37,6 +37,7 @@ class MotionSpectrum:
         unstable: how many independent motions grow: of a flutter two.
         idle: (nz,) whether nothing resists a motion, or drives it, up to round-off.
         has_potential: whether the stiffness is symmetric.
+        round_off: what is left of an eigenvalue that is zero.
     """
 
     values: NDArray[np.complex128]
@@ -44,6 +45,7 @@ class MotionSpectrum:
     unstable: int
     idle: NDArray[np.bool_]
     has_potential: bool
+    round_off: float
 
     @property
     def gives_way(self) -> bool:
@@ -72,20 +74,27 @@ class MotionSpectrum:
         """(nv,) of eigenvalue k."""
         return self.shapes[:, k]
 
+    def flutter_mode(self) -> FloatArray:
+        """(nv,) of the two eigenvalues that became complex last."""
+        flutters = _flutters(self.values)
+        parted = np.where(flutters, np.abs(self.values.imag) / np.where(flutters, np.abs(self.values), 1.0), np.inf)
+        return self.shapes[:, int(np.argmin(parted))]
+
 
 def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 0.0) -> MotionSpectrum:
     """Of the tangent stiffness of a balance, with ``more`` (nv, nv) beside it."""
     Vz, stiffness = at.by.Vz, at.stiffness(more)
     if not len(stiffness):
         nothing = np.zeros(0)
-        return MotionSpectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True)
+        return MotionSpectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True, 0.0)
     own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
     scaled = stiffness / np.outer(own, own)
     if has_potential(scene, at):
         values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
-        idle = np.abs(values) <= len(values) * _ROUND_OFF
+        round_off = len(values) * _ROUND_OFF
+        idle = np.abs(values) <= round_off
         unstable = int((values < 0.0)[~idle].sum())
-        return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), unstable, idle, True)
+        return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), unstable, idle, True, round_off)
     factor = scipy.linalg.cholesky(at.mass, lower=True)
     half = scipy.linalg.solve_triangular(factor, stiffness, lower=True)
     whole = scipy.linalg.solve_triangular(factor, half.T, lower=True).T
@@ -93,10 +102,15 @@ def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 
     order = np.argsort(values.real, kind="stable")
     values, shapes = values[order], shapes[:, order]
     shapes = scipy.linalg.solve_triangular(factor.T, shapes.real, lower=False)
-    idle = np.abs(values) <= len(values) * _ROUND_OFF * np.abs(values).max()
-    flutters = np.abs(values.imag) > _PAIR * np.abs(values)
-    grows = (flutters | (values.real < 0.0)) & ~idle
-    return MotionSpectrum(values, Vz @ shapes, int(grows.sum()), idle, False)
+    round_off = len(values) * _ROUND_OFF * float(np.abs(values).max())
+    idle = np.abs(values) <= round_off
+    grows = (_flutters(values) | (values.real < 0.0)) & ~idle
+    return MotionSpectrum(values, Vz @ shapes, int(grows.sum()), idle, False, round_off)
+
+
+def _flutters(values: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Which are complex: of two motions that grow together."""
+    return np.asarray(np.abs(values.imag) > _PAIR * np.abs(values))
 
 
 def has_potential(scene: CompiledScene, at: ForceBalance) -> bool:

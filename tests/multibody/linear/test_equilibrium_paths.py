@@ -233,6 +233,26 @@ def test_a_branch_that_rises_to_one_side_and_falls_to_the_other(side):
     assert bent.factors[1:] == pytest.approx((10.0 * angle + 200.0 * angle**2) / np.sin(angle), rel=1e-7)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_closed_path_is_gone_round_once(side):
+    """A law by which a hinge is in balance on a circle: (a - 0.6)^2 + (t - 0.8)^2 = 1."""
+    law = fm.compiled(lambda t, a, rate: (a - 0.6) ** 2 + (t - 0.8) ** 2 - 1.0)
+    scene = fm.System()
+    rod = scene.add(fm.RigidBody(1.0, (0.1,) * 3), name="rod")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), rod.frame(), name="hinge")
+    scene.add_force(fm.force.JointLaw(hinge, law))
+    with pytest.warns(fm.PathWarning, match=r"is closed: .* as near to 5 as 1\.8$"):
+        path = scene.equilibrium(path=fm.Continuation(to=5.0, side=side))
+    assert path.end is fm.PathEnd.CLOSED
+    assert "(closed)" in repr(path)
+    angle = np.unwrap(np.arctan2(path.factors - 0.8, path.beta(hinge) - 0.6))
+    assert np.ptp(angle) == pytest.approx(2.0 * np.pi, abs=1e-9)
+    assert np.hypot(path.beta(hinge) - 0.6, path.factors - 0.8) == pytest.approx(1.0, abs=1e-9)
+    assert path.factors[-1] == path.factors[0] == 0.0
+    limits = [one.t for one in path.critical]
+    assert sorted(limits) == pytest.approx([-0.2, 1.8], abs=1e-9)
+
+
 def test_a_small_follower_leaves_a_machine_where_it_settles():
     """A double pendulum that starts nearly upright hangs in the end, a little aside: not at an unstable equilibrium."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from flexmbd.continuation.branch import beside
 from flexmbd.continuation.critical import crossings
 from flexmbd.continuation.crossing import PathCrossing
-from flexmbd.continuation.follow import PathEnd, Station, follow, found_end, station
+from flexmbd.continuation.follow import PathEnd, follow, found_end
 from flexmbd.continuation.request import Bounds, Continuation, bounds_of
 from flexmbd.continuation.space import PathDirection, typical_motion
+from flexmbd.continuation.station import Station, station
 from flexmbd.errors import ConvergenceError, PathError, SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS
 from flexmbd.multibody.kernels.base.arrays import Work
@@ -61,13 +62,15 @@ def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs
     else:
         space, first = _first(space, begin, bounds, side=path.side)
     kept.append(_working_point(scene, first))
+    closes = False
     try:
         for stretch in follow(space, first, bounds, locate=crossings):
             critical += [_critical_point(scene, one, space.typical) for one in stretch.met]
             kept.append(_working_point(scene, stretch.after))
+            closes = stretch.closes
     except (ConvergenceError, SceneError) as reason:
         raise PathError(str(reason), EquilibriumPath(tuple(kept), tuple(critical), PathEnd.LOST)) from reason
-    end = found_end([one.t for one in kept], [one.t for one in critical], bounds)
+    end = found_end([one.t for one in kept], [one.t for one in critical], bounds, closes=closes)
     return EquilibriumPath(tuple(kept), tuple(critical), end)
 
 

@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from flexmbd.continuation.space import PathDirection, is_astray, unit
-from flexmbd.errors import ConvergenceError
+from flexmbd.continuation.newton import corrected
+from flexmbd.continuation.space import PathDirection, unit
+from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
@@ -26,11 +28,9 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 12
-_CLOSE = 1e-7  # rad, of the extent or of the range: after a correction of this size the next one is round-off
-_GROWS = 2.0  # corrections that grow by more do not converge
+_ALIKE = 1e-6  # of what is remembered: up to round-off
 _SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in the unit of its own stiffness
 _APART = float(np.finfo(float).eps ** (1 / 3))  # rad, of the extent or the range: between points of a difference
-_ASTRAY = 0.7  # of the step: a larger correction leads to another path
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +104,22 @@ class MachineSpace:
         """The factor's own direction."""
         return PathDirection(np.zeros(self.scene.nv), sign * self.width)
 
+    def difference(self, before: MachinePoint, after: MachinePoint) -> PathDirection:
+        """The change from one point to another; angles of joints count their turns."""
+        plain, quaternions = coordinate_slots(self.scene.plan)
+        xi = np.zeros(self.scene.nv)
+        xi[plain[:, 1]] = after.x[plain[:, 0]] - before.x[plain[:, 0]]
+        for in_x, in_v in quaternions:
+            first, second = (Rotation.from_quat(np.roll(one.x[in_x : in_x + 4], -1)) for one in (before, after))
+            xi[in_v : in_v + 3] = (first.inv() * second).as_rotvec()
+        return PathDirection(xi, after.factor - before.factor)
+
+    def remember_alike(self, one: MachinePoint, other: MachinePoint) -> bool:
+        """Whether force elements remember the same."""
+        plain, quaternions = coordinate_slots(self.scene.plan)
+        first = len(plain) + 4 * len(quaternions)
+        return bool(np.allclose(one.x[first:], other.x[first:], rtol=_ALIKE, atol=0.0))
+
     def tangent(self, here: MachinePoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
         return unit(self, self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
@@ -148,22 +164,18 @@ class MachineSpace:
             SceneError: as ``balance``, or the loops do not close.
         """
         x, factor = start.x, start.factor
-        change, close = step, False
-        last = max(_ASTRAY / _GROWS * self.largest(step), _CLOSE)
-        for iteration in range(1, _ITERATIONS + 1):
+
+        def iterate(change: PathDirection, iteration: int, close: bool) -> MachinePoint | PathDirection:
+            nonlocal x, factor
             predicted = self.strains.at(x) + self.strains.change(x, change.xi)
             x, factor = self._moved(x, factor, change)
             here = self.at(x, factor, iteration)
             if close:
                 return here
             more = self.strains.stiffness(x, predicted - self.strains.at(x))
-            change = self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
-            size = self.largest(change)
-            astray = iteration == 1 and size > _CLOSE and is_astray(self, change, step)
-            if not np.isfinite(size) or size > _GROWS * last or astray:
-                break
-            last, close = size, size <= _CLOSE
-        raise ConvergenceError("Newton's method does not converge")
+            return self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
+
+        return corrected(self, step, iterate, most=_ITERATIONS)
 
     def sized(self, mode: FloatArray) -> FloatArray:
         """(nv,) a mode whose largest part is 1 rad or the machine's extent."""

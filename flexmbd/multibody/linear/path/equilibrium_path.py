@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuation.crossing import CriticalKind
-from flexmbd.continuation.follow import PathEnd
+from flexmbd.continuation.found_path import FoundPath, told
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -37,11 +37,11 @@ class CriticalPoint(WorkingPoint):
 
     def __repr__(self) -> str:
         """Its kind and factor."""
-        return f"<CriticalPoint: {self.kind.value} at the factor {self.t:.9g}>"
+        return told(self)
 
 
-@dataclass(frozen=True, eq=False)
-class EquilibriumPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class EquilibriumPath(FoundPath[WorkingPoint, CriticalPoint]):
     """Equilibria of a machine one after the other, as its loads grow and fall.
 
     Attributes:
@@ -50,28 +50,6 @@ class EquilibriumPath:
             step in which they lie.
         end: why the path ends.
     """
-
-    points: tuple[WorkingPoint, ...]
-    critical: tuple[CriticalPoint, ...]
-    end: PathEnd
-
-    def __repr__(self) -> str:
-        """How far it goes and what lies on it."""
-        met = ", ".join(f"{one.kind.value} at {one.t:.6g}" for one in self.critical) or "no critical point"
-        return (
-            f"<EquilibriumPath: {len(self.points)} points, factors {self.factors[0]:.6g} to {self.factors[-1]:.6g} "
-            f"({self.end.value}); {met}>"
-        )
-
-    @property
-    def factors(self) -> FloatArray:
-        """(k,) load factors."""
-        return np.array([one.t for one in self.points])
-
-    @property
-    def unstable(self) -> NDArray[np.int64]:
-        """(k,) how many independent motions grow from each; 0 where it is stable."""
-        return np.array([one.unstable for one in self.points])
 
     def position(self, frame: Frame) -> FloatArray:
         """(k, 3) m, of a frame's origin in inertial axes.
