@@ -249,10 +249,11 @@ def test_small_loads_need_no_derivatives():
 
 
 @pytest.mark.mpi
-def test_ranks_make_the_same_body():
-    comm = MPI.COMM_WORLD
+@pytest.mark.parametrize("coupling", Coupling)
+def test_ranks_make_the_same_body(coupling):
+    comm, choice = MPI.COMM_WORLD, ModalDerivatives({"x_max.y": FORCE})
     bodies = [
-        craig_bampton(beam(cells=6, comm=one), modes=2, frame="x_min", nonlinear=ModalDerivatives({"x_max.y": FORCE}))
+        craig_bampton(beam(cells=6, coupling=coupling, comm=one), modes=2, frame="x_min", nonlinear=choice)
         for one in (comm, MPI.COMM_SELF)
     ]
     assert len(set(comm.allgather(bodies[0].fingerprint()))) == 1
