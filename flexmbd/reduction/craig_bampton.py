@@ -152,7 +152,7 @@ def craig_bampton(
     )
     contents.check(model)
     if nonlinear is not None:
-        check_nonlinear(model, frame)
+        check_nonlinear(model)
         if truncation.free or interface_modes is not None:
             raise ReductionError("nonlinear= goes with fixed-interface modes and interfaces that keep their six shapes")
     if interface_modes is not None:
@@ -298,7 +298,7 @@ def _basis(
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
         responses=found,
-        large=None if beside is None else beside.placed(len(kept.names), n),
+        large=None if beside is None else beside.placed(len(kept.names)),
     )
     return basis, count, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
 

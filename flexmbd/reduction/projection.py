@@ -87,6 +87,8 @@ def project(
     p, R = basis.p, basis.R
     gram = gram_matrix(model, basis.shapes, p=p, R=R)
     raw = inner(model.comm, basis.shapes, basis.forces)
+    if basis.large is not None:
+        raw = raw + basis.large.stiffness
     stiffness = symmetric(raw)
     with round_off(model.K) as measure:
         lost = measure.work(basis.shapes, basis.shapes)

@@ -1,5 +1,6 @@
 """Bodies that bend a lot: the energy against the form's own, turned faces, and bent beams against Euler's elastica."""
 
+import types
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -15,7 +16,7 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.continuum import ContinuumModel, Interface, Roller, SymmetryPlane
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.coupling import Coupling
 from flexmbd.errors import RecordError, ReductionError
@@ -126,7 +127,11 @@ def test_the_order_of_the_coefficients(degree):
     assert places(shuffled).tolist() == list(range(len(ordered)))
 
 
-def test_the_polynomial_is_the_energy_of_the_form(model, body):
+def test_the_polynomial_is_the_energy_of_the_form():
+    """Of a body with an averaged interface, whose face nothing keeps rigid."""
+    model = beam(cells=10, coupling=Coupling.AVERAGED)
+    choice = ModalDerivatives({"x_max.y": FORCE, "x_max.rz": 0.3 * FORCE * LENGTH})
+    body = craig_bampton(model, modes=0, frame="x_min", nonlinear=choice, keep=Keep(modes=True))
     fields, rng = nodal_modes(body, model), np.random.default_rng(3)
     own = polynomial(body)
     for _ in range(3):
@@ -185,6 +190,28 @@ def test_a_rigid_face_turns_without_strain(body):
     np.testing.assert_allclose(turned(gradient).T @ gradient, np.eye(3), atol=1e-3)
 
 
+def test_a_rigid_face_stays_rigid_however_many_shapes_there_are():
+    """A thick block under a moment against its full model: shapes that strain the face must not make it softer."""
+    mesh = meshes.block(0.1, SIDE, SIDE, divisions=(3, 1, 1), cell="hexahedron", comm=MPI.COMM_SELF)
+    own = st_venant_kirchhoff.Parameters(E=MODULUS, nu=0.3, rho=1000.0)
+    model = ContinuumModel(
+        mesh, st_venant_kirchhoff, own, degree=2, interfaces=[Interface("x_min"), Interface("x_max")]
+    )
+    moment = MODULUS * SIDE**3 * 8e-3
+    full = prestressed(model, frame="x_min", forces={"x_max": [0.0, 0.0, 0.0, 0.0, moment, 0.0]})
+    loads = {"x_max.ry": moment, "x_max.x": 10.0 * moment, "fixed-interface 1": 1e-3}
+    body = craig_bampton(model, modes=2, frame="x_min", nonlinear=ModalDerivatives(loads))
+    q = np.zeros(body.n_modes)
+    for _ in range(30):
+        row = turned_face(face(body, q)[1], motion(body)[:, 1:])[1][1]
+        q = polynomial(body).equilibrium(moment * row, start=q)
+    F = face(body, q)[1]
+    angle = Rotation.from_matrix(full.interface("x_max").R).as_rotvec()[1]
+    assert angle > 0.2
+    assert Rotation.from_matrix(turned(F)).as_rotvec()[1] == pytest.approx(angle, rel=1e-3)
+    assert abs(F.T @ F - np.eye(3)).max() < 1e-4
+
+
 def test_a_linear_reduction_locks(model, body):
     """The same load on the polynomial without derivatives: the face cannot turn, and the beam cannot shorten."""
     short = replace(ModalDerivatives({"x_max.y": FORCE}), most=1, tol=1e-3, order=2)
@@ -201,10 +228,11 @@ def test_the_stress_is_that_of_the_bent_body(model, body):
         small.stress_field(body, q)
 
 
+@pytest.mark.parametrize("coupling", Coupling)
 @pytest.mark.parametrize(("frame", "signs"), [("x_min", {"x_max": 1.0}), (None, {"x_max": 1.0, "x_min": -1.0})])
-def test_moments_at_the_ends_bend_a_circle(frame, signs):
+def test_moments_at_the_ends_bend_a_circle(frame, signs, coupling):
     """By 0.8 rad, and the ends' faces turn without energy; ten quadratic cells are 9e-4 too stiff."""
-    model, angle = beam(cells=10), 0.8
+    model, angle = beam(cells=10, coupling=coupling), 0.8
     moments = {name: sign * angle * STIFFNESS / LENGTH for name, sign in signs.items()}
     loads = {f"{name}.rz": abs(size) for name, size in moments.items()}
     body = craig_bampton(model, modes=0, frame=frame, nonlinear=ModalDerivatives(loads))
@@ -221,10 +249,11 @@ def test_small_loads_need_no_derivatives():
 
 
 @pytest.mark.mpi
-def test_ranks_make_the_same_body():
-    comm = MPI.COMM_WORLD
+@pytest.mark.parametrize("coupling", Coupling)
+def test_ranks_make_the_same_body(coupling):
+    comm, choice = MPI.COMM_WORLD, ModalDerivatives({"x_max.y": FORCE})
     bodies = [
-        craig_bampton(beam(cells=6, comm=one), modes=2, frame="x_min", nonlinear=ModalDerivatives({"x_max.y": FORCE}))
+        craig_bampton(beam(cells=6, coupling=coupling, comm=one), modes=2, frame="x_min", nonlinear=choice)
         for one in (comm, MPI.COMM_SELF)
     ]
     assert len(set(comm.allgather(bodies[0].fingerprint()))) == 1
@@ -250,11 +279,6 @@ def test_what_does_not_fit_is_refused(model, options, message):
         craig_bampton(model, **options)
 
 
-def test_an_averaged_interface_that_turns_is_refused():
-    with pytest.raises(ReductionError, match="'x_max' is averaged"):
-        craig_bampton(beam(cells=2, coupling=Coupling.AVERAGED), **bad())
-
-
 @pytest.mark.parametrize(("options", "message"), [
     ({"loads": {}}, "takes loads by their names"),
     ({"loads": {"tip.y": -1.0}}, "'tip.y' needs a positive size, got -1.0"),
@@ -269,11 +293,11 @@ def test_wrong_options(options, message):
         ModalDerivatives(**options)
 
 
-def full_equilibrium(model, start, load):
-    """Newton's method on the full model, both end faces clamped, from a displacement on: (dofs,)."""
+def full_equilibrium(model, start, load, *, held):
+    """Newton's method on the full model, some dofs at rest, from a displacement on: (dofs,)."""
     derivatives, u = force_derivatives(model), start.copy()
-    free = np.setdiff1d(np.arange(len(u)), np.concatenate([one.dofs for one in model.interfaces]))
-    u[np.setdiff1d(np.arange(len(u)), free)] = 0.0
+    free = np.setdiff1d(np.arange(len(u)), held)
+    u[held] = 0.0
     for _ in range(30):
         tangent = gather(model.tangent(u)).tocsc()[free][:, free]
         step = scipy.sparse.linalg.spsolve(tangent, (load - derivatives.force(u))[free])
@@ -298,13 +322,153 @@ def test_a_shallow_panel_snaps_through():
     assert body.n_modes <= 20
     fields, own = nodal_modes(body, model), polynomial(body)
     clamped = body.interface("x_max").modes
+    clamped_dofs = np.concatenate([one.dofs for one in model.interfaces])
     free = scipy.linalg.null_space(clamped / abs(clamped).max(axis=1, keepdims=True))
     top = np.linalg.norm(model.node_x - [0.5, 0.05, rise + 0.5 * thickness], axis=1).argmin()
     middle, q, sunk = model.displacement_dofs[top, 2], np.zeros(body.n_modes), []
     for part in (0.5, 1.0):
         q = own.equilibrium(part * size * body.loads.modal[0], start=q, directions=free)
-        full = full_equilibrium(model, fields @ q, part * size * load_vectors(model, [weight])[:, 0])
+        full = full_equilibrium(model, fields @ q, part * size * load_vectors(model, [weight])[:, 0], held=clamped_dofs)
         assert (fields @ q)[middle] == pytest.approx(full[middle], rel=1e-2)
         sunk.append(-full[middle])
     assert sunk[0] < 0.15 * rise
     assert sunk[1] > 1.5 * rise
+
+
+def frame_of_average(model, name, u):
+    """(3,) displacement of the centroid of facets and (3, 3) the rotation nearest to their motion, by integrals."""
+    mesh, at = model.mesh, fem.Function(model.space)
+    at.x.array[:] = u
+    ds = ufl.Measure("ds", domain=mesh.mesh, subdomain_data=mesh.facet_tags)(mesh.facet_groups[name])
+    arm = ufl.SpatialCoordinate(mesh.mesh) - ufl.as_vector(model.interface(name).p)
+    area = fem.assemble_scalar(fem.form(fem.Constant(mesh.mesh, 1.0) * ds))
+    moments = [[fem.assemble_scalar(fem.form((arm + at)[a] * arm[b] * ds)) for b in range(3)] for a in range(3)]
+    left, _, right = np.linalg.svd(np.array(moments))
+    # of a plane face the third direction is open
+    upright = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    return np.array([fem.assemble_scalar(fem.form(at[a] * ds)) for a in range(3)]) / area, left @ upright @ right
+
+
+@pytest.mark.parametrize(("directions", "tol", "rel"), [((0.0, 1.0, 0.0), 1e-3, 2e-4), ((0.0, 0.5, 0.2), 5e-3, 1e-3)])
+def test_an_averaged_interface_against_the_full_model(directions, tol, rel):
+    """A dead force on the mean of a free face: its frame stands where that of the full model does, turned as that."""
+    model = beam(cells=8, nu=0.3, coupling=Coupling.AVERAGED)
+    force = FORCE * np.array(directions)
+    askew = {"x_max.rz": 0.3 * FORCE, "x_max.z": 0.3 * FORCE} if force[2] != 0.0 else {}
+    choice = ModalDerivatives({"x_max.y": FORCE, **askew}, tol=tol, most=40)
+    body = craig_bampton(model, modes=0, frame="x_min", nonlinear=choice, keep=Keep(modes=True))
+    q = polynomial(body).equilibrium(force @ body.interface("x_max").modes[:3])
+    own = nodal_modes(body, model) @ q
+    tip = model.interface("x_max")
+    load = np.zeros(model.layout.n_local)
+    load[tip.dofs] = tip.average[:, :3] @ force
+    full = full_equilibrium(model, own, load, held=model.interface("x_min").dofs)
+    d, R = frame_of_average(model, "x_max", full)
+    mine, F = face(body, q)
+    np.testing.assert_allclose(mine, d, atol=rel * np.linalg.norm(d))
+    angle = np.linalg.norm(Rotation.from_matrix(R).as_rotvec())
+    assert angle > 0.2
+    assert np.linalg.norm(Rotation.from_matrix(R.T @ turned(F)).as_rotvec()) < rel * angle
+    # and the frame is that of the reduced body's own field, to the third order
+    _, R_own = frame_of_average(model, "x_max", own)
+    assert np.linalg.norm(Rotation.from_matrix(R_own.T @ turned(F)).as_rotvec()) < 1e-4 * angle
+
+
+def halved(*, half, height=SIDE):
+    """A beam, or its half behind the plane z = 0."""
+    size, lowest = (height / 2.0, -height / 4.0) if half else (height, 0.0)
+    mesh = meshes.block(LENGTH, SIDE, size, divisions=(10, 1, 1 if half else 2), cell="hexahedron", comm=MPI.COMM_SELF)
+    ends = [Interface("x_min", origin=[0.0, 0.0, lowest]), Interface("x_max", origin=[LENGTH, 0.0, lowest])]
+    own = st_venant_kirchhoff.Parameters(E=MODULUS, nu=0.3, rho=1000.0)
+    planes = [SymmetryPlane("z_min", (0, 0, 1))] if half else []
+    return ContinuumModel(mesh, st_venant_kirchhoff, own, degree=2, interfaces=ends, supports=planes)
+
+
+def test_a_half_bends_as_the_whole():
+    tips = []
+    for half, share in ((False, 1.0), (True, 0.5)):
+        loads = {"x_max.y": share * FORCE, "x_max.rz": 0.3 * share * FORCE}
+        choice = ModalDerivatives(loads, tol=1e-4)
+        body = craig_bampton(halved(half=half), modes=0, frame="x_min", nonlinear=choice)
+        d, F = face(body, polynomial(body).equilibrium(share * FORCE * body.interface("x_max").modes[1]))
+        tips.append(np.append(d, Rotation.from_matrix(turned(F)).as_rotvec()))
+    assert tips[0][1] > 0.29
+    np.testing.assert_allclose(tips[1], tips[0], atol=2e-4 * tips[0][1])
+
+
+@pytest.mark.parametrize("load", ["x_max.z", "x_max.rx"])
+def test_a_load_that_a_plane_of_symmetry_takes_up_is_refused(load):
+    with pytest.raises(ReductionError, match=rf"'{load}', which the supports of the part take up"):
+        craig_bampton(halved(half=True), modes=0, frame="x_min", nonlinear=ModalDerivatives({load: 1.0}))
+
+
+def bedded(z, *, group="z_min"):
+    """A short block on a roller, its far face's origin at a height above its middle."""
+    mesh = meshes.block(0.1, SIDE, SIDE, divisions=(3, 1, 1), cell="hexahedron", comm=MPI.COMM_SELF)
+    own = st_venant_kirchhoff.Parameters(E=MODULUS, nu=0.3, rho=1000.0)
+    ends, rollers = [Interface("x_min"), Interface("x_max", origin=[0.1, 0.0, z])], [Roller(group, (0, 0, 1))]
+    return ContinuumModel(mesh, st_venant_kirchhoff, own, degree=2, interfaces=ends, supports=rollers)
+
+
+def test_a_face_turns_about_the_edge_that_a_roller_holds():
+    """The edge stays on the roller, wherever the frame's origin is."""
+    moment, edge = MODULUS * SIDE**3 * 2e-3, -SIDE / 2.0
+    turns = []
+    for z in (edge, 0.0, 0.03):
+        choice = ModalDerivatives({"x_max.ry": moment}, tol=2e-2)
+        body, q = craig_bampton(bedded(z), modes=0, frame="x_min", nonlinear=choice), None
+        assert body.provenance["modal derivatives"] != "0"
+        for _ in range(20):
+            at = np.zeros(body.n_modes) if q is None else q
+            row = turned_face(face(body, at)[1], motion(body)[:, 1:])[1][1]
+            q = polynomial(body).equilibrium(moment * row, start=at)
+        d, F = face(body, q)
+        assert abs((d + (F - np.eye(3)) @ [0.0, 0.0, edge - z])[2]) < 1e-12
+        turns.append(Rotation.from_matrix(turned(F)).as_rotvec()[1])
+    np.testing.assert_allclose(turns[1:], turns[0], rtol=5e-3)
+    assert turns[0] > 1e-2
+
+
+def test_a_face_that_its_roller_lets_turn_by_small_angles_only_is_refused():
+    with pytest.raises(ReductionError, match=r"'x_max' is rigid, and its nodes on roller .* by small angles only"):
+        craig_bampton(
+            bedded(0.0, group="x_max"), modes=0, frame="x_min", nonlinear=ModalDerivatives({"x_max.y": 1.0})
+        )
+
+
+def founded(*, hardening):
+    """A beam whose lower side stands on springs, of a force that grows with the cube of their stretch too."""
+    springs = types.ModuleType("bed")
+    own = {name: entry for name, entry in vars(solid_linear).items() if not name.startswith("__")}
+
+    def surface_energy(u, p):
+        return [(p.rho * ufl.inner(u, u) / 2 + p.E * ufl.inner(u, u) ** 2 / 4, solid_linear.Quadrature(8))]
+
+    vars(springs).update(own, surface_energy=surface_energy)
+    mesh = meshes.block(LENGTH, SIDE, SIDE, divisions=(8, 1, 1), cell="hexahedron", comm=MPI.COMM_SELF)
+    steel = st_venant_kirchhoff.Parameters(E=MODULUS, nu=0.0, rho=1000.0)
+    # the bed's E and rho are its stiffnesses
+    bed = solid_linear.Parameters(E=hardening, nu=0.0, rho=3.0 * STIFFNESS / LENGTH**4 / SIDE)
+    ends = [Interface("x_min"), Interface("x_max", coupling=Coupling.AVERAGED)]
+    surfaces = {"y_min": (springs, bed)}
+    return ContinuumModel(mesh, st_venant_kirchhoff, steel, degree=2, interfaces=ends, surfaces=surfaces)
+
+
+@pytest.mark.parametrize("hardening", [1e-6, 2e6])
+def test_springs_on_facets_against_the_full_model(hardening):
+    model = founded(hardening=hardening)
+    choice = ModalDerivatives({"x_max.y": FORCE})
+    body = craig_bampton(model, modes=2, frame="x_min", nonlinear=choice, keep=Keep(modes=True))
+    own, tip = polynomial(body), model.interface("x_max")
+    q = own.equilibrium(FORCE * body.interface("x_max").modes[1])
+    load = np.zeros(model.layout.n_local)
+    load[tip.dofs] = tip.average[:, 1] * FORCE
+    start = nodal_modes(body, model) @ q
+    full = full_equilibrium(model, start, load, held=model.interface("x_min").dofs)
+    d, _ = frame_of_average(model, "x_max", full)
+    assert d[1] < 0.27
+    np.testing.assert_allclose(face(body, q)[0], d, atol=1e-3 * d[1])
+    # where no more than the fourth degree is there, the work of the forces is the form's own
+    step = np.random.default_rng(7).normal(size=body.n_modes) / np.sqrt(body.stiffness)
+    forces = force_derivatives(model).force(start)
+    assert own.force(q) @ step == pytest.approx(forces @ nodal_modes(body, model) @ step, rel=1e-9)

@@ -154,3 +154,16 @@ def test_wrong_arguments():
     line = meshes.line(1.0, divisions=2)
     with pytest.raises(MeshError, match="displacement alone"):
         ContinuumModel(line, beam_timoshenko, section, degree=2, supports=[SymmetryPlane("start", (1, 0, 0))])
+
+
+def test_an_interface_on_a_roller_with_its_origin_elsewhere():
+    """Its face turns about the edge on the roller wherever the frame is, which then moves along as it turns."""
+    found = []
+    for away in (0.0, 0.3):
+        mesh = meshes.block(LENGTH, WIDTH, HEIGHT, divisions=(5, 1, 1))
+        ends = [Interface("x_min"), Interface("x_max", origin=(LENGTH + away, 0.0, -HEIGHT / 2))]
+        model = ContinuumModel(
+            mesh, solid_linear, STEEL, degree=2, interfaces=ends, supports=[Roller("z_min", (0, 0, 1))]
+        )
+        found.append(craig_bampton(model, modes=6, frame="x_min", geometric_stiffness=False).frequencies(["x_min"]))
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)

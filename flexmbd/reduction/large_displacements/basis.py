@@ -11,10 +11,12 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.record.groups import NonlinearStiffness
 from flexmbd.record.reduced_body import FRAME_DOFS
+from flexmbd.reduction.large_displacements.derivative_search import modal_derivatives
 from flexmbd.reduction.large_displacements.energy_polynomial import energy_polynomial
+from flexmbd.reduction.large_displacements.face_fields import FaceFields, face_motions
+from flexmbd.reduction.large_displacements.face_membranes import FaceMembranes, membrane_stiffness
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives, force_derivatives
-from flexmbd.reduction.large_displacements.load_series import FaceFields, face_motions
-from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives, modal_derivatives
+from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, unit_loads
 from flexmbd.reduction.unit_loads import Load, load_vectors
@@ -30,8 +32,10 @@ class NonlinearShapes:
     Attributes:
         shapes: (owned dofs, m) in the mesh's axes.
         rows: (6 b, m) motions (m, rad) of the frames, in B's axes.
-        face_strain: (b, 6, m) symmetric parts of the faces' motions, in B's axes.
+        faces: of these shapes.
+        linear: of the static shapes and modes, one after the other.
         derivatives: of the body's internal forces.
+        R: (3, 3) rotation from B's axes to the mesh's.
         energy: J, the largest strain energy of the states that were compared.
         tolerance: of the relative error there.
         compared: (owned dofs, m) N, the loads of these states.
@@ -40,18 +44,21 @@ class NonlinearShapes:
 
     shapes: FloatArray
     rows: FloatArray
-    face_strain: FloatArray
+    faces: FaceMembranes
+    linear: FaceMembranes
     derivatives: ForceDerivatives
+    R: FloatArray
     energy: float
     tolerance: float
     compared: FloatArray
     notes: dict[str, str]
 
-    def placed(self, first: int, n: int) -> LargeDisplacements:
-        """Among n shapes of a basis, from a place on."""
-        strain = np.zeros((*self.face_strain.shape[:2], n))
-        strain[:, :, first : first + self.shapes.shape[1]] = self.face_strain
-        return LargeDisplacements(strain, self.derivatives, self.energy, self.tolerance, self.compared)
+    def placed(self, first: int) -> LargeDisplacements:
+        """Among the shapes of a basis, from a place on."""
+        before, after = np.split(self.linear.gradients, [first], axis=3)
+        gradients = np.concatenate([before, self.faces.gradients, after], axis=3)
+        faces = FaceMembranes(self.faces.stiffness, gradients)
+        return LargeDisplacements(faces, self.derivatives, self.R, self.energy, self.tolerance, self.compared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,26 +66,34 @@ class LargeDisplacements:
     """What is kept of them for the record.
 
     Attributes:
-        face_strain: (b, 6, n) by the coordinates of the basis.
+        faces: by the coordinates of the basis.
         derivatives: of the body's internal forces.
+        R: (3, 3) rotation from B's axes to the mesh's.
         energy: J.
         tolerance: of the relative error.
         compared: (owned dofs, m) N.
     """
 
-    face_strain: FloatArray
+    faces: FaceMembranes
     derivatives: ForceDerivatives
+    R: FloatArray
     energy: float
     tolerance: float
     compared: FloatArray
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """(n, n) N/m and so on: what keeps rigid faces rigid, beside the stiffness of the model."""
+        return self.faces.products(self.faces)
 
     def group(self, modes: FloatArray, change: FloatArray) -> tuple[NonlinearStiffness, str]:
         """The record's group for modes (local dofs including ghosts, n), by change (n, n) of the basis. Collective.
 
         And a note of what energy it is, for the provenance.
         """
-        found = energy_polynomial(self.derivatives, modes)
-        strain = self.face_strain @ change
+        faces = FaceMembranes(self.faces.stiffness, self.faces.gradients @ change)
+        found = energy_polynomial(self.derivatives, modes, faces)
+        strain = _in_body_axes(self.R, faces.gradients)[1]
         model = self.derivatives.model
         forces = inner(model.comm, modes[: model.n_owned], self.compared)
         numbers = np.array([self.energy]), np.array([self.tolerance])
@@ -106,12 +121,15 @@ def nonlinear_shapes(
     derivatives = force_derivatives(model)
     every = joined(unit_loads(statics, statics.interfaces), _named(statics, loads), _of_modes(statics, fixed))
     known = FaceFields(np.asfortranarray(base), face_motions(statics, base))
-    found = modal_derivatives(statics, known, derivatives, loads=every, choice=choice)
-    rows, strain = _in_body_axes(statics.R, found.shapes.faces)
+    membranes = membrane_stiffness(statics)
+    found = modal_derivatives(statics, known, derivatives, loads=every, choice=choice, membranes=membranes)
+    rows = _frame_rows(statics.R, found.shapes.faces)
+    faces, linear = (FaceMembranes(membranes, one.faces[:, :, 1:]) for one in (found.shapes, known))
     # what holds an interface loads it
     stated = {*choice.loads, *(f"{name}.{dof}" for name in choice.held for dof in FRAME_DOFS)}
     forces = every.forces[:, [name in stated for name in every.names]]
-    return NonlinearShapes(found.shapes.u, rows, strain, derivatives, found.energy, choice.tol, forces, found.notes)
+    own = found.shapes.u, rows, faces, linear, derivatives, statics.R
+    return NonlinearShapes(*own, found.energy, choice.tol, forces, found.notes)
 
 
 def _named(statics: Statics, loads: Sequence[Load]) -> UnitLoads:
@@ -131,12 +149,15 @@ def _of_modes(statics: Statics, fixed: Modes) -> UnitLoads:
     return UnitLoads(tuple(f"fixed-interface {i + 1}" for i in range(count)), forces, np.zeros(count))
 
 
-def _in_body_axes(R: FloatArray, faces: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rows (6 b, m) and symmetric parts (b, 6, m) of faces' motions (b, 3, 4, m) in the mesh's axes."""
-    turned = np.einsum("pa,bpqm,qc->bacm", R, faces[:, :, 1:], R)
-    rows = np.zeros((len(faces), 6, faces.shape[3]))
-    rows[:, :3] = np.einsum("pa,bpm->bam", R, faces[:, :, 0])
-    for axis, (a, b) in enumerate(((1, 2), (2, 0), (0, 1))):
-        rows[:, 3 + axis] = 0.5 * (turned[:, b, a] - turned[:, a, b])
-    strain = np.stack([0.5 * (turned[:, a, b] + turned[:, b, a]) for a, b in _SYMMETRIC], axis=1)
-    return rows.reshape(6 * len(faces), faces.shape[3]), strain
+def _frame_rows(R: FloatArray, faces: FloatArray) -> FloatArray:
+    """(6 b, m) motions of the frames in B's axes, of faces' motions (b, 3, 4, m) in the mesh's."""
+    rows = np.concatenate([np.einsum("pa,bpm->bam", R, faces[:, :, 0]), _in_body_axes(R, faces[:, :, 1:])[0]], axis=1)
+    return rows.reshape(6 * len(faces), faces.shape[3])
+
+
+def _in_body_axes(R: FloatArray, gradients: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Small rotations (b, 3, m) and symmetric parts (b, 6, m) of gradients A (b, 3, 3, m) in the mesh's axes."""
+    turned = np.einsum("pa,bpqm,qc->bacm", R, gradients, R)
+    rotation = [0.5 * (turned[:, b, a] - turned[:, a, b]) for a, b in ((1, 2), (2, 0), (0, 1))]
+    strain = [0.5 * (turned[:, a, b] + turned[:, b, a]) for a, b in _SYMMETRIC]
+    return np.stack(rotation, axis=1), np.stack(strain, axis=1)

@@ -16,6 +16,7 @@ is by the form's own forces.
 
 A density that is not a function of H alone, or not the same everywhere, has its coefficients from the form's third and
 fourth derivatives, assembled as one vector for each pair and each triple of shapes: the Taylor polynomial at rest.
+So have springs on facets, which are no strain.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from dolfinx import fem
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, total
 from flexmbd.record.strain_polynomial import StrainPolynomial, monomials, places
+from flexmbd.reduction.large_displacements.face_membranes import FaceMembranes
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives
 from flexmbd.reduction.stiffening.point_gradients import RulePoints, by_node, field_gradients, point_gradients
 from flexmbd.reduction.stiffening.stress_stiffness import gradient_tensor
@@ -56,20 +58,35 @@ class EnergyPolynomial:
     note: str
 
 
-def energy_polynomial(derivatives: ForceDerivatives, modes: FloatArray) -> EnergyPolynomial:
+def energy_polynomial(derivatives: ForceDerivatives, modes: FloatArray, faces: FaceMembranes) -> EnergyPolynomial:
     """The polynomial on a basis. Collective.
 
     Args:
         derivatives: of the body's internal forces.
         modes: (local dofs including ghosts, n).
+        faces: of these modes, with what keeps rigid ones rigid.
     """
+    body = _of_body(derivatives, modes)
+    cubic, quartic = _coefficients(*faces.higher_products())
+    return EnergyPolynomial(body.cubic + cubic, body.quartic + quartic, body.note)
+
+
+def _of_body(derivatives: ForceDerivatives, modes: FloatArray) -> EnergyPolynomial:
+    """Without membranes on faces. Collective."""
     model = derivatives.model
-    found = of_green_strain(model, modes)
-    if found is None:
+    cells = of_green_strain(model, modes)
+    if cells is None:
         return EnergyPolynomial(*by_derivatives(derivatives, modes), f"Taylor polynomial of {model.form_name} at rest")
-    if _agree(derivatives, modes, *found):
-        return EnergyPolynomial(*found, f"exactly that of {model.form_name}")
-    return EnergyPolynomial(*found, f"St Venant-Kirchhoff's with the stiffness of {model.form_name} at rest")
+    cubic, quartic = cells
+    note = ""
+    if derivatives.springs is not None:
+        springs = by_derivatives(derivatives.springs, modes)
+        cubic, quartic = cubic + springs[0], quartic + springs[1]
+        note = ", and the Taylor polynomial at rest of the springs on facets"
+    if _agree(derivatives, modes, cubic, quartic):
+        return EnergyPolynomial(cubic, quartic, f"exactly that of {model.form_name}{note}")
+    own = f"St Venant-Kirchhoff's with the stiffness of {model.form_name} at rest"
+    return EnergyPolynomial(cubic, quartic, own + note)
 
 
 def _agree(derivatives: ForceDerivatives, modes: FloatArray, cubic: FloatArray, quartic: FloatArray) -> bool:
@@ -129,6 +146,14 @@ def of_green_strain(model: LinearModel, modes: FloatArray) -> tuple[FloatArray, 
             if tensor is None or not _is_of_strain(tensor):
                 return None
             _add_products(RulePoints(model, group.cells, term[1]), tensor, modes, linear=linear, square=square)
+    three, four = _coefficients(linear, square)
+    return total(model.comm, three), total(model.comm, four)
+
+
+def _coefficients(linear: FloatArray, square: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cubic and quartic of e_i : C : h_jk (n, pairs) and h_ij : C : h_kl (pairs, pairs)."""
+    n = len(linear)
+    pairs = monomials(n, 2)
     # h_ij of a pair i != j stands for two
     weights = np.where(pairs[:, 0] == pairs[:, 1], 0.5, 1.0)
     cubic, quartic = (len(monomials(n, degree)) for degree in (3, 4))
@@ -138,7 +163,7 @@ def of_green_strain(model: LinearModel, modes: FloatArray) -> tuple[FloatArray, 
     rows, columns = np.indices(square.shape).reshape(2, -1)
     of_four = places(np.hstack([pairs[rows], pairs[columns]]))
     four = np.bincount(of_four, (0.5 * square * np.outer(weights, weights)).ravel(), minlength=quartic)
-    return total(model.comm, np.asarray(three, dtype=float)), total(model.comm, np.asarray(four, dtype=float))
+    return np.asarray(three, dtype=float), np.asarray(four, dtype=float)
 
 
 def _is_of_strain(tensor: FloatArray) -> bool:

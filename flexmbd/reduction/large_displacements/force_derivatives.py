@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ufl
 from dolfinx import fem
 
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.surface_group import surface_work
 from flexmbd.continuum.matrices.blocks import FloatArray
 from flexmbd.reduction.stiffening.loaded_forms import assembled_vector
 
@@ -18,8 +19,8 @@ from flexmbd.reduction.stiffening.loaded_forms import assembled_vector
 class ForceDerivatives:
     """Internal forces F(u) of a body and derivatives D2F[a, b], D3F[a, b, c] at u = 0; made by `force_derivatives`.
 
-    All are vectors on the owned dofs, N per products of the directions (local dofs including ghosts); each call is
-    collective.
+    Those of springs on facets are among them, and `springs` has them alone, where they are not linear.  All are vectors
+    on the owned dofs, N per products of the directions (local dofs including ghosts); each call is collective.
     """
 
     model: LinearModel
@@ -28,6 +29,7 @@ class ForceDerivatives:
     _force: Sequence[fem.Form]
     _second: Sequence[fem.Form]
     _third: Sequence[fem.Form]
+    springs: ForceDerivatives | None = None
 
     @property
     def vanish(self) -> bool:
@@ -56,8 +58,13 @@ class ForceDerivatives:
 def force_derivatives(model: LinearModel) -> ForceDerivatives:
     """Compile. Collective."""
     u, v = fem.Function(model.space), ufl.TestFunction(model.space)
+    alone = _compiled(model, surface_work(model.surfaces, u, v), u) if model.has_surface_energy else None
+    whole = _compiled(model, model.internal_work(u, v), u)
+    return replace(whole, springs=None if alone is None or alone.vanish else alone)
+
+
+def _compiled(model: LinearModel, work: list[ufl.Form], u: fem.Function) -> ForceDerivatives:
     directions = tuple(fem.Function(model.space) for _ in range(3))
-    work = model.internal_work(u, v)
     return ForceDerivatives(
         model,
         u,
