@@ -200,6 +200,8 @@ def optional_parts(
         if groups is not None:
             parts["geometric"], parts["stretch"] = groups.geometric, groups.stretch
         provenance["geometric stiffness"] = _NO_STIFFENING if groups is None else groups.note
+        if resolved == 0.0 and not contents.residual_vectors:
+            provenance["stretch modes"] = "none beside no modes: its motion stretches the body as interfaces do"
     if contents.loads:
         forces = found.loads.forces[:, -len(contents.loads) :]
         group = loads_group(model, contents.loads, forces=forces, modes=own, p=p, R=R)

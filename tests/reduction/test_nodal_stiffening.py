@@ -43,6 +43,16 @@ def test_a_beam_that_spins(choice, unit):
     assert body.provenance["geometric stiffness"].endswith(f"of {body.n_modes}, those that are resolved")
 
 
+def test_a_body_without_modes_says_that_nothing_completes_its_tension():
+    """It is uniform between interfaces, and a beam that spins is stiffened too much; one mode is enough."""
+    ends = Interface("x_min"), Interface("x_max")
+    for modes, agrees in (0, False), (1, True):
+        body = craig_bampton(part(*ends), modes=modes, frame="x_min")
+        by_stretch = added(body, axis=2)[1][0]
+        assert bool(abs(by_stretch / SOUTHWELL[0] - 1.0) < 2e-3) is agrees
+        assert body.provenance["stretch modes"].startswith("none") is not agrees
+
+
 def test_waves_of_a_seam():
     """The long seam of a thin plate bends: as in the plate without an interface there, whose modes are many."""
     size, divisions = (0.3, 0.2, 0.004), (5, 4, 1)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import flexmbd as fm
-from flexmbd.continuation.follow import Station, follow
+from flexmbd.continuation.follow import follow
 from flexmbd.continuation.request import Bounds
 from flexmbd.continuation.space import PathDirection
+from flexmbd.continuation.station import Station
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear.balance import balance
