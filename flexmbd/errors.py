@@ -156,9 +156,9 @@ class EventWarning(UserWarning):
 
 
 class RangeWarning(UserWarning):
-    """A body with nonlinear stiffness stores more energy than in the states compared with its full model.
+    """A reduced body is used beyond what its shapes are good for: bent further than compared, or spun without modes.
 
-    Remedy: reduce it for the range of loads that it sees, or cut it in several pieces.
+    Remedy: reduce it for the range of loads that it sees, cut it in several pieces, or give it a mode or more.
     """
 
 

@@ -18,6 +18,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.range_watch import RangeWatch
+from flexmbd.multibody.results.spin_watch import SpinWatch
 from flexmbd.multibody.results.stretch_watch import StretchWatch
 from flexmbd.multibody.results.turn_watch import TurnWatch
 from flexmbd.multibody.start.consistent_start import Start
@@ -102,7 +103,7 @@ def _run(
     watched = bodies.values() if team.is_root else ()
     watch, ranges, creep = (
         StretchWatch(start.scene, bodies.values()),
-        (RangeWatch(start.scene, watched), TurnWatch(start.scene, watched)),
+        (RangeWatch(start.scene, watched), TurnWatch(start.scene, watched), SpinWatch(start.scene, watched)),
         CreepWatch(integration, t_end),
     )
     shown = settings.progress and team.is_root
@@ -211,7 +212,7 @@ def _advance(
     search: EventSearch | None,
     stop: float,
     recorder: Recorder | None,
-    ranges: Iterable[RangeWatch | TurnWatch],
+    ranges: Iterable[RangeWatch | TurnWatch | SpinWatch],
 ) -> int:
     """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
     try:

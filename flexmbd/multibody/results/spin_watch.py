@@ -1,0 +1,146 @@
+"""Watches when a body spins so fast that it matters what its shapes lack of being stiffened by the spin.
+
+The record has the stiffness that a spin adds twice. Load by load it is that of the full model's stress
+(`GeometricStiffness`). A machine has that of the membrane forces of the body's own shapes (`ModalStretch`), which is
+the same where shapes complete the response to the centrifugal force. Static shapes alone do not (`guyan`): a blade's
+tension is uniform then, and it is stiffened a third too much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import RangeWarning, warn
+from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.sampling.series import body_series
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.stretch_watch import StoredRows
+from flexmbd.record.reduced_body import ReducedBody
+
+FloatArray = NDArray[np.float64]
+
+# Of the stiffness: what is told of an error of it.
+_TOLD = 0.01
+# Of the stiffness that a spin adds: what records lack that complete the response to it, by far.
+_COMPLETE = 0.05
+_AT_ONCE = 1024  # rows, of all bodies
+_AXES = "xyz"
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class SpinLack:
+    """What the stiffness by a spin lacks, in coordinates whose stiffness is one.
+
+    Attributes:
+        change: (6, n, n) s^2, machine's less full model's, by the products xx, yy, zz, xy, xz, yz of angular velocities
+            in the body's axes.
+        sizes: (6,) s^2, the largest eigenvalue of each.
+    """
+
+    change: FloatArray
+    sizes: FloatArray
+
+    def shares(self, spin: FloatArray) -> FloatArray:
+        """(k,) of the stiffness, at most, at angular velocities (k, 3), rad/s in the body's axes: bounds of `share`."""
+        return np.abs(_products(spin)) @ self.sizes
+
+    def share(self, spin: FloatArray) -> float:
+        """Of the stiffness in the direction in which it is largest, at an angular velocity (3,), rad/s."""
+        whole = np.tensordot(_products(spin[None])[0], self.change, 1)
+        return float(np.abs(np.linalg.eigvalsh(whole)).max(initial=0.0))
+
+
+def spin_lack(record: ReducedBody) -> SpinLack | None:
+    """Of a record; None where nothing is lacking that could matter, or is not known."""
+    if record not in _known:
+        _known[record] = _spin_lack(record)
+    return _known[record]
+
+
+_known: WeakKeyDictionary[ReducedBody, SpinLack | None] = WeakKeyDictionary()
+
+
+def _spin_lack(record: ReducedBody) -> SpinLack | None:
+    geometric, stretch = record.geometric, record.stretch
+    if geometric is None or stretch is None:
+        return None
+    scale = 1.0 / np.sqrt(record.stiffness)
+    pairs = np.outer(scale, scale)
+    by_load, by_stretch = np.zeros((2, 6, record.n_modes, record.n_modes))
+    for k, (a, b) in enumerate(_PAIRS):
+        name = f"angular velocity {_AXES[a]}{_AXES[b]}"
+        if name in geometric.loads:
+            by_load[k] = geometric.K[geometric.loads.index(name)] * pairs
+            response = stretch.strain @ (_centrifugal_force(record, a, b) / record.stiffness)
+            by_stretch[k] = np.tensordot(response, stretch.P, 1) * pairs
+    change = by_stretch - by_load
+    sizes, whole = (np.abs(np.linalg.eigvalsh(one)).max(axis=1, initial=0.0) for one in (change, by_load))
+    return SpinLack(change, sizes) if sizes.max() > _COMPLETE * whole.max() else None
+
+
+def _centrifugal_force(record: ReducedBody, a: int, b: int) -> FloatArray:
+    """(n,) modal, per product w_a w_b of angular velocities: rho (r - e_a r_a), or -rho (e_a r_b + e_b r_a)."""
+    gram = record.gram
+    if a == b:
+        return np.asarray(sum(gram[1 + c, 4 + c :: 3] for c in range(3) if c != a))
+    return np.asarray(-gram[1 + b, 4 + a :: 3] - gram[1 + a, 4 + b :: 3])
+
+
+def _products(spin: FloatArray) -> FloatArray:
+    return np.stack([spin[:, a] * spin[:, b] for a, b in _PAIRS], axis=1)
+
+
+class SpinWatch:
+    """Looks through the rows of a simulation as they come, and warns once of each body."""
+
+    def __init__(self, scene: CompiledScene, bodies: Iterable[Body]) -> None:
+        self._scene = scene
+        records = ((body, scene.index.now(body).reduced()) for body in bodies)
+        found = {body: spin_lack(record) for body, record in records if record is not None}
+        self._watched = {body: lack for body, lack in found.items() if lack is not None}
+        self._rows = 0
+
+    def look(self, stored: StoredRows) -> None:
+        """Look at the rows that came since; each begins with time (s), configuration, velocities and accelerations.
+
+        Warns:
+            RangeWarning: what a body's shapes lack changes its stiffness by a hundredth; once a body.
+        """
+        if not self._watched:
+            return
+        t, *rows = (np.ascontiguousarray(part) for part in stored.since(self._rows)[:4])
+        self._rows += len(t)
+        for begin in range(0, len(t), _AT_ONCE):
+            block = slice(begin, begin + _AT_ONCE)
+            self._judge(t[block], *(part[block] for part in rows))
+
+    def _judge(self, t: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> None:
+        plan = self._scene.plan
+        motions = np.zeros((len(t), len(plan.tree), 21))
+        if self._watched:
+            body_series(plan, new_work(plan), x, v, a, motions)
+        for body, lack in tuple(self._watched.items()):
+            own = motions[:, self._scene.index.bodies[body]]
+            spin = np.einsum("kab,ka->kb", own[:, 3:12].reshape(-1, 3, 3), own[:, 15:18])
+            row = int(np.argmax(lack.shares(spin)))
+            share = lack.share(spin[row])
+            if share > _TOLD:
+                del self._watched[body]
+                _tell(body, float(t[row]), spin[row], share)
+
+
+def _tell(body: Body, t: float, spin: FloatArray, share: float) -> None:
+    warn(
+        f"flexible body {body.name!r} turns with {np.linalg.norm(spin):.4g} rad/s at t = {t:.6g} s: no shape of it "
+        f"completes the tension of the centrifugal force, so that a stiffness is off by {100.0 * share:.2g} % there, "
+        "and by more where it turns faster; reduce it with a mode or more (craig_bampton, modes=1), with which shapes "
+        "that complete it come",
+        RangeWarning,
+    )

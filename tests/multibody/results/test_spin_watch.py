@@ -1,0 +1,77 @@
+"""A body without modes that spins: warned of where what its shapes lack of the stiffening matters."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.polynomial import Polynomial
+
+import flexmbd as fm
+from flexmbd import meshes
+from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.forms import solid_linear
+from flexmbd.reduction import craig_bampton
+
+# No lateral contraction that the ends would hinder; metres, and millimetres, tonnes and seconds.
+STEEL = {
+    1.0: solid_linear.Parameters(E=2.1e11, nu=0.0, rho=7850.0),
+    1e3: solid_linear.Parameters(E=2.1e5, nu=0.0, rho=7.85e-9),
+}
+
+
+def share_lacking(spin):
+    """Of the stiffness of a clamped beam by the two static shapes of its tip, in the direction where it is largest.
+
+    By a uniform tension, the mean of rho A w^2 (L^2 - x^2) / 2, in the place of that; w is over the first frequency.
+    """
+    shapes = Polynomial([0.0, 0.0, 3.0, -2.0]), Polynomial([0.0, 0.0, -1.0, 1.0])
+    tension = Polynomial([1.0 / 3.0 - 0.5, 0.0, 0.5])
+    stiffness = products([one.deriv(2) for one in shapes])
+    mass, lacking = products(shapes), products([one.deriv() for one in shapes], tension)
+    first = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[0]
+    return spin**2 * first * abs(scipy.linalg.eigh(lacking, stiffness, eigvals_only=True)).max()
+
+
+def products(fields, weight=1.0):
+    wholes = [[(a * b * weight).integ() for b in fields] for a in fields]
+    return np.array([[one(1.0) - one(0.0) for one in row] for row in wholes])
+
+
+def blade(modes, unit):
+    mesh = meshes.block(0.8 * unit, 0.02 * unit, 0.01 * unit, divisions=(16, 2, 1))
+    ends = [Interface("x_min"), Interface("x_max")]
+    model = ContinuumModel(mesh, solid_linear, STEEL[unit], degree=2, interfaces=ends)
+    return craig_bampton(model, modes=modes, frame="x_min")
+
+
+@pytest.fixture(scope="module", params=[1.0, 1e3], ids=["m", "mm"])
+def blades(request):
+    return {modes: blade(modes, request.param) for modes in (0, 1)}
+
+
+def told(record, spin, *, axis="z"):
+    """What a run of a blade says that turns at a rate (rad/s)."""
+    scene = fm.System()
+    body = scene.add(fm.FlexibleBody(record), name="blade")
+    hub = scene.connect(fm.joint.Revolute(axis), scene.ground.frame(), body.frame("x_min"))
+    hub.velocity = spin
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", fm.RangeWarning)
+        scene.simulate(t_end=0.02, rtol=1e-4)
+    return [str(one.message) for one in caught if issubclass(one.category, fm.RangeWarning)]
+
+
+@pytest.mark.parametrize("axis", ["y", "z"])
+def test_a_body_without_modes_is_told_of_once_where_it_matters(blades, axis):
+    first = blades[0].stiffness[0] ** 0.5
+    (text,) = told(blades[0], 0.35 * first, axis=axis)
+    assert "flexible body 'blade'" in text
+    percent = float(re.search(r"off by ([\d.]+) %", text)[1])
+    assert percent == pytest.approx(100.0 * share_lacking(0.35), rel=0.02)
+    assert not told(blades[0], 0.12 * first, axis=axis)
+
+
+def test_a_mode_completes_it(blades):
+    assert not told(blades[1], blades[0].stiffness[0] ** 0.5)
