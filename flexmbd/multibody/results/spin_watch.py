@@ -25,9 +25,9 @@ from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
 
-# Of the stiffness: what is told of an error of it.
+# Of the square of the lowest frequency: what is told of an error of it.
 _TOLD = 0.01
-# Of the stiffness that a spin adds: what records lack that complete the response to it, by far.
+# Of what a spin adds to it: what records lack that complete the response to the centrifugal force, by far.
 _COMPLETE = 0.05
 _AT_ONCE = 1024  # rows, of all bodies
 _AXES = "xyz"
@@ -36,25 +36,25 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 @dataclass(frozen=True, eq=False)
 class SpinLack:
-    """What the stiffness by a spin lacks, in coordinates whose stiffness is one.
+    """What a record has of the stiffness by a spin, and what that of a machine has too much.
 
     Attributes:
-        change: (6, n, n) s^2, machine's less full model's, by the products xx, yy, zz, xy, xz, yz of angular velocities
-            in the body's axes.
-        sizes: (6,) s^2, the largest eigenvalue of each.
+        stiffness: (n,) 1/s^2, at rest.
+        added: (6, n, n) by the full model's stress, by the products xx, yy, zz, xy, xz, yz of angular velocities in the
+            body's axes.
+        excess: (6, n, n) of the machine's over that.
     """
 
-    change: FloatArray
-    sizes: FloatArray
-
-    def shares(self, spin: FloatArray) -> FloatArray:
-        """(k,) of the stiffness, at most, at angular velocities (k, 3), rad/s in the body's axes: bounds of `share`."""
-        return np.abs(_products(spin)) @ self.sizes
+    stiffness: FloatArray
+    added: FloatArray
+    excess: FloatArray
 
     def share(self, spin: FloatArray) -> float:
-        """Of the stiffness in the direction in which it is largest, at an angular velocity (3,), rad/s."""
-        whole = np.tensordot(_products(spin[None])[0], self.change, 1)
-        return float(np.abs(np.linalg.eigvalsh(whole)).max(initial=0.0))
+        """Of the square of the lowest frequency at an angular velocity (3,), rad/s in the body's axes."""
+        products = np.array([spin[a] * spin[b] for a, b in _PAIRS])
+        values, modes = np.linalg.eigh(np.diag(self.stiffness) + np.tensordot(products, self.added, 1))
+        change = modes[:, 0] @ np.tensordot(products, self.excess, 1) @ modes[:, 0]
+        return float(change / values[0]) if values[0] > 0.0 else 0.0
 
 
 def spin_lack(record: ReducedBody) -> SpinLack | None:
@@ -71,18 +71,16 @@ def _spin_lack(record: ReducedBody) -> SpinLack | None:
     geometric, stretch = record.geometric, record.stretch
     if geometric is None or stretch is None:
         return None
-    scale = 1.0 / np.sqrt(record.stiffness)
-    pairs = np.outer(scale, scale)
-    by_load, by_stretch = np.zeros((2, 6, record.n_modes, record.n_modes))
+    added, machine = np.zeros((2, 6, record.n_modes, record.n_modes))
     for k, (a, b) in enumerate(_PAIRS):
         name = f"angular velocity {_AXES[a]}{_AXES[b]}"
         if name in geometric.loads:
-            by_load[k] = geometric.K[geometric.loads.index(name)] * pairs
+            added[k] = geometric.K[geometric.loads.index(name)]
             response = stretch.strain @ (_centrifugal_force(record, a, b) / record.stiffness)
-            by_stretch[k] = np.tensordot(response, stretch.P, 1) * pairs
-    change = by_stretch - by_load
-    sizes, whole = (np.abs(np.linalg.eigvalsh(one)).max(axis=1, initial=0.0) for one in (change, by_load))
-    return SpinLack(change, sizes) if sizes.max() > _COMPLETE * whole.max() else None
+            machine[k] = np.tensordot(response, stretch.P, 1)
+    first, excess = int(np.argmin(record.stiffness)), machine - added
+    lacks = abs(excess[:3, first, first]).max() > _COMPLETE * abs(added[:3, first, first]).max()
+    return SpinLack(record.stiffness, added, excess) if lacks else None
 
 
 def _centrifugal_force(record: ReducedBody, a: int, b: int) -> FloatArray:
@@ -91,10 +89,6 @@ def _centrifugal_force(record: ReducedBody, a: int, b: int) -> FloatArray:
     if a == b:
         return np.asarray(sum(gram[1 + c, 4 + c :: 3] for c in range(3) if c != a))
     return np.asarray(-gram[1 + b, 4 + a :: 3] - gram[1 + a, 4 + b :: 3])
-
-
-def _products(spin: FloatArray) -> FloatArray:
-    return np.stack([spin[:, a] * spin[:, b] for a, b in _PAIRS], axis=1)
 
 
 class SpinWatch:
@@ -111,7 +105,8 @@ class SpinWatch:
         """Look at the rows that came since; each begins with time (s), configuration, velocities and accelerations.
 
         Warns:
-            RangeWarning: what a body's shapes lack changes its stiffness by a hundredth; once a body.
+            RangeWarning: what a body's shapes lack changes the square of its lowest frequency by a hundredth; once a
+                body.
         """
         if not self._watched:
             return
@@ -129,9 +124,9 @@ class SpinWatch:
         for body, lack in tuple(self._watched.items()):
             own = motions[:, self._scene.index.bodies[body]]
             spin = np.einsum("kab,ka->kb", own[:, 3:12].reshape(-1, 3, 3), own[:, 15:18])
-            row = int(np.argmax(lack.shares(spin)))
+            row = int(np.argmax(np.einsum("kb,kb->k", spin, spin)))
             share = lack.share(spin[row])
-            if share > _TOLD:
+            if abs(share) > _TOLD:
                 del self._watched[body]
                 _tell(body, float(t[row]), spin[row], share)
 
@@ -139,8 +134,8 @@ class SpinWatch:
 def _tell(body: Body, t: float, spin: FloatArray, share: float) -> None:
     warn(
         f"flexible body {body.name!r} turns with {np.linalg.norm(spin):.4g} rad/s at t = {t:.6g} s: no shape of it "
-        f"completes the tension of the centrifugal force, so that a stiffness is off by {100.0 * share:.2g} % there, "
-        "and by more where it turns faster; reduce it with a mode or more (craig_bampton, modes=1), with which shapes "
-        "that complete it come",
+        "completes the tension of the centrifugal force, so that the square of its lowest frequency is off by "
+        f"{100.0 * share:+.2g} % there, and by more where it turns faster; reduce it with a mode or more "
+        "(craig_bampton, modes=1), with which shapes that complete it come",
         RangeWarning,
     )
