@@ -44,7 +44,7 @@ def crossings(space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> list[Pa
 
 
 def _crossings(space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> list[PathCrossing[AnyPoint]]:
-    search = _Search(space, stretch)
+    search = _StretchPoints(space, stretch)
     before, after = stretch.before.spectrum, stretch.after.spectrum
     if before.has_potential and after.has_potential:
         low, high = sorted((before.unstable, after.unstable))
@@ -68,7 +68,7 @@ def _determinant(spectrum: PathSpectrum) -> float:
     return spectrum.sign * spectrum.smallest()
 
 
-class _Search(Generic[AnyPoint]):
+class _StretchPoints(Generic[AnyPoint]):
     """Points of a stretch, which are found from those that are known already."""
 
     def __init__(self, space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> None:

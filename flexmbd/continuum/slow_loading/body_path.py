@@ -147,7 +147,7 @@ def equilibrium_path(
     _refuse_unheld(body, prescribed)
     begin = reached if about is None else about.t
     bounds, sign = bounds_of(path, begin=begin), path.side * float(np.sign(path.to - begin))
-    found = _Found(body, BodyPathSpace(whole, bounds.width, convergence))
+    found = _GrowingPath(body, BodyPathSpace(whole, bounds.width, convergence))
     try:
         if about is None:
             first = _first(found.space, whole, convergence, begin=begin, sign=sign)
@@ -160,7 +160,7 @@ def equilibrium_path(
         body.restore(found.last)
 
 
-class _Found:
+class _GrowingPath:
     """What is found of a path, and the state at its end so far."""
 
     def __init__(self, body: NonlinearModel, space: BodyPathSpace) -> None:
