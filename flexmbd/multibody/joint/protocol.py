@@ -36,6 +36,10 @@ class Row:
     data: tuple[float, ...] = ()
     level: int = kinds.LEVEL_POSITION
 
+    def __post_init__(self) -> None:
+        # a user's number may be an array without axes, which is no part of a set
+        object.__setattr__(self, "data", tuple(map(float, self.data)))
+
 
 @dataclass(frozen=True)
 class Step:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -140,3 +142,18 @@ def test_explain_tells_links_ways_and_penalties():
     assert "3 bodies and 2 massless links, 15 velocities" in text
     assert "cylindrical a-b: Cylindrical, 4 of 4 rows, by constraints as asked" in text
     assert "universal b-c: Universal, yields to a penalty, no multipliers" in text
+
+
+@pytest.mark.parametrize("joint", [fm.joint.RollingDisc, fm.joint.Distance])
+def test_a_parameter_may_be_an_array_without_axes(joint):
+    """Seen as a TypeError of sets where a loop closes."""
+    closed = []
+    for size in (0.5, np.array(0.5)):
+        scene = fm.System()
+        body = scene.add(fm.RigidBody(1.0, (0.1,) * 3))
+        scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+        scene.connect(joint(size), scene.ground.frame(p=(0.0, 0.0, -0.4)), body.frame(), name="loop")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", fm.StartWarning)
+            closed.append(scene.start().x)
+    assert np.array_equal(*closed)
