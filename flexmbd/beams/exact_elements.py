@@ -19,6 +19,7 @@ from flexmbd.beams.castigliano import Section
 from flexmbd.beams.frame_mesh import FrameMesh
 from flexmbd.beams.pose_logarithm import logarithm_change, pose_logarithm
 from flexmbd.errors import SceneError
+from flexmbd.overflow import refuse_not_finite, refuse_overflow
 
 FloatArray = NDArray[np.float64]
 
@@ -66,13 +67,14 @@ def elements_at_rest(mesh: FrameMesh, sections: Mapping[str, Section]) -> tuple[
 def _element(arc: Arc, section: Section, name: str, place: tuple[int, int, int]) -> ElementAtRest:
     ends = arc.axes(np.array([0.0, 1.0]), section, name)
     first, last = ends[0].T, ends[1].T
-    flexibility = arc.flexibility(section, name)
     d, R = first.T @ (arc.end - arc.start), first.T @ last
     change = logarithm_change(d, R)
     rest = pose_logarithm(d, R)
-    stiffness = np.linalg.inv(_scaled(change @ flexibility @ change.T, arc.length))
     scale = _scale(arc.length)
-    stiffness = stiffness * np.outer(scale, scale)
+    with refuse_overflow(f"the stiffness of an element of {name!r}"):
+        flexibility = arc.flexibility(section, name)
+        stiffness = np.linalg.inv(_scaled(change @ flexibility @ change.T, arc.length)) * np.outer(scale, scale)
+    refuse_not_finite(f"the stiffness of an element of {name!r}", stiffness)
     return ElementAtRest(*place, first, last, arc.length, 0.5 * (stiffness + stiffness.T), rest)
 
 
