@@ -28,7 +28,7 @@ from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
-from flexmbd.overflow import refuse_overflow
+from flexmbd.overflow import refuse_not_finite, refuse_overflow
 
 FloatArray = NDArray[np.float64]
 
@@ -88,6 +88,7 @@ def linearize(
     if len(by.y) == len(by.z):
         C, K, F, by = _second_order(M, C, K, F, by, ports.given)
     C, K = without_round_off(C, noise.C), without_round_off(K, noise.K)
+    refuse_not_finite("the linear machine", M, C, K, F)
     slopes = tuple(slope.extended(wider.added) for slope in slopes)
     return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
 
