@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.flutter import flutters, parted
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
 from flexmbd.continuum.slow_loading.stiffness_spectrum import NearZero
 from flexmbd.errors import ConvergenceError
@@ -16,7 +17,6 @@ from flexmbd.errors import ConvergenceError
 FloatArray = NDArray[np.float64]
 
 _FEW = 4  # eigenvalues next to zero that are looked at first
-_PAIR = 1e-6  # imaginary part over size, below which round-off may have parted two equal eigenvalues
 _MOST_NEAR = 64  # eigenvalues next to zero among which one is looked for
 
 
@@ -74,14 +74,14 @@ class BodySpectrum:
         while True:
             near = self._near(count)
             values = near.values
-            flutters = _flutters(values)
-            negative = (flutters | (values.real < 0.0)) & (abs(values) > near.round_off)
+            complex_ones = flutters(values)
+            negative = (complex_ones | (values.real < 0.0)) & (abs(values) > near.round_off)
             if self._point.negative is not None:
                 idle = int(np.count_nonzero((values.real < 0.0) & ~negative))
                 return self._point.negative - idle
             if not negative[len(values) // 2 :].any() or len(values) < count or count >= _MOST_NEAR:
-                pairs = flutters & (values.imag > 0.0)  # of which the second may not be among them
-                return int(np.count_nonzero(negative & ~flutters) + 2 * np.count_nonzero(pairs))
+                pairs = complex_ones & (values.imag > 0.0)  # of which the second may not be among them
+                return int(np.count_nonzero(negative & ~complex_ones) + 2 * np.count_nonzero(pairs))
             count *= 2
 
     @property
@@ -126,9 +126,9 @@ class BodySpectrum:
         count = 2 * _FEW
         while True:
             near = self._near(count)
-            pairs = np.flatnonzero(_flutters(near.values))
+            pairs = np.flatnonzero(flutters(near.values))
             if len(pairs):
-                return near.modes[:, pairs[np.argmin(_parted(near.values)[pairs])]]
+                return near.modes[:, pairs[np.argmin(parted(near.values)[pairs])]]
             if count >= _MOST_NEAR:
                 raise ConvergenceError("the vibrations that begin to grow were not found next to zero")
             count *= 2
@@ -150,13 +150,3 @@ class BodySpectrum:
         if self._kept is None or len(self._kept.values) < count:
             self._kept = self._compute(count)
         return self._kept
-
-
-def _parted(values: NDArray[np.complex128]) -> FloatArray:
-    """How far apart the two of a pair are, over their size."""
-    return np.asarray(abs(values.imag) / np.maximum(abs(values), np.finfo(float).tiny))
-
-
-def _flutters(values: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Which are complex: of two motions that grow together."""
-    return np.asarray(_parted(values) > _PAIR)

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from flexmbd.continuation.flutter import flutters, parted
 from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.linear.balance import ForceBalance
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -24,7 +25,6 @@ FloatArray = NDArray[np.float64]
 
 _HAS_POTENTIAL = 1e-6  # of the coordinates' own stiffness: what derivatives of users' functions by differences may lack
 _ROUND_OFF = 1e-14  # of a coordinate's own stiffness, for each coordinate
-_PAIR = 1e-6  # imaginary part over size, below which round-off may have parted two equal eigenvalues
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +76,8 @@ class MotionSpectrum:
 
     def flutter_mode(self) -> FloatArray:
         """(nv,) of the two eigenvalues that became complex last."""
-        flutters = _flutters(self.values)
-        parted = np.where(flutters, np.abs(self.values.imag) / np.where(flutters, np.abs(self.values), 1.0), np.inf)
-        return self.shapes[:, int(np.argmin(parted))]
+        pairs = np.flatnonzero(flutters(self.values))
+        return self.shapes[:, pairs[np.argmin(parted(self.values[pairs]))]]
 
 
 def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 0.0) -> MotionSpectrum:
@@ -104,13 +103,8 @@ def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 
     shapes = scipy.linalg.solve_triangular(factor.T, shapes.real, lower=False)
     round_off = len(values) * _ROUND_OFF * float(np.abs(values).max())
     idle = np.abs(values) <= round_off
-    grows = (_flutters(values) | (values.real < 0.0)) & ~idle
+    grows = (flutters(values) | (values.real < 0.0)) & ~idle
     return MotionSpectrum(values, Vz @ shapes, int(grows.sum()), idle, False, round_off)
-
-
-def _flutters(values: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Which are complex: of two motions that grow together."""
-    return np.asarray(np.abs(values.imag) > _PAIR * np.abs(values))
 
 
 def has_potential(scene: CompiledScene, at: ForceBalance) -> bool:
