@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -19,9 +20,10 @@ COMPILATION = 1500.0
 
 
 class CompilationTime(event.Listener):
-    """How long numba has compiled in this process so far."""
+    """How long numba has compiled in this process so far, by a clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._lock = threading.Lock()
         self._depth = 0
         self._began = self._spent = 0.0
@@ -29,18 +31,18 @@ class CompilationTime(event.Listener):
     def on_start(self, event: event.Event) -> None:
         with self._lock:
             if self._depth == 0:
-                self._began = time.monotonic()
+                self._began = self._clock()
             self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
         with self._lock:
             self._depth -= 1
             if self._depth == 0:
-                self._spent += time.monotonic() - self._began
+                self._spent += self._clock() - self._began
 
     def seconds(self) -> float:
         with self._lock:
-            return self._spent + (time.monotonic() - self._began if self._depth > 0 else 0.0)
+            return self._spent + (self._clock() - self._began if self._depth > 0 else 0.0)
 
 
 COMPILED = CompilationTime()

@@ -75,14 +75,13 @@ class Bearings:
         if not sliding.any():  # as about an equilibrium, whatever else is moved for its derivatives
             return out
         answer = self._response.evaluate(t, x, v, self._units)
-        here = self._normal_forces(t, x, v, answer.a, answer.multipliers)
+        here = self._normal_forces(t, x, v, answer.a[None], answer.multipliers[None])[0]
         # told by forces of the friction's own size, for beside it a unit of force may be round-off
-        size = self._factor * np.linalg.norm(here, axis=1)
+        size = self._factor * np.hypot(here[:, 0], here[:, 1])
         size[size == 0.0] = 1.0
-        slopes: FloatArray = np.array([
-            (self._normal_forces(t, x, v, answer.a + s * a, answer.multipliers + s * nu) - here) / s
-            for s, a, nu in zip(size, answer.a_slopes, answer.multiplier_slopes, strict=True)
-        ])  # fmt: skip
+        moved = answer.a + size[:, None] * answer.a_slopes
+        passed_on = self._normal_forces(t, x, v, moved, answer.multipliers + size[:, None] * answer.multiplier_slopes)
+        slopes = (passed_on - here) / size[:, None, None]
         self._scene.refuse_failed(self._response.work)
         refuse_not_finite(f"the friction of joints at t = {t:g} s", sliding, here, slopes)
         found = friction_forces(sliding, here, slopes)
@@ -98,12 +97,13 @@ class Bearings:
     def _normal_forces(
         self, t: float, x: FloatArray, v: FloatArray, a: FloatArray, multipliers: FloatArray
     ) -> FloatArray:
-        """(k, 2) N: what each joint passes on across its axis."""
-        plan, scratch, out = self._response.plan, np.zeros(len(v)), np.zeros((len(self._places), 1, 6))
-        for (row, frame), reaction in zip(self._places, out, strict=True):
-            series = (np.array([t]), x[None], v[None], a[None], multipliers[None])
-            tree_reactions(plan, self._response.work, row, frame, *series, scratch, reaction)
-        return out[:, 0, :2]
+        """(n, k, 2) N: what each joint passes on across its axis, of each of n accelerations and multipliers."""
+        n, plan, scratch = len(a), self._response.plan, np.zeros(len(v))
+        series = np.full(n, t), np.tile(x, (n, 1)), np.tile(v, (n, 1)), a, multipliers
+        out = np.zeros((len(self._places), n, 6))
+        for (row, frame), reactions in zip(self._places, out, strict=True):
+            tree_reactions(plan, self._response.work, row, frame, *series, scratch, reactions)
+        return out[:, :, :2].transpose(1, 0, 2)
 
 
 def friction_forces(sliding: FloatArray, here: FloatArray, slopes: FloatArray) -> FloatArray | None:
@@ -111,17 +111,27 @@ def friction_forces(sliding: FloatArray, here: FloatArray, slopes: FloatArray) -
 
     None where no such forces are reached from none, or only some that would grow by themselves.
     """
-    f: FloatArray = np.zeros(len(sliding))
+    k = len(sliding)
+    f: FloatArray = np.zeros(k)
+    across, one = slopes.reshape(k, 2 * k), np.eye(k)
     for _ in range(_ITERATIONS):
-        normal = here + np.einsum("j,jic->ic", f, slopes)
-        size = np.linalg.norm(normal, axis=1)
+        normal = here + (f @ across).reshape(k, 2)
+        size = np.hypot(normal[:, 0], normal[:, 1])
         left = f + sliding * size
         direction = normal / np.maximum(size, _LEAST)[:, None]
-        slope = np.eye(len(f)) + sliding[:, None] * np.einsum("ic,jic->ij", direction, slopes)
+        slope = one + sliding[:, None] * (direction * slopes).sum(axis=2).T
         if np.abs(left).max() <= _SETTLED * np.abs(sliding * size).max(initial=_LEAST):
             return f if np.linalg.det(slope) > 0.0 else None
-        f = f - np.linalg.lstsq(slope, left, rcond=None)[0]
+        f = f - _solved(slope, left)
     return None
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """The shortest solution where there are several."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
 
 
 def _joint_place(scene: Machine, connection: Connection) -> tuple[int, int]:

@@ -48,6 +48,7 @@ class ForceResponse:
         self.work = new_work(plan)
         self._articulated = new_articulated_work(plan)
         self._nv = len(plan.free) + len(plan.driven)
+        self._still, self._each = np.zeros(self._nv), np.eye(self._nv)
 
     def evaluate(self, t: float, x: FloatArray, v: FloatArray, forces: FloatArray) -> UnitResponses:
         """The answer at time t (s), x (nx,), v (nv,); ``forces`` (k, nv): generalised forces of unit size."""
@@ -59,7 +60,7 @@ class ForceResponse:
         if m == 0:
             return UnitResponses(a, np.zeros(0), slopes, np.zeros((len(forces), 0)))
         rates, yielding = np.zeros((1, self._nv, m)), np.zeros((m, self._nv))
-        constraint_rates(plan, self.work, x[None], np.eye(self._nv), np.zeros(self._nv), np.zeros((4, m)), rates)
+        constraint_rates(plan, self.work, x[None], self._each, self._still, np.zeros((4, m)), rates)
         jacobian = np.ascontiguousarray(rates[0].T)
         solve_mass(plan, self.work, self._articulated, jacobian, yielding)
         values = np.zeros((3, m))

@@ -27,7 +27,7 @@ def misuse(seed: int, folder: Path, begin: Callable[[str], None], clock: Callabl
         seed: decides everything.
         folder: an empty one, for files.
         begin: hears of each statement before it is run.
-        clock: s, without the time that compilation takes.
+        clock: s of the processor, without those that compilation takes.
     """
     dice, session = Dice(seed), Session(seed, clock, (UsersFault,), begin)
     parts = machine(session, dice)

@@ -17,7 +17,7 @@ from flexmbd.errors import FlexmbdError
 
 PACKAGE = Path(flexmbd.__file__).parent
 LONGEST = 1500  # characters of an error's text
-LONG = 10.0  # s of one statement, its compilation apart
+LONG = 10.0  # s of the processor for one statement, its compilation apart
 
 #: Which words of an error's text show that it comes from inside.
 _INSIDE = ("Traceback", "numba.", "TypingError", "object at 0x", "ufunc", "broadcast", "setting an array element")
@@ -51,13 +51,13 @@ class Session:
     """The statements of a seed.
 
     Attributes:
-        clock: s of processor or wall that count, without compilation.
+        clock: s of the processor, without those of compilation.
         expected: errors of the user's own functions, which may reach the user as they are.
         begin: hears of each statement before it is run.
     """
 
     seed: int
-    clock: Callable[[], float] = time.monotonic
+    clock: Callable[[], float] = time.process_time
     expected: tuple[type[BaseException], ...] = ()
     begin: Callable[[str], None] = lambda what: None
     statements: list[str] = field(default_factory=list)
