@@ -19,8 +19,8 @@ class BearingFriction(OnJoint):
         -coefficient N tanh(w / regularisation),     of a revolute joint times radius
 
     N is the size of the force that the joint passes on across its axis at that very moment, the friction's own
-    effect included; the moment that it passes on, and a thrust along a hinge's axis, do not count.  Python, once each
-    evaluation of the equations.
+    effect included; the moment that it passes on, and a thrust along a hinge's axis, do not count.  The friction of all
+    bearings is solved for together, once each evaluation of the equations, which then takes several times as long.
 
     Attributes:
         connection: a revolute or prismatic joint that goes by coordinates.

@@ -17,17 +17,15 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.force_response import ForceResponse
-from flexmbd.multibody.kernels.inverse_dynamics.reactions import tree_reactions
+from flexmbd.multibody.kernels.base.native import N_SIZES
+from flexmbd.multibody.kernels.inverse_dynamics.bearings import normal_forces, settle
 from flexmbd.multibody.kernels.reading.force_tables import without_function
 from flexmbd.multibody.kernels.reading.tree import joint_frame
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.overflow import looked_at, refuse_not_finite
 
 FloatArray = NDArray[np.float64]
-
-_ITERATIONS = 50
-_SETTLED = 1e-13  # of the largest friction force
-_LEAST = float(np.finfo(float).tiny)
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ class Bearings:
         self._response = ForceResponse(without_function(scene.plan, address), scene.extent)
         slots = [scene.index.joints[b.connection] for b in self._bearings]
         self._coordinate = np.array([s.v.start for s in slots])
-        self._places = [_joint_place(scene, b.connection) for b in self._bearings]
+        self._places = np.array([_joint_place(scene, b.connection) for b in self._bearings])
         self._units = np.eye(scene.nv)[self._coordinate]
 
     @looked_at()
@@ -75,16 +73,15 @@ class Bearings:
         if not sliding.any():  # as about an equilibrium, whatever else is moved for its derivatives
             return out
         answer = self._response.evaluate(t, x, v, self._units)
-        here = self._normal_forces(t, x, v, answer.a[None], answer.multipliers[None])[0]
-        # told by forces of the friction's own size, for beside it a unit of force may be round-off
-        size = self._factor * np.hypot(here[:, 0], here[:, 1])
-        size[size == 0.0] = 1.0
-        moved = answer.a + size[:, None] * answer.a_slopes
-        passed_on = self._normal_forces(t, x, v, moved, answer.multipliers + size[:, None] * answer.multiplier_slopes)
-        slopes = (passed_on - here) / size[:, None, None]
+        k, nv, m = len(sliding), len(v), len(answer.multipliers)
+        here, slopes = np.zeros((k, 2)), np.zeros((k, k, 2))
+        normal_forces(
+            self._response.plan, self._response.work, self._places, self._factor, t, x, v, *answer,
+            np.zeros(2 * nv + m), here, slopes,
+        )  # fmt: skip
         self._scene.refuse_failed(self._response.work)
         refuse_not_finite(f"the friction of joints at t = {t:g} s", sliding, here, slopes)
-        found = friction_forces(sliding, here, slopes)
+        found = friction_forces(self._scene.plan.lapack, sliding, here, slopes)
         if found is None:
             worst = self._bearings[int(np.argmax(np.abs(sliding)))]
             raise SceneError(
@@ -94,44 +91,18 @@ class Bearings:
         np.add.at(out, self._coordinate, found)  # a joint may bear several
         return out
 
-    def _normal_forces(
-        self, t: float, x: FloatArray, v: FloatArray, a: FloatArray, multipliers: FloatArray
-    ) -> FloatArray:
-        """(n, k, 2) N: what each joint passes on across its axis, of each of n accelerations and multipliers."""
-        n, plan, scratch = len(a), self._response.plan, np.zeros(len(v))
-        series = np.full(n, t), np.tile(x, (n, 1)), np.tile(v, (n, 1)), a, multipliers
-        out = np.zeros((len(self._places), n, 6))
-        for (row, frame), reactions in zip(self._places, out, strict=True):
-            tree_reactions(plan, self._response.work, row, frame, *series, scratch, reactions)
-        return out[:, :, :2].transpose(1, 0, 2)
 
-
-def friction_forces(sliding: FloatArray, here: FloatArray, slopes: FloatArray) -> FloatArray | None:
+def friction_forces(
+    lapack: IntArray, sliding: FloatArray, here: FloatArray, slopes: FloatArray
+) -> FloatArray | None:
     """Forces f (k,) with f_i = -sliding_i |N_i| and N = here (k, 2) + sum of f_j slopes_j (k, 2), by Newton's method.
 
-    None where no such forces are reached from none, or only some that would grow by themselves.
+    None where no such forces are reached from none, or only some that would grow by themselves; ``lapack`` is a plan's.
     """
     k = len(sliding)
     f: FloatArray = np.zeros(k)
-    across, one = slopes.reshape(k, 2 * k), np.eye(k)
-    for _ in range(_ITERATIONS):
-        normal = here + (f @ across).reshape(k, 2)
-        size = np.hypot(normal[:, 0], normal[:, 1])
-        left = f + sliding * size
-        direction = normal / np.maximum(size, _LEAST)[:, None]
-        slope = one + sliding[:, None] * (direction * slopes).sum(axis=2).T
-        if np.abs(left).max() <= _SETTLED * np.abs(sliding * size).max(initial=_LEAST):
-            return f if np.linalg.det(slope) > 0.0 else None
-        f = f - _solved(slope, left)
-    return None
-
-
-def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """The shortest solution where there are several."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
+    whole = np.zeros(k, np.int32), np.zeros(N_SIZES, np.int32)
+    return f if settle(lapack, sliding, here, slopes, f, np.zeros((k, k)), np.zeros((1, k)), *whole) else None
 
 
 def _joint_place(scene: Machine, connection: Connection) -> tuple[int, int]:

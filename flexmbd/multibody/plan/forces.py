@@ -291,7 +291,7 @@ class ForceTable:
         self._finish_states()
         if self._given_bodies:
             inertia = KaneInertia(self._given_bodies)
-            self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies))
+            self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies), ())
             self.add_wrench_source(inertia)
         if self._bearings:
             of_state = kind_of(STATE_FORCE)
@@ -302,7 +302,8 @@ class ForceTable:
                     f"{what}: the effect of {unknown[0]} on the joints' reactions is unknown; give it as a FrameForce "
                     "or a JointLaw, or take JointFriction of a given size"
                 )
-            self._solve_together(Bearings(self._bearings), what)
+            speeds = [(self.coordinate(b.connection, 0)[1], b.regularisation) for b in self._bearings]
+            self._solve_together(Bearings(self._bearings), what, speeds)
 
     def _finish_states(self) -> None:
         """Append the rows of state equations, with the functions of time that their outputs are put in the place of.
@@ -341,10 +342,13 @@ class ForceTable:
             data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
             self.element(STATES, states.what, v=first, data=data, count=2 * n + m + k, address=address)
 
-    def _solve_together(self, function: Bearings | KaneInertia, what: str) -> None:
+    def _solve_together(
+        self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]
+    ) -> None:
+        """``speeds``: velocities by their places, and over how much of each the forces change as they do at rest."""
         address = self._numbering.add_state_function(function, what)
         self.when_built(lambda scene: function.build(scene, address))
-        self.element(SOLVED_TOGETHER, what, address=address)
+        self.element(SOLVED_TOGETHER, what, data=self.numbers(_flat(speeds)), count=len(speeds), address=address)
 
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,

@@ -10,6 +10,7 @@ import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kane.bearing import friction_forces
 from flexmbd.multibody.kane.force_response import ForceResponse
+from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.run.stopped import SimulationError
 
 MU = 0.2
@@ -87,6 +88,16 @@ def test_a_block_on_an_incline(tangent, slides):
         assert run.beta_rate(slide)[-1] == pytest.approx(-a, abs=1e-4)
     else:
         assert abs(run.beta_rate(slide)[-1]) == pytest.approx(1e-5 * np.arctanh(tangent / MU), rel=1e-3)
+
+
+@pytest.mark.parametrize("regularisation", [1e-2, 1e-4, 1e-6, 1e-7])
+def test_a_finer_regularisation_asks_for_no_more_steps(regularisation):
+    """The derivatives see the layer in which the friction changes its sign, however thin it is."""
+    angle = np.arctan(0.15)
+    scene, slide = sled(angle=angle, regularisation=regularisation)
+    run = scene.simulate(1.0, rtol=1e-7, integrator=fm.RadauIIA(), max_steps=40)
+    creep = -regularisation * np.arctanh(0.15 / MU)
+    assert run.beta_rate(slide)[-1] == pytest.approx(creep, rel=1e-6)
 
 
 @pytest.mark.parametrize("method", ["radau", "explicit"])
@@ -220,7 +231,7 @@ def test_friction_that_would_grow_by_itself_is_none():
         def law(f, here=here, slopes=slopes, sliding=sliding):
             return -sliding * np.linalg.norm(here + np.tensordot(f, slopes, 1), axis=1)
 
-        f = friction_forces(sliding, here, slopes)
+        f = friction_forces(lapack_addresses(), sliding, here, slopes)
         if f is not None:
             found += 1
             np.testing.assert_allclose(law(f), f, atol=1e-11)

@@ -1,4 +1,8 @@
-"""A user's function of time and the whole state behind an address, which gives generalised forces (nv,)."""
+"""A function of time and the whole state behind an address, which gives generalised forces (nv,).
+
+Its numbers, count pairs: a velocity, and over how much of it (m/s or rad/s) the forces change as they do at rest, as
+friction does within its regularisation.
+"""
 
 from __future__ import annotations
 
@@ -38,11 +42,16 @@ def _subtract(plan, work, row, x, v, out):
 def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
     """Derivative by central differences, column by column."""
     nv = v.shape[0]
+    o = row[at.EL_DATA]
     t = work.time[plan.times.shape[0], 0]
     if plan.flag[0] != 0:
         return
     for k in range(nv):
-        step = difference_step(per_x, per_v, tw.size_x[k], max(tw.size_v[k], abs(v[k])))
+        size_v = tw.size_v[k]
+        for i in range(row[at.EL_COUNT]):
+            if plan.data[o + 2 * i] == k:
+                size_v = min(size_v, plan.data[o + 2 * i + 1])
+        step = difference_step(per_x, per_v, tw.size_x[k], max(size_v, abs(v[k])))
         if step == 0.0:
             return
         for sign in (-1.0, 1.0):
