@@ -52,7 +52,7 @@ def shaped_numbers(value: object, shape: tuple[int, ...], what: str) -> FloatArr
     fits = found.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, found.shape, strict=False))
     if not fits or not np.isfinite(found).all():
         axes = ", ".join("n" if n == -1 else str(n) for n in shape)
-        raise SceneError(f"{what} must be ({axes}{',' * (len(shape) == 1)}) finite numbers, got {_shown(value)}")
+        raise SceneError(f"{what} must be ({axes}{',' * (len(shape) == 1)}) finite numbers, got {shown(value)}")
     return found
 
 
@@ -100,10 +100,10 @@ def refuse_other(value: object, kinds: type | tuple[type, ...], what: str, *, wa
     if isinstance(value, type):
         raise SceneError(f"{what} must be {wanted}, got the class {value.__name__} itself; call it, with its arguments")
     if not isinstance(value, kinds):
-        raise SceneError(f"{what} must be {wanted}, got {_shown(value)}")
+        raise SceneError(f"{what} must be {wanted}, got {shown(value)}")
 
 
-def _shown(value: object) -> str:
+def shown(value: object) -> str:
     """A value as messages have it, without the addresses of objects."""
     return f"{re.sub(r' at 0x[0-9a-f]+', '', repr(value)):.100}"
 

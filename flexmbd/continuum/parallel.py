@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.errors import FlexmbdError
-from flexmbd.given import checked
+from flexmbd.given import checked, is_number, numbers, shown
 
 T = TypeVar("T")
 
@@ -203,6 +203,37 @@ def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
     comms = (value.comm if isinstance(value, OnRanks) else value for value in arguments.values())
     comm = next((comm for comm in comms if isinstance(comm, MPI.Comm) and comm != MPI.COMM_NULL), None)
     return fault if comm is None else next(filter(None, comm.allgather(fault)), "")
+
+
+def refuse_vectors(
+    comm: MPI.Comm, size: int | None, *, kind: type[FlexmbdError], dt: object = None, **vectors: object
+) -> None:
+    """Refuse what is no vector, or no length of a step, on all ranks where one has it. Collective.
+
+    For calls in each step of a solver: kind and shape are looked at, and whether a vector's numbers are finite is not,
+    for that shows in what comes of them.
+
+    Args:
+        comm: the ranks that take part.
+        size: of the vectors on this rank; None: any.
+        kind: of the error.
+        dt: s; None: there is none.
+        **vectors: by the names the user knows them by.
+
+    Raises:
+        FlexmbdError: of that kind, on all ranks.
+    """
+    fault = ""
+    for name, value in vectors.items():
+        right = isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "iuf"
+        if not right or size not in (None, np.size(value)):  # type: ignore[arg-type]
+            wanted = "a vector of numbers" if size is None else f"an array ({size},) of numbers"
+            got = f"({', '.join(map(str, value.shape))})" if isinstance(value, np.ndarray) else shown(value)
+            fault = f"{name} must be {wanted} on each rank, got {got}"
+    if dt is not None and not (is_number(dt) and numbers(dt) >= 0.0):
+        fault = f"dt must be the length of a step (s), 0 or more, got {shown(dt)}"
+    if comm.allreduce(bool(fault), op=MPI.LOR):
+        raise kind(next(filter(None, comm.allgather(fault))))
 
 
 def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | None:

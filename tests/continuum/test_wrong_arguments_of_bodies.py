@@ -6,10 +6,9 @@ import pytest
 from public_calls import Public, public_calls
 from public_examples import left_out
 from public_trials import faults
-from public_untried import UNTRIED
 
 ROOMS = ("continuum", "meshes", "reduction")
-PUBLIC = [one for one in public_calls() if one.room in ROOMS and not left_out(one) and one.name not in UNTRIED]
+PUBLIC = [one for one in public_calls() if one.room in ROOMS and not left_out(one)]
 
 
 @pytest.mark.parametrize("public", PUBLIC, ids=lambda one: one.name)

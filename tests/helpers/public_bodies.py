@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import step_shapes
 
 import flexmbd as fm
 from flexmbd import continuum, meshes, reduction
-from flexmbd.forms import solid_linear, updated_lagrangian
+from flexmbd.forms import beam_timoshenko, solid_linear, updated_lagrangian
 
 ALONE = MPI.COMM_SELF
 STEEL = solid_linear.Parameters(E=2.0e11, nu=0.3, rho=7800.0)
@@ -83,6 +84,36 @@ def step_file() -> str:
     return "part.step"
 
 
+@cache
+def beam() -> continuum.ExplicitOperator:
+    """A beam's, whose rotations are condensed."""
+    line = meshes.line(1.0, divisions=2, degree=1, comm=ALONE)
+    section = beam_timoshenko.Parameters.rectangle(
+        2.0e11, 0.3, 7800.0, width=0.02, height=0.01, orientation=(0.0, 0.0, 1.0)
+    )
+    model = continuum.ContinuumModel(line, beam_timoshenko, section, degree=1, interfaces=[_START])
+    return continuum.condensed_rotations(model)
+
+
+def still() -> Any:
+    """No displacement."""
+    return np.zeros(nonlinear().layout.n_local)
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Parameters of a law."""
+
+    E: float
+    rho: float
+
+
+def elastic_law(step: Any, p: Any) -> Any:
+    """Without Poisson's contraction."""
+    tangent = p.E * np.eye(6)
+    return step.stress + tangent @ step.increment, tangent, step.state
+
+
 def _everywhere(x: Any) -> Any:
     return x[0] > -1.0
 
@@ -114,8 +145,11 @@ OBJECTS: dict[str, Callable[[Any], Any]] = {
     "StressField": lambda w: model().stress_field(body(), np.ones(body().n_modes)),
     "RigidPlane": lambda w: continuum.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "RegularCheckpoints": lambda w: continuum.RegularCheckpoints("a.npz", 1.0),
+    "ExplicitOperator": lambda w: beam(),
     "ExplicitRun": lambda w: continuum.ExplicitRun(nonlinear()),
 }
+_START = continuum.Interface("start")
+_STEPS = ("check_increment", "commit", "force", "step", "tangent")
 _SIZES = {"length": lambda w: 0.2, "width": lambda w: 0.1, "height": lambda w: 0.1, "comm": lambda w: ALONE}
 _THREE = {"divisions": lambda w: (2, 1, 1)}
 #: Where the words do not tell, by the name of the call.
@@ -195,6 +229,14 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "continuum.NonlinearModel": {
         "formulation": lambda w: updated_lagrangian, "parameters": lambda w: YIELDING,
         "interfaces": lambda w: interfaces(),
+    },
+    "continuum.NonlinearModel.norm": {"values": lambda w: still()},
+    "continuum.NonlinearModel.predict_stress": {"before": lambda w: still(), "after": lambda w: still()},
+    **{f"continuum.NonlinearModel.{name}": {"increment": lambda w: still()} for name in _STEPS},
+    "continuum.ExplicitOperator.complete": {"u": lambda w: np.zeros(len(beam().masses))},
+    "continuum.ExplicitOperator.force": {"u": lambda w: np.zeros(len(beam().masses))},
+    "continuum.law_form": {
+        "law": lambda w: elastic_law, "parameters": lambda w: Elastic, "trial": lambda w: Elastic(1e9, 1e3),
     },
     "continuum.CentrifugalLoad": {},
     "continuum.CutMesh.interfaces": {"piece": lambda w: "near"},

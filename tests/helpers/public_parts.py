@@ -30,6 +30,13 @@ def loaded_rod() -> fm.ReducedBody:
     return reduction.craig_bampton(model, modes=1, frame="x_min", loads=push)
 
 
+def _exudyn_system() -> Any:
+    """A new one."""
+    import exudyn
+
+    return exudyn.SystemContainer().AddSystem()
+
+
 @cache
 def _bending() -> tuple[fm.EquilibriumPath, Any]:
     """A flexible rod that bends under its growing weight, and the rod."""
@@ -93,11 +100,6 @@ def _energy(F: Any) -> Any:
 
 def _displacement() -> fem.Function:
     return fem.Function(public_bodies.model().space)
-
-
-@cache
-def _explicit() -> continuum.ExplicitOperator:
-    return continuum.lumped_rotations(public_bodies.model())
 
 
 def stiffness() -> scipy.sparse.csr_array:
@@ -167,7 +169,7 @@ BY_WORDS: dict[str, Callable[[Any], Any]] = {
     "ControllerSamples": lambda w: _samples(),
     "fem.Function": lambda w: _displacement(),
     "ufl.core.expr.Expr": lambda w: _displacement(),
-    "ExplicitOperator": lambda w: _explicit(),
+    "ExplicitOperator": lambda w: public_bodies.beam(),
     "HistorySnapshot": lambda w: public_bodies.loaded().snapshot(),
     "Sparse": lambda w: stiffness(),
     "Mapping[str, NodeSet]": lambda w: _interfaces(),
@@ -183,7 +185,6 @@ OBJECTS: dict[str, Callable[[Any], Any]] = {
     ),
     "Sampled": lambda w: _sampled(),
     "Slab": lambda w: fm.Slab((1.0, 0.0, 0.0), 0.0, 1.0),
-    "ExplicitOperator": lambda w: _explicit(),
     "Superelement": lambda w: export.superelement(public_bodies.body()),
     "TimeFactor": lambda w: fm.TimeFactor(_ramp, "a load"),
 }
@@ -213,6 +214,9 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "continuum.on_root": {"function": lambda w: lambda: 1},
     "ensemble.Sampled.__call__": {"run": lambda w: public_runs.rich().run},
     "export.Superelement.rigid_motions": {"origin": lambda w: np.zeros(3)},
+    "export.add_to_exudyn": {
+        "mbs": lambda w: _exudyn_system(), "body": lambda w: public_bodies.body(), "name": lambda w: "rod",
+    },
     "export.read_calculix": {"path": lambda w: _calculix_file()},
     "export.read_matrix_market": {"path": lambda w: _market_file()},
     "export.read_matrix_storage": {"path": lambda w: str(_STORED / "beam.sti"), "nodes": lambda w: _stored_nodes()},

@@ -210,6 +210,7 @@ class NonlinearModel(DiscretisedBody):
 
     def norm(self, values: FloatArray) -> float:
         """2-norm of values at owned dofs, or at some of them, over all ranks. Collective."""
+        parallel.refuse_vectors(self.comm, None, kind=FormulationError, values=values)
         return float(np.sqrt(self.comm.allreduce(values @ values)))
 
     def force(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
@@ -225,10 +226,11 @@ class NonlinearModel(DiscretisedBody):
             (owned dofs,) N: what holds the body in that shape.
 
         Raises:
-            FormulationError: `needs_step`, and dt is None.
+            FormulationError: on all ranks: `needs_step`, and dt is None; no displacement of this body, or no dt.
             ConvergenceError: on all ranks: a cell is turned inside out (`InvertedCellError`, which
                 names one), or the equations at a point have no solution.
         """
+        self._refuse(dt, increment=increment)
         self._evaluate(increment, dt)
         if self.springs is not None:
             self.springs.add(self._sum.array, self.displacement + increment)
@@ -253,6 +255,7 @@ class NonlinearModel(DiscretisedBody):
         Returns:
             (owned dofs,) N, forces by what is predicted beside the stresses there.
         """
+        self._refuse(before=before, after=after)
         self._evaluated = None
         return self._predictor.predict(self.displacement + before, self.displacement + after)
 
@@ -260,6 +263,7 @@ class NonlinearModel(DiscretisedBody):
     def _predictor(self) -> StressPredictor:
         return StressPredictor(self._histories, self._u)
 
+    @checked("predicted", error=FormulationError, agree=parallel.told_to_all)
     def tangent(self, increment: FloatArray, *, dt: float | None = None, predicted: bool = False) -> PETSc.Mat:
         """Derivative of the internal forces by the displacement, at a trial displacement. Collective.
 
@@ -274,6 +278,7 @@ class NonlinearModel(DiscretisedBody):
             ConvergenceError: as `force`.
             FormulationError: as `force`.
         """
+        self._refuse(dt, increment=increment)
         self._require(increment, dt)
         with self.present_mesh():
             matrix = self._tangent.assemble(self._predictor.tangent_forms if predicted else ())
@@ -324,6 +329,7 @@ class NonlinearModel(DiscretisedBody):
             FormulationError: as `force`.
             ConvergenceError: on all ranks: a history is not finite; nothing is accepted.
         """
+        self._refuse(dt, increment=increment)
         self._require(increment, dt)
         finite = all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
@@ -348,6 +354,7 @@ class NonlinearModel(DiscretisedBody):
             FormulationError: as `force`.
             ConvergenceError: as `force` and `commit`; nothing is accepted.
         """
+        self._refuse(dt, increment=increment)
         self._set_trial(increment, self._length(dt))
         with self.present_mesh():
             self._run(increment)
@@ -448,10 +455,15 @@ class NonlinearModel(DiscretisedBody):
         Raises:
             LargeIncrementError: on all ranks: names the cell by its place in the mesh file and its centre.
         """
+        self._refuse(increment=increment)
         self._set_trial(increment, 0.0)
         with self.present_mesh():
             ratio, where = find_large_increment(self._histories)
         refuse_large_increment(self.mesh, where, ratio=ratio)
+
+    def _refuse(self, dt: float | None = None, **vectors: FloatArray) -> None:
+        """Refuse what is no displacement (local dofs including ghosts,) or step. Collective."""
+        parallel.refuse_vectors(self.comm, self.layout.n_local, kind=FormulationError, dt=dt, **vectors)
 
     def _length(self, dt: float | None) -> float:
         """The length of a step, s, where it is of some matter."""

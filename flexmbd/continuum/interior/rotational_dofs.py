@@ -93,7 +93,12 @@ class ExplicitOperator:
         Args:
             u: displacements, and rotations where they are bonded.
             load: forces and moments from outside, of which only the moments on condensed rotations matter.
+
+        Raises:
+            FormulationError: on all ranks: these are no vectors of this body.
         """
+        given = {"u": u} if load is None else {"u": u, "load": load}
+        parallel.refuse_vectors(self.comm, len(self.masses), kind=FormulationError, **given)
         if self._condensed is not None:
             self._condensed.solve(u, load)
 
@@ -102,7 +107,11 @@ class ExplicitOperator:
 
         Of the displacements with rotations condensed it is the condensed force of eq. 56. On bonded dofs it is
         minus the reactions C_delta and C_theta of eq. 52 and 53 on the rigid part.
+
+        Raises:
+            FormulationError: on all ranks: it is no vector of this body.
         """
+        parallel.refuse_vectors(self.comm, len(self.masses), kind=FormulationError, u=u)
         return self._product.of(u)
 
     @checked(error=InterfaceError, agree=parallel.told_to_all)

@@ -11,12 +11,16 @@ from typing import Any
 
 import numpy as np
 import ufl
+from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from flexmbd.continuum.contract.point_law import FAULTS, PointLaw
 from flexmbd.continuum.laws.compiled_law import compiled_law
 from flexmbd.errors import FormulationError
 from flexmbd.forms import j2_plasticity, solid_linear
+from flexmbd.given import checked, numbers, shown
+
+FloatArray = NDArray[np.float64]
 
 # Rows and columns of xx, yy, zz, yz, xz, xy.
 _PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -35,6 +39,7 @@ class StrainMeasure(enum.Enum):
     LOGARITHMIC = "logarithmic"  # ln(F^T F) / 2; the stress that does work on it, Kirchhoff's turned back if isotropic
 
 
+@checked("law", "state", "strain", "yielding", "scaled_yield", "energies", "dt", error=FormulationError)
 def law_form(
     law: Callable[..., Any],
     parameters: type,
@@ -67,10 +72,16 @@ def law_form(
 
     Raises:
         FormulationError: the law cannot be compiled, or does not return at rest what it must; parameters are not a
-            frozen dataclass of floats with a density; the trial ones are not of their kind.
+            frozen dataclass of floats with a density; the trial ones, or one that yields, are not of their kind; a part
+            of the state is not of numbers; dt is not positive.
     """
     names = _checked_names(law, parameters, trial)
-    parts = {name: np.asarray(values, dtype=float).ravel() for name, values in (state or {}).items()}
+    for given in yielding:
+        if not isinstance(given, parameters):
+            raise FormulationError(f"{law.__name__}: yielding must hold {parameters.__name__}, got {shown(given)}")
+    if dt is not None and dt <= 0.0:
+        raise FormulationError(f"{law.__name__}: dt must be the length of a step (s), more than 0, got {dt!r}")
+    parts = {name: _part(law.__name__, name, values) for name, values in (state or {}).items()}
     begin = np.concatenate([np.zeros(12), *parts.values()])
     logarithmic = strain is StrainMeasure.LOGARITHMIC
     code = compiled_law(law, names=names, n=len(begin) - 12, logarithmic=logarithmic)
@@ -79,7 +90,7 @@ def law_form(
     _check_at_rest(law.__name__, compiled, trial)
     form = ModuleType(law.__name__)
     reference = LawReference(trial, tuple(yielding) or (trial,), compiled, dt)
-    given: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "__doc__": inspect.getdoc(law),
         "Parameters": parameters,
         "CELLS": solid_linear.CELLS,
@@ -95,10 +106,10 @@ def law_form(
         **_point_functions(compiled, strain, timed=dt is not None),
     }
     if scaled_yield is not None:
-        given["scaled_yield"] = scaled_yield
+        entries["scaled_yield"] = scaled_yield
     if energies is not None:
-        given["energies"] = _energies(energies)
-    vars(form).update(given)
+        entries["energies"] = _energies(energies)
+    vars(form).update(entries)
     return form
 
 
@@ -165,6 +176,14 @@ def _energies(energies: Callable[..., Mapping[str, Expr]]) -> Callable[..., Any]
         return {name: (density, j2_plasticity.rule(u)) for name, density in energies(strain, stress, own, p).items()}
 
     return terms
+
+
+def _part(law: str, name: str, values: object) -> FloatArray:
+    """A part of the state at rest."""
+    found = numbers(values).ravel()
+    if found.size == 0 or not np.isfinite(found).all():
+        raise FormulationError(f"{law}: state {name!r} must be finite numbers, its values at rest, got {shown(values)}")
+    return found
 
 
 def _checked_names(law: Callable[..., Any], parameters: type, trial: Any) -> list[str]:

@@ -18,7 +18,9 @@ from flexmbd.errors import ExportError
 from flexmbd.export.exudyn_files.exudyn_file import exudyn_arrays
 from flexmbd.export.exudyn_files.exudyn_reader import read_exudyn
 from flexmbd.files.archive import write_archive
+from flexmbd.given import checked, shaped_numbers, shown
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.rotation import check_rotation
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class ExudynBody:
     weight: Any
 
 
+@checked(error=ExportError)
 def add_to_exudyn(
     mbs: Any,
     body: ReducedBody | str | Path,
@@ -72,7 +75,9 @@ def add_to_exudyn(
         The numbers of what was added.
 
     Raises:
-        ExportError: Exudyn is not installed; the body cannot be written for it, or the file not be read.
+        ExportError: Exudyn is not installed; the body cannot be written for it, or the file not be read; ``mbs`` is no
+            MainSystem.
+        SceneError: a vector is not of three numbers, or ``rotation`` none.
     """
     try:
         import exudyn
@@ -80,6 +85,12 @@ def add_to_exudyn(
         from exudyn.FEM import ObjectFFRFreducedOrderInterface
     except ImportError as error:
         raise ExportError(f"Exudyn cannot be imported ({error}): pip install exudyn") from error
+    if not isinstance(mbs, exudyn.MainSystem):
+        raise ExportError(f"mbs must be an exudyn.MainSystem, as SystemContainer().AddSystem() gives, got {shown(mbs)}")
+    vectors = {"gravity": gravity, "position": position, "velocity": velocity, "angular_velocity": angular_velocity}
+    for what, value in vectors.items():
+        shaped_numbers(value, (3,), what)
+    turned = np.eye(3) if rotation is None else check_rotation(rotation, "rotation")
     record = body if isinstance(body, ReducedBody) else read_exudyn(body)
     arrays = exudyn_arrays(record)
     reduced = ObjectFFRFreducedOrderInterface()
@@ -88,7 +99,7 @@ def add_to_exudyn(
     added = reduced.AddObjectFFRFreducedOrder(
         mbs,
         positionRef=list(position),
-        rotationMatrixRef=np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64),
+        rotationMatrixRef=turned,
         initialVelocity=list(velocity),
         initialAngularVelocity=list(angular_velocity),
         name=name,

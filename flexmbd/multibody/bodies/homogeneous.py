@@ -205,6 +205,8 @@ def _normal(solid: Solid, stiffness: FloatArray) -> tuple[FloatArray, FloatArray
         k, x = scipy.linalg.eigh(stiffness, mass)
     except scipy.linalg.LinAlgError as error:
         raise SceneError(f"the body's stiffness or its second moments of mass make no sense: {error}") from error
+    if not np.isfinite(k).all():
+        raise SceneError("the body's stiffness over its second moments of mass is beyond what numbers hold")
     if not k[0] > 0.0:
         raise SceneError(f"a body must be stiff against every stretch; the least squared frequency is {k[0]:.3g} 1/s^2")
     x *= np.sign(x[abs(x).argmax(axis=0), np.arange(6)])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
-from flexmbd.given import is_number, numbers, refuse_other
+from flexmbd.given import is_number, numbers, refuse_other, shown
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
@@ -203,7 +203,7 @@ def columns_of(thing: Connection | Frame | Body | States, bodies: Collection[int
             yield modal_columns(thing)
     else:
         raise SceneError(
-            f"a table is of this machine's joints, frames, bodies of one frame, beams and states, not of {thing!r}"
+            f"a table is of this machine's joints, frames, bodies of one frame, beams and states, not of {shown(thing)}"
         )
 
 
