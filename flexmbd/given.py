@@ -139,10 +139,17 @@ class _Asked(NamedTuple):
     Attributes:
         wanted: in words.
         fits: whether a value is of it.
+        real: whether a number that fits becomes a float: a whole one may be too large for others, and would have
+            kernels compiled of its own.
     """
 
     wanted: str
     fits: Callable[[Any], bool]
+    real: bool = False
+
+    def taken(self, value: Any) -> Any:
+        """The value as the function gets it."""
+        return float(value) if self.real and type(value) is not float and is_number(value) else value
 
 
 class _Numbers:
@@ -169,9 +176,10 @@ def checked(
 ) -> Callable[[T], T]:
     """Check the arguments of a public function, or of a class's constructor, by their annotations, before it begins.
 
-    A float is one finite number, an int a whole one, a bool True or False, an ArrayLike finite numbers of any shape; a
-    Sequence, tuple or Mapping holds what it says; of a class objects, not the class.  What an annotation leaves open,
-    and ranges, are the function's own to check.  An argument's default is always right.
+    A float is one finite number, and reaches the function as a float; an int is a whole one, a bool True or False, an
+    ArrayLike finite numbers of any shape; a Sequence, tuple or Mapping holds what it says; of a class objects, not the
+    class.  What an annotation leaves open, and ranges, are the function's own to check.  An argument's default is
+    always right.
 
     Args:
         *names: the parameters that are checked; all without any.
@@ -231,7 +239,9 @@ def _wrapped(
             found = agree(arguments, found)
         if found:
             raise error(found)
-        return function(*args, **kwargs)
+        plain = [value if kind is None else kind.taken(value) for kind, value in zip(order, args, strict=False)]
+        named = {name: asked[name].taken(value) if name in asked else value for name, value in kwargs.items()}
+        return function(*plain, *args[len(plain) :], **named)
 
     return wrapper
 
@@ -253,7 +263,7 @@ def _learn(
 
 
 def _or_default(kind: _Asked, default: object) -> _Asked:
-    return _Asked(kind.wanted, lambda value: value is default or kind.fits(value))
+    return _Asked(kind.wanted, lambda value: value is default or kind.fits(value), kind.real)
 
 
 def _annotated(annotation: Any, scope: Mapping[str, Any]) -> _Asked | None:
@@ -316,7 +326,8 @@ def _either(kinds: list[_Asked | None]) -> _Asked | None:
     if _PLAIN[os.PathLike] in known or any(kind.wanted == "a Path" for kind in known):  # of which str is a part
         known = [_PLAIN[os.PathLike], *(kind for kind in known if kind.wanted not in ("a text", "a Path"))]
     wanted = " or ".join(dict.fromkeys(kind.wanted for kind in known))
-    return _Asked(wanted, lambda value: any(kind.fits(value) for kind in known))
+    real = _PLAIN[float] in known and _PLAIN[int] not in known
+    return _Asked(wanted, lambda value: any(kind.fits(value) for kind in known), real)
 
 
 def _several(kind: _Asked | None) -> _Asked:
@@ -369,7 +380,7 @@ def _mapping(key: _Asked | None = None, item: _Asked | None = None) -> _Asked:
 
 
 _PLAIN: dict[Any, _Asked] = {
-    float: _Asked("a finite number", _is_finite),
+    float: _Asked("a finite number", _is_finite, real=True),
     int: _Asked("a whole number", _is_whole),
     bool: _Asked("True or False", lambda value: is_truth(value) and not isinstance(value, np.ndarray)),
     str: _Asked("a text", lambda value: isinstance(value, str)),

@@ -169,7 +169,7 @@ BY_WORDS: dict[str, Callable[[Any], Any]] = {
     "ControllerSamples": lambda w: _samples(),
     "fem.Function": lambda w: _displacement(),
     "ufl.core.expr.Expr": lambda w: _displacement(),
-    "ExplicitOperator": lambda w: public_bodies.beam(),
+    "ExplicitOperator": lambda w: continuum.lumped_rotations(public_bodies.model()),
     "HistorySnapshot": lambda w: public_bodies.loaded().snapshot(),
     "Sparse": lambda w: stiffness(),
     "Mapping[str, NodeSet]": lambda w: _interfaces(),

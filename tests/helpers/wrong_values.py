@@ -42,7 +42,7 @@ _WRONG: dict[str, tuple[Any, ...]] = {
 }
 #: Neither right nor wrong everywhere: an answer or a clear error.
 _EXTREME: dict[str, tuple[Any, ...]] = {
-    "float": (float("inf"), -float("inf"), 1e300, -1e300, 0.0, -1.0),
+    "float": (float("inf"), -float("inf"), 1e300, -1e300, 0.0, -1.0, 10**30),
     "int": (10**30, -1),
     "ArrayLike": (float("inf"), [], [1e300] * 3, np.eye(2)),
     "str": ("no such name", ""),
