@@ -21,6 +21,8 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import body_series
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.stretch_watch import StoredRows
+from flexmbd.record.groups import load_stiffness
+from flexmbd.record.inertia_loads import CENTRIFUGAL, centrifugal_forces, spin_products
 from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -30,8 +32,6 @@ _TOLD = 0.01
 # Of what a spin adds to it: what records lack that complete the response to the centrifugal force, by far.
 _COMPLETE = 0.05
 _AT_ONCE = 1024  # rows, of all bodies
-_AXES = "xyz"
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class SpinLack:
 
     def share(self, spin: FloatArray) -> float:
         """Of the square of the lowest frequency at an angular velocity (3,), rad/s in the body's axes."""
-        products = np.array([spin[a] * spin[b] for a, b in _PAIRS])
+        products = spin_products(spin)
         values, modes = np.linalg.eigh(np.diag(self.stiffness) + np.tensordot(products, self.added, 1))
         change = modes[:, 0] @ np.tensordot(products, self.excess, 1) @ modes[:, 0]
         return float(change / values[0]) if values[0] > 0.0 else 0.0
@@ -72,23 +72,15 @@ def _spin_lack(record: ReducedBody) -> SpinLack | None:
     if geometric is None or stretch is None:
         return None
     added, machine = np.zeros((2, 6, record.n_modes, record.n_modes))
-    for k, (a, b) in enumerate(_PAIRS):
-        name = f"angular velocity {_AXES[a]}{_AXES[b]}"
-        if name in geometric.loads:
-            added[k] = geometric.K[geometric.loads.index(name)]
-            response = stretch.strain @ (_centrifugal_force(record, a, b) / record.stiffness)
-            machine[k] = np.tensordot(response, stretch.P, 1)
+    forces = centrifugal_forces(record.gram[1:4, 4:].reshape(3, record.n_modes, 3))
+    for k, name in enumerate(CENTRIFUGAL):
+        known = load_stiffness(geometric, name)
+        if known is not None:
+            added[k] = known
+            machine[k] = np.tensordot(stretch.strain @ (forces[k] / record.stiffness), stretch.P, 1)
     first, excess = int(np.argmin(record.stiffness)), machine - added
     lacks = abs(excess[:3, first, first]).max() > _COMPLETE * abs(added[:3, first, first]).max()
     return SpinLack(record.stiffness, added, excess) if lacks else None
-
-
-def _centrifugal_force(record: ReducedBody, a: int, b: int) -> FloatArray:
-    """(n,) modal, per product w_a w_b of angular velocities: rho (r - e_a r_a), or -rho (e_a r_b + e_b r_a)."""
-    gram = record.gram
-    if a == b:
-        return np.asarray(sum(gram[1 + c, 4 + c :: 3] for c in range(3) if c != a))
-    return np.asarray(-gram[1 + b, 4 + a :: 3] - gram[1 + a, 4 + b :: 3])
 
 
 class SpinWatch:
