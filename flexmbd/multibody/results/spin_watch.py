@@ -97,22 +97,29 @@ class SpinWatch:
         """Look at the rows that came since; each begins with time (s), configuration, velocities and accelerations.
 
         Warns:
+            RangeWarning: as `judge`.
+        """
+        if not self._watched:
+            return
+        t, x, v, *_ = stored.since(self._rows)
+        self._rows += len(t)
+        for begin in range(0, len(t), _AT_ONCE):
+            block = slice(begin, begin + _AT_ONCE)
+            self.judge(t[block], x[block], v[block])
+
+    def judge(self, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
+        """The same of states that are no run's, as steady motions: times (k,), configurations and velocities.
+
+        Warns:
             RangeWarning: what a body's shapes lack changes the square of its lowest frequency by a hundredth; once a
                 body.
         """
         if not self._watched:
             return
-        t, *rows = (np.ascontiguousarray(part) for part in stored.since(self._rows)[:4])
-        self._rows += len(t)
-        for begin in range(0, len(t), _AT_ONCE):
-            block = slice(begin, begin + _AT_ONCE)
-            self._judge(t[block], *(part[block] for part in rows))
-
-    def _judge(self, t: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> None:
         plan = self._scene.plan
         motions = np.zeros((len(t), len(plan.tree), 21))
-        if self._watched:
-            body_series(plan, new_work(plan), x, v, a, motions)
+        x, v, unneeded = np.ascontiguousarray(x), np.ascontiguousarray(v), np.zeros(v.shape)
+        body_series(plan, new_work(plan), x, v, unneeded, motions)  # velocities need no accelerations
         for body, lack in tuple(self._watched.items()):
             own = motions[:, self._scene.index.bodies[body]]
             spin = np.einsum("kab,ka->kb", own[:, 3:12].reshape(-1, 3, 3), own[:, 15:18])
@@ -130,4 +137,5 @@ def _tell(body: Body, t: float, spin: FloatArray, share: float) -> None:
         f"{100.0 * share:+.2g} % there, and by more where it turns faster; reduce it with a mode or more "
         "(craig_bampton, modes=1), with which shapes that complete it come",
         RangeWarning,
+        subject=f"spin of {body.name}",
     )
