@@ -21,7 +21,8 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
+from flexmbd.linearization import linear_machine, working_point
+from flexmbd.linearized import LinearizedMachine
 from flexmbd.machine_assembly import MachineAssembly
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
