@@ -34,7 +34,8 @@ from flexmbd.reduction import KrylovSchur, SpectrumSlicing
 from flexmbd.reduction.modes.signs import asymmetric_fields
 from flexmbd.reduction.modes.slepc_search import slepc_search
 from flexmbd.reduction.modes.sturm import count_below
-from flexmbd.reduction.static_shapes.statics import Statics, body_statics
+from flexmbd.reduction.static_shapes.body_statics import body_statics
+from flexmbd.reduction.static_shapes.statics import Statics
 
 COUNT = 16
 REPEATS = 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -15,17 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.ensemble.batch import BatchRuns
-from flexmbd.ensemble.executing import run_ensemble
+from flexmbd.ensemble.executing import refuse_executor, run_ensemble
 from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.sampled import Sampled
 from flexmbd.ensemble.samples import Samples
-from flexmbd.ensemble.stamp import meaning, program_stamp
-from flexmbd.ensemble.variants import Study, VariantOutput
+from flexmbd.ensemble.stamp import meaning, study_digest
+from flexmbd.ensemble.variants import Study, VariantOutput, refuse_outputs
 from flexmbd.errors import FlexmbdError, SceneError, StartWarning, warn
-from flexmbd.given import checked, is_truth, refuse_no_truth, refuse_other
+from flexmbd.given import checked, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
@@ -396,15 +394,8 @@ class CompiledMachine:
             max_seconds=max_seconds,
         )
         refuse_no_truth(progress=progress)
-        if workers is not None and (is_truth(workers) or not isinstance(workers, int) or workers < 1):
-            raise SceneError(f"workers must be a positive number, got {workers!r}")
-        if executor is not None:
-            refuse_other(executor, Executor, "executor", wanted="a concurrent.futures.Executor")
-        if not (isinstance(outputs, Mapping) and outputs and all(map(callable, outputs.values()))):
-            raise SceneError("outputs must be functions of a trajectory by their names, {'peak': lambda run: ...}")
-        for name in outputs:
-            if not isinstance(name, str) or not name.strip(".") or "/" in name:
-                raise SceneError(f"an output cannot be called {name!r}: the file has it by that name")
+        refuse_executor(executor, workers)
+        refuse_outputs(outputs)
         values = Samples(samples)
         self._refuse_unknown(values.names)
         method = integrator if isinstance(integrator, str) else integrator.name
@@ -412,12 +403,8 @@ class CompiledMachine:
         sampled = {name: ask for name, ask in outputs.items() if isinstance(ask, Sampled)}
         for ask in sampled.values():
             ask.check(self.scene, t_start, t_end)
-        told_of = {name: one.meaning(self.scene) for name, one in sampled.items()}
-        asked = [f"{name} {told_of.get(name) or fingerprint(ask)}" for name, ask in outputs.items()]
-        named = [(name, [meaning(one, self.scene) for one in of]) for name, of in self.parameters.items()]
         machine = self.scene.digest(), code_of(self.controllers)
-        told_apart = (program_stamp(), machine, values.digest(), options, asked, named)
-        digest = hashlib.sha256(repr(told_apart).encode()).hexdigest()
+        digest = study_digest(self.scene, machine, self.parameters, values.digest(), options, outputs)
         batch = self._batch_runs(settings, sampled) if len(sampled) == len(outputs) else None
         study = Study(partial(self.run, settings), outputs, shared=not self.scene.is_shared, batch=batch)
         return run_ensemble(

@@ -9,6 +9,9 @@ import sys
 import sysconfig
 import traceback
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -190,8 +193,32 @@ class ModesWarning(UserWarning):
     """
 
 
-def warn(text: str, category: type[Warning]) -> None:
-    """Warn at the caller's line that entered the package, however deep inside the cause was found."""
+_told: ContextVar[set[str] | None] = ContextVar("told", default=None)
+
+
+@contextmanager
+def told_once() -> Iterator[None]:
+    """Inside, each subject is warned of once: where one machine is asked at one speed after the other."""
+    before = _told.set(set())
+    try:
+        yield
+    finally:
+        _told.reset(before)
+
+
+def warn(text: str, category: type[Warning], *, subject: str = "") -> None:
+    """Warn at the caller's line that entered the package, however deep inside the cause was found.
+
+    Args:
+        text: what is told.
+        category: of the warning.
+        subject: what it is about, where `told_once` is to count; without it each text is told.
+    """
+    told = _told.get()
+    if subject and told is not None:
+        if subject in told:
+            return
+        told.add(subject)
     depth, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         depth, frame = depth + 1, frame.f_back

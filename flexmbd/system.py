@@ -21,7 +21,8 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.linearized import LinearizedMachine, linear_machine, working_point
+from flexmbd.linearization import linear_machine, working_point
+from flexmbd.linearized import LinearizedMachine
 from flexmbd.machine_assembly import MachineAssembly
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
@@ -42,6 +43,7 @@ from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.results.range_watch import RangeWatch
+from flexmbd.multibody.results.spin_watch import SpinWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.team import Team, on_every_rank
@@ -235,7 +237,8 @@ class System(MachineAssembly):
             PathError: a path cannot be followed to its end; the error has what was found.
 
         Warns:
-            RangeWarning: a reduced body with nonlinear stiffness is bent beyond what it was compared for.
+            RangeWarning: a reduced body with nonlinear stiffness is bent beyond what it was compared for, or one
+                without modes spins so fast that it matters how it is stiffened.
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
         refuse_other(path, (Continuation, NoneType), "path", wanted="fm.Continuation(to=...)")
@@ -253,6 +256,7 @@ class System(MachineAssembly):
         if path is None:
             found = find_equilibrium(start, work)
             ranges.judge(np.array([found.t]), found.x[None])
+            self._judge_spin(found)
             return found
         for connection in self._connections:
             if connection.velocity is not None and np.any(connection.velocity):
@@ -292,6 +296,9 @@ class System(MachineAssembly):
             SceneError: the motion is not steady, the constraints are singular there, or an input or output does not
                 fit; the message names it.
             AssemblyError: as ``start``.
+
+        Warns:
+            RangeWarning: at the start a reduced body without modes spins so fast that it matters how it is stiffened.
         """
         for name, several in (("inputs", inputs), ("disturbances", disturbances), ("outputs", outputs)):
             refuse_other(several, Sequence, name, wanted="a list")
@@ -313,7 +320,7 @@ class System(MachineAssembly):
         start = self._start(without_inputs(whole, added), t)
         bodies = {body.name: body for body in self._bodies}
         point = working_point(start, about, t)
-        return linear_machine(
+        machine = linear_machine(
             whole,
             point,
             inputs=inputs,
@@ -323,6 +330,13 @@ class System(MachineAssembly):
             bodies=bodies,
             team=self.team,
         )
+        if about is None:  # of what was found before the equilibrium or the run has told
+            self._judge_spin(point)
+        return machine
+
+    def _judge_spin(self, point: WorkingPoint) -> None:
+        watch = SpinWatch(point.scene, self._bodies if self.team.is_root else ())
+        watch.judge(np.array([point.t]), point.x[None], point.v[None])
 
     @checked("rtol", "h")
     def explain(

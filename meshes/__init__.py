@@ -9,7 +9,7 @@ from flexmbd.libraries import require as _require
 
 _require("flexmbd.meshes", *_OF_THE_CONTINUUM, "gmsh")
 
-from flexmbd.continuum.grid.tagged_mesh import NodeOrder as NodeOrder
+from flexmbd.continuum.grid.node_order import NodeOrder as NodeOrder
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
 from flexmbd.continuum.grid.tagged_mesh import from_arrays as from_arrays
 from flexmbd.meshes.beam import beam as beam

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.continuum.grid.mesh_input import MeshInput
-from flexmbd.continuum.grid.tagged_mesh import NodeOrder, node_permutation
+from flexmbd.continuum.grid.node_order import NodeOrder, node_permutation
 from flexmbd.errors import MeshError
 from flexmbd.meshes.group_choice import chosen
 from flexmbd.meshes.serendipity import complete

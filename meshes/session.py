@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
-from flexmbd.continuum.grid.tagged_mesh import NodeOrder, TaggedMesh, node_permutation, spread
+from flexmbd.continuum.grid.node_order import NodeOrder, node_permutation
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.errors import MeshError
 from flexmbd.meshes.group_choice import chosen
 

@@ -48,7 +48,7 @@ SHOWN = (
         {
             "command": ("cli", "__main__"),
             "scene_file": ("toml_file",),
-            "system": ("joint", "force", "output", "parameter", "compiled_machine", "linearized"),
+            "system": ("joint", "force", "output", "parameter", "compiled_machine", "linearized", "linearization"),
             "leaves": ("errors", "given", "rotation", "coupling"),
         },
         {

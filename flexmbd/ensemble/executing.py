@@ -24,10 +24,19 @@ from flexmbd.ensemble.variants import (
     VariantOutcome,
 )
 from flexmbd.errors import EnsembleError, FlexmbdError, SceneError
+from flexmbd.given import is_truth, refuse_other
 
 _TASK = 0.1  # s that a task is to take: to hand one over costs a thousandth of that
 _MOST = 1000  # variants of a task
 _AHEAD = 2  # tasks that wait for each worker
+
+
+def refuse_executor(executor: object, workers: object) -> None:
+    """Raise SceneError unless there is a pool, or none, of a positive number of workers, or of as many as it has."""
+    if workers is not None and (is_truth(workers) or not isinstance(workers, int) or workers < 1):
+        raise SceneError(f"workers must be a positive number, got {workers!r}")
+    if executor is not None:
+        refuse_other(executor, Executor, "executor", wanted="a concurrent.futures.Executor")
 
 
 def run_ensemble(

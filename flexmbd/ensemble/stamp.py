@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from flexmbd.ensemble.sampled import Sampled
+from flexmbd.ensemble.variants import VariantOutput
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.parameter.force_parameters import OfForce
 from flexmbd.multibody.parameter.protocol import Parameter
@@ -41,3 +45,30 @@ def meaning(parameter: Parameter, scene: CompiledScene) -> str:
         place = scene.index.bodies.get(of, scene.index.forces.get(of))
     argument = parameter.argument if isinstance(parameter, OfForce) else ""
     return f"{type(parameter).__qualname__} {place} {argument}"
+
+
+def study_digest(
+    scene: CompiledScene,
+    machine: tuple[str, str],
+    parameters: Mapping[str, Sequence[Parameter]],
+    samples: str,
+    options: tuple[object, ...],
+    outputs: Mapping[str, VariantOutput],
+) -> str:
+    """Tells an ensemble from others: hexadecimal digest of its program, machine, samples, options and outputs.
+
+    Args:
+        scene: of the machine as it is compiled.
+        machine: its digest, and its controllers'.
+        parameters: what each name means.
+        samples: digest of the values.
+        options: of the runs.
+        outputs: what is asked of each variant.
+    """
+    asked = [
+        f"{name} {ask.meaning(scene) if isinstance(ask, Sampled) else fingerprint(ask)}"
+        for name, ask in outputs.items()
+    ]
+    named = [(name, [meaning(one, scene) for one in of]) for name, of in parameters.items()]
+    told_apart = (program_stamp(), machine, samples, options, asked, named)
+    return hashlib.sha256(repr(told_apart).encode()).hexdigest()

@@ -28,6 +28,15 @@ VariantOutcome: TypeAlias = tuple[int, dict[str, FloatArray], str]
 NumberedVariants: TypeAlias = Sequence[tuple[int, Mapping[str, Any]]]
 
 
+def refuse_outputs(outputs: object) -> None:
+    """Raise SceneError unless these are functions by names that a file can have."""
+    if not (isinstance(outputs, Mapping) and outputs and all(map(callable, outputs.values()))):
+        raise SceneError("outputs must be functions of a trajectory by their names, {'peak': lambda run: ...}")
+    for name in outputs:
+        if not isinstance(name, str) or not name.strip(".") or "/" in name:
+            raise SceneError(f"an output cannot be called {name!r}: the file has it by that name")
+
+
 class TaskOutcome(NamedTuple):
     """What a task gives: the outcomes of its variants, and the seconds that its worker was busy with them."""
 

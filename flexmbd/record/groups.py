@@ -121,7 +121,8 @@ class GeometricStiffness:
       is the inertia force -rho c.
     - ``angular acceleration x`` .. ``z``: of B, in B (rad/s^2).
     - ``angular velocity xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz``: products w_a w_b of B's angular
-      velocity, in B (rad^2/s^2); the centrifugal force -rho w x (w x r) is the sum over these six.
+      velocity, in B (rad^2/s^2); the centrifugal force -rho w x (w x r) is the sum over these six
+      (`flexmbd.record.inertia_loads`).
     - ``<interface>.x`` .. ``.rz``: force (N) and moment (N m) on an interface frame, in B's axes.
     - ``load <name>``: factor of a distributed load.
 
@@ -132,6 +133,13 @@ class GeometricStiffness:
 
     loads: tuple[str, ...]
     K: FloatArray
+
+
+def load_stiffness(group: GeometricStiffness | None, load: str) -> FloatArray | None:
+    """(n, n) what a unit of the load adds to the stiffness, or None where the record does not say."""
+    if group is None or load not in group.loads:
+        return None
+    return group.K[group.loads.index(load)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,10 +38,12 @@ from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.sturm import principal_part
 from flexmbd.reduction.modes.truncation import whole_number
 from flexmbd.reduction.optional_groups import surface_group
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.static_shapes.factor import Factor, TooLargeError
 from flexmbd.reduction.static_shapes.frame_motions import frame_motions
+from flexmbd.reduction.static_shapes.interface_motions import rigid_coordinates
 from flexmbd.reduction.static_shapes.memory import memory_limit
-from flexmbd.reduction.static_shapes.statics import Statics, body_statics, rigid_coordinates
+from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.static_shapes.support import AT_REST
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness_matrix

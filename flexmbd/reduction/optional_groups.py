@@ -36,10 +36,14 @@ from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
 from flexmbd.record.groups import IntArray
-from flexmbd.record.reduced_body import FurtherUnknowns, NodalInterfaces, NodalModes, Surface
+from flexmbd.record.reduced_body import DistributedLoads, FurtherUnknowns, NodalInterfaces, NodalModes, Surface
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
-from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives, refuse_other_nonlinear
+from flexmbd.reduction.large_displacements.modal_derivatives import (
+    ModalDerivatives,
+    check_nonlinear,
+    refuse_other_nonlinear,
+)
 from flexmbd.reduction.loads import loads_group, missing_energy
 from flexmbd.reduction.spread_groups import SpreadGroup, SpreadRows, all_numbers
 from flexmbd.reduction.static_shapes.statics import Statics
@@ -112,6 +116,8 @@ class Contents:
         check_damping(model, self.damping)
         check_inertia(model)
         check_gyroscopic(model)
+        if self.nonlinear is not None:
+            check_nonlinear(model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,56 +184,97 @@ def optional_parts(
     rotors = gyroscopic_group(model, modes=own, p=p, R=R)
     if rotors is not None:
         parts["gyroscopic"] = rotors
-    provenance = {}
+    provenance = _notes(model, contents)
+    if contents.geometric_stiffness:
+        groups, notes = _stiffening_groups(model, contents, found, modes=modes, stiffness=stiffness, resolved=resolved)
+        parts.update(groups)
+        provenance.update(notes)
+    if contents.loads:
+        parts["loads"], notes = _loads_group(model, contents, found, modes=own, stiffness=stiffness, p=p, R=R)
+        provenance.update(notes)
+    if nodal:
+        parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
+    return parts, _kept(model, contents.keep, modes, frames=frames, p=p, R=R), provenance
+
+
+def _notes(model: LinearModel, contents: Contents) -> dict[str, str]:
+    """What the provenance says of the loaded state and of damping."""
+    notes = {}
     if model.state is not None:
-        provenance["prestress"] = "\n".join([*model.state.loads, model.state.note])
+        notes["prestress"] = "\n".join([*model.state.loads, model.state.note])
     said = [str(contents.damping)] if contents.damping is not None else []
     if has_dissipation(model):
         said.append("dissipation of the formulation")
     if said:
-        provenance["damping"] = "; ".join(said)
-    if contents.geometric_stiffness:
-        displacements = with_ghosts(model, found.displacements)
-        groups = stiffening(
-            model,
-            found.loads,
-            displacements=displacements,
-            modes=modes,
-            stiffness=stiffness,
-            springs=spring_stiffness(model, modes=own),
-            resolved=resolved if model.nodal else None,
-        )
-        if groups is not None:
-            parts["geometric"], parts["stretch"] = groups.geometric, groups.stretch
-        provenance["geometric stiffness"] = _NO_STIFFENING if groups is None else groups.note
-        if resolved == 0.0 and not contents.residual_vectors:
-            provenance["stretch modes"] = "none beside no modes: its motion stretches the body as interfaces do"
-    if contents.loads:
-        forces = found.loads.forces[:, -len(contents.loads) :]
-        group = loads_group(model, contents.loads, forces=forces, modes=own, p=p, R=R)
-        parts["loads"] = group
-        missing = missing_energy(
-            model,
-            forces=forces,
-            displacements=found.displacements[:, -len(contents.loads) :],
-            modal=group.modal,
-            stiffness=stiffness,
-        )
-        for load, part in zip(contents.loads, missing, strict=True):
-            provenance[f"load {load.name}"] = f"{load}; static energy missing {part:.1e}"
-    if nodal:
-        parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
+        notes["damping"] = "; ".join(said)
+    return notes
+
+
+def _stiffening_groups(
+    model: LinearModel,
+    contents: Contents,
+    found: Responses,
+    *,
+    modes: FloatArray,
+    stiffness: FloatArray,
+    resolved: float,
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """How loads change the stiffness, where the formulation tells it; provenance. Collective."""
+    groups = stiffening(
+        model,
+        found.loads,
+        displacements=with_ghosts(model, found.displacements),
+        modes=modes,
+        stiffness=stiffness,
+        springs=spring_stiffness(model, modes=modes[: model.n_owned]),
+        resolved=resolved if model.nodal else None,
+    )
+    notes = {"geometric stiffness": _NO_STIFFENING if groups is None else groups.note}
+    if resolved == 0.0 and not contents.residual_vectors:
+        notes["stretch modes"] = "none beside no modes: its motion stretches the body as interfaces do"
+    return {} if groups is None else {"geometric": groups.geometric, "stretch": groups.stretch}, notes
+
+
+def _loads_group(
+    model: LinearModel,
+    contents: Contents,
+    found: Responses,
+    *,
+    modes: FloatArray,
+    stiffness: FloatArray,
+    p: FloatArray,
+    R: FloatArray,
+) -> tuple[DistributedLoads, dict[str, str]]:
+    """The named loads, and in the provenance what the modes miss of the response to each. Collective."""
+    named = slice(-len(contents.loads), None)
+    forces = found.loads.forces[:, named]
+    group = loads_group(model, contents.loads, forces=forces, modes=modes, p=p, R=R)
+    missing = missing_energy(
+        model,
+        forces=forces,
+        displacements=found.displacements[:, named],
+        modal=group.modal,
+        stiffness=stiffness,
+    )
+    pairs = zip(contents.loads, missing, strict=True)
+    return group, {f"load {load.name}": f"{load}; static energy missing {part:.1e}" for load, part in pairs}
+
+
+def _kept(
+    model: LinearModel, keep: Keep, modes: FloatArray, *, frames: Sequence[str], p: FloatArray, R: FloatArray
+) -> dict[str, SpreadGroup[Any]]:
+    """The modes on the mesh, as far as the record keeps them. Collective."""
     spread: dict[str, SpreadGroup[Any]] = {}
-    if contents.keep.modes:
+    if keep.modes:
         spread["modes"] = nodal_group(model, modes, p=p, R=R)
         others = further_unknowns(model, modes)
         if others is not None:
             spread["unknowns"] = others
-    if contents.keep.surface:
+    if keep.surface:
         spread["surface"] = surface_group(model, modes, p=p, R=R)
-    if contents.keep.stress:
+    if keep.stress:
         spread["stress"] = stress_group(model, modes, frames=frames, p=p, R=R)
-    return parts, spread, provenance
+    return spread
 
 
 def nodal_group(model: LinearModel, modes: FloatArray, *, p: FloatArray, R: FloatArray) -> SpreadGroup[NodalModes]:

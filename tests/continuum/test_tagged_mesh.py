@@ -11,7 +11,8 @@ import ufl
 from dolfinx import fem
 
 from flexmbd.continuum.compat import cell_nodes
-from flexmbd.continuum.grid.tagged_mesh import NodeOrder, from_arrays
+from flexmbd.continuum.grid.node_order import NodeOrder
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 
 pytestmark = pytest.mark.mpi

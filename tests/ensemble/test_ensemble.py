@@ -203,7 +203,7 @@ def test_a_file_of_another_ensemble_is_refused(tmp_path, monkeypatch):
     with pytest.raises(RecordError, match="of another ensemble"):  # the same names mean other quantities
         other.ensemble(given, outputs, t_end=0.3, file=file, integrator=fm.ExplicitRungeKutta())
     with monkeypatch.context() as patched:
-        patched.setattr("flexmbd.compiled_machine.program_stamp", lambda: "0.0.1")
+        patched.setattr("flexmbd.ensemble.stamp.program_stamp", lambda: "0.0.1")
         with pytest.raises(RecordError, match="or of another flexmbd"):
             study(file=file, count=8)
     (tmp_path / "other.h5").write_bytes(b"no HDF5")

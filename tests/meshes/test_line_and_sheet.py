@@ -8,7 +8,8 @@ import ufl
 from measures import extents, n_cells, n_nodes, n_owned, nodes_of, nodes_of_entities, total, volume
 
 from flexmbd import meshes
-from flexmbd.continuum.grid.tagged_mesh import NodeOrder, from_arrays
+from flexmbd.continuum.grid.node_order import NodeOrder
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.errors import MeshError
 
 pytestmark = pytest.mark.mpi

@@ -15,8 +15,8 @@ from flexmbd.forms import solid_linear
 from flexmbd.reduction import Solver, guyan
 from flexmbd.reduction.modes.davidson import DavidsonSearch
 from flexmbd.reduction.static_shapes import conjugate_gradients, interior_stiffness
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.static_shapes.degree_inverse import DegreeInverse
-from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
 

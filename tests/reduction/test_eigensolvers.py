@@ -24,8 +24,8 @@ from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch
 from flexmbd.reduction.modes.signs import asymmetric_fields
 from flexmbd.reduction.modes.sturm import count_below
 from flexmbd.reduction.modes.truncation import MOST
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.static_shapes.interior_stiffness import HeldFactor
-from flexmbd.reduction.static_shapes.statics import body_statics
 
 pytestmark = pytest.mark.mpi
 

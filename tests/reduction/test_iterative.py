@@ -19,7 +19,7 @@ from flexmbd.files.memory import available_memory
 from flexmbd.forms import solid_linear, solid_mixed
 from flexmbd.reduction import Solver, craig_bampton, guyan
 from flexmbd.reduction.static_shapes import conjugate_gradients, factor, memory
-from flexmbd.reduction.static_shapes.statics import body_statics
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 
 pytestmark = pytest.mark.mpi
 

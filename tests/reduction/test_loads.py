@@ -16,7 +16,8 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.finite_elements.nodes import node_numbers
-from flexmbd.continuum.grid.tagged_mesh import NodeOrder, from_arrays, node_permutation
+from flexmbd.continuum.grid.node_order import NodeOrder, node_permutation
+from flexmbd.continuum.grid.tagged_mesh import from_arrays
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import MeshError, ReductionError
 from flexmbd.forms import solid_linear

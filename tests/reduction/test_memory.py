@@ -25,7 +25,7 @@ from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import Solver, craig_bampton
-from flexmbd.reduction.static_shapes.statics import body_statics
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 
 def taken(name):
     return 1024 * int(Path("/proc/self/status").read_text().partition(name + ":")[2].split()[0])

@@ -105,7 +105,7 @@ def test_further_unknowns_and_guyan(folder):
 
 @pytest.mark.parametrize(("where", "why"), [("nowhere/a.h5", "there is no folder"), ("", "not a regular file")])
 def test_a_dead_path_is_told_before_the_reduction(folder, monkeypatch, where, why):
-    monkeypatch.setattr(sys.modules[craig_bampton.__module__], "body_statics", None)
+    monkeypatch.setattr(sys.modules[craig_bampton.__module__], "craig_bampton_basis", None)
     with pytest.raises(RecordError, match=why):
         craig_bampton(bar(), modes=3, frame="x_min", stream=folder / where)
 

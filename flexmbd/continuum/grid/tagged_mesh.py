@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -27,6 +26,7 @@ from flexmbd.continuum.grid.mesh_input import (
     tag_facets,
     untagged,
 )
+from flexmbd.continuum.grid.node_order import NODES, NodeOrder, node_permutation
 from flexmbd.continuum.grid.pieces import check_connected
 from flexmbd.continuum.grid.predicate import Predicate, locate_groups
 from flexmbd.continuum.grid.row_exchange import blocks_on_root, send
@@ -36,24 +36,6 @@ from flexmbd.given import checked, numbers
 Points = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 T = TypeVar("T")
-
-
-class NodeOrder(enum.Enum):
-    """How the nodes of one cell are listed in an array of cells.
-
-    LEXICOGRAPHIC: tetrahedra: four vertices, then the middles of the edges 01, 02, 03, 12, 13, 23;
-        triangles: of 01, 02, 12. Hexahedra: x fastest, z slowest, so that vertex i + 2 j + 4 k lies
-        at (i, j, k); quadrilaterals without z.
-    VTK: tetrahedra: middles of 01, 12, 02, 03, 13, 23; triangles: of 01, 12, 02. Hexahedra: around
-        the bottom face, then around the top face; then VTK's own order of the further nodes.
-        Quadrilaterals: around.
-    GMSH: tetrahedra: middles of 01, 12, 02, 03, 23, 13. Triangles, quadrilaterals and the vertices
-        of hexahedra as in VTK; then gmsh's own order of a hexahedron's further nodes.
-    """
-
-    LEXICOGRAPHIC = enum.auto()
-    VTK = enum.auto()
-    GMSH = enum.auto()
 
 
 @dataclass(frozen=True)
@@ -265,9 +247,9 @@ def from_arrays(
     """
     groups = (facet_groups, cell_groups or {}, edge_groups or {}, vertex_groups or {})
     _check_agreement(comm, f"cell={cell!r}, degree={degree}, {order}, groups {[*map(list, groups)]}")
-    columns = _NODES.get((cell, degree))
+    columns = NODES.get((cell, degree))
     if columns is None:
-        known = ", ".join(f"{name} of degree {d}" for name, d in _NODES)
+        known = ", ".join(f"{name} of degree {d}" for name, d in NODES)
         raise MeshError(f"no cell {cell!r} of degree {degree!r}; there are: {known}")
     mesh = _spread(comm, points, cells, cell=cell, degree=degree, order=order, columns=columns)
     check_cells(mesh)
@@ -319,50 +301,6 @@ def _known(kind: str, groups: Mapping[str, T], name: str) -> T:
         there = ", ".join(repr(known) for known in sorted(groups)) or "none"
         raise MeshError(f"the mesh has no {kind} group {name!r}; its {kind} groups are: {there}")
     return groups[name]
-
-
-_NODES = {
-    ("tetrahedron", 1): 4,
-    ("tetrahedron", 2): 10,
-    ("hexahedron", 1): 8,
-    ("hexahedron", 2): 27,
-    ("triangle", 1): 3,
-    ("triangle", 2): 6,
-    ("quadrilateral", 1): 4,
-    ("quadrilateral", 2): 9,
-    ("interval", 1): 2,
-    ("interval", 2): 3,
-}
-
-# basix lists a tetrahedron's edges as 23, 13, 12, 03, 02, 01, a triangle's as 12, 02, 01, and the
-# vertices of the others x fastest: entry i says where its node i stands in the lexicographic list.
-_FROM_LEXICOGRAPHIC = {
-    ("tetrahedron", 1): (0, 1, 2, 3),
-    ("tetrahedron", 2): (0, 1, 2, 3, 9, 8, 7, 6, 5, 4),
-    ("hexahedron", 1): (0, 1, 2, 3, 4, 5, 6, 7),
-    ("triangle", 1): (0, 1, 2),
-    ("triangle", 2): (0, 1, 2, 5, 4, 3),
-    ("quadrilateral", 1): (0, 1, 2, 3),
-    ("interval", 1): (0, 1),
-    ("interval", 2): (0, 1, 2),
-}
-
-
-def node_permutation(cell: str, degree: int, order: NodeOrder) -> npt.NDArray[np.intp]:
-    """Where each of basix's nodes stands in a cell listed in the given order.
-
-    Raises:
-        MeshError: this kind of cell is not known in that order.
-    """
-    if order is NodeOrder.LEXICOGRAPHIC:
-        if (cell, degree) not in _FROM_LEXICOGRAPHIC:
-            raise MeshError(
-                f"{cell} of degree {degree} needs order=NodeOrder.VTK or NodeOrder.GMSH"
-            )
-        return np.array(_FROM_LEXICOGRAPHIC[cell, degree])
-    tables = dolfinx.cpp.io
-    table = tables.perm_vtk if order is NodeOrder.VTK else tables.perm_gmsh
-    return np.asarray(table(dolfinx.mesh.to_type(cell), _NODES[cell, degree]), dtype=np.intp)
 
 
 def _spread(

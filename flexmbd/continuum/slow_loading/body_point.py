@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuation.flutter import flutters, parted
+from flexmbd.continuation.flutter import count_growing, flutters, grows, parted
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
 from flexmbd.continuum.slow_loading.stiffness_spectrum import NearZero
 from flexmbd.errors import ConvergenceError
@@ -74,14 +74,12 @@ class BodySpectrum:
         while True:
             near = self._near(count)
             values = near.values
-            complex_ones = flutters(values)
-            negative = (complex_ones | (values.real < 0.0)) & (abs(values) > near.round_off)
+            growing = grows(values, near.round_off)
             if self._point.negative is not None:
-                idle = int(np.count_nonzero((values.real < 0.0) & ~negative))
+                idle = int(np.count_nonzero((values.real < 0.0) & ~growing))
                 return self._point.negative - idle
-            if not negative[len(values) // 2 :].any() or len(values) < count or count >= _MOST_NEAR:
-                pairs = complex_ones & (values.imag > 0.0)  # of which the second may not be among them
-                return int(np.count_nonzero(negative & ~complex_ones) + 2 * np.count_nonzero(pairs))
+            if not growing[len(values) // 2 :].any() or len(values) < count or count >= _MOST_NEAR:
+                return count_growing(values, near.round_off)
             count *= 2
 
     @property

@@ -18,14 +18,13 @@ from flexmbd.export.sid_files.taylor_blocks import (
     BLOCKS,
     Taylor,
     axis_by_axis,
-    load_stiffness,
     mass_integrals,
     stiffening_loads,
     taylor_blocks,
 )
 from flexmbd.files.whole_file import write_file
 from flexmbd.given import checked
-from flexmbd.record.groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes
+from flexmbd.record.groups import FRAME_DOFS, FloatArray, GeometricStiffness, InterfaceFrame, NodalModes, load_stiffness
 from flexmbd.record.reduced_body import ReducedBody
 
 CAPABILITIES = Capabilities(stiffening=True)

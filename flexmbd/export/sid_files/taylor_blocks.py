@@ -24,15 +24,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.errors import ExportError
-from flexmbd.record.groups import FloatArray, IntArray
+from flexmbd.record.groups import FloatArray, IntArray, load_stiffness
+from flexmbd.record.inertia_loads import (
+    ACCELERATIONS,
+    ANGULAR_ACCELERATIONS,
+    CENTRIFUGAL,
+    SPIN_PRODUCTS,
+    centrifugal_forces,
+)
 from flexmbd.record.reduced_body import GeometricStiffness, ReducedBody
 
 #: Blocks of a body in the order of a file.
 BLOCKS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
 
-# Rows of J and columns of Oe: components of a symmetric tensor, in two orders.
+# Rows of J: components of a symmetric tensor.
 _INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-_SPIN = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+# Columns of Oe: which of the record's products of angular velocities; and of the record's, which of the columns.
+_SPIN = [SPIN_PRODUCTS.index(pair) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))]
+_UNSPUN = [_SPIN.index(k) for k in range(len(_SPIN))]
 
 _CROSS = np.zeros((3, 3, 3))
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -96,8 +105,6 @@ def taylor_blocks(body: ReducedBody) -> dict[str, Taylor]:
     f, sf = gram[0, 4:].reshape(n, 3), gram[1:4, 4:].reshape(3, n, 3)
     ff = gram[4:, 4:].reshape(n, 3, n, 3)
     turning = _turning(np.einsum("ajb->jba", sf))
-    dyads = np.einsum("lakb->lkab", ff)
-    spinning = dyads - np.trace(dyads, axis1=2, axis2=3)[..., None, None] * np.eye(3)
     crossed = np.einsum("cab,kalb->lkc", _CROSS, ff)
     stiffening = {name: _stiffening(body.geometric, loads) for name, loads in _LOADS.items()}
     return {
@@ -114,7 +121,7 @@ def taylor_blocks(body: ReducedBody) -> dict[str, Taylor]:
             -2.0 * np.einsum("kjrc->rkjc", _turning(np.einsum("jrkc->kjrc", ff))).reshape(3, n, 3 * n),
         ),
         "Ge": Taylor(2.0 * crossed.reshape(n, 3 * n)),
-        "Oe": Taylor(_doubled(turning), _sum(_doubled(spinning), stiffening["Oe"])),
+        "Oe": Taylor(_spinning(sf), _sum(_spinning_of_modes(ff), stiffening["Oe"])),
         "ksigma": Taylor(np.zeros((n, 1))),
         "Ke": Taylor(np.diag(body.stiffness)),
         "De": Taylor(body.damping.copy()),
@@ -123,17 +130,10 @@ def taylor_blocks(body: ReducedBody) -> dict[str, Taylor]:
 
 # For each block the loads whose stiffness is its term in q, column by column.
 _LOADS = {
-    "Ct": tuple(f"acceleration {a}" for a in "xyz"),
-    "Cr": tuple(f"angular acceleration {a}" for a in "xyz"),
-    "Oe": tuple(f"angular velocity {'xyz'[a]}{'xyz'[b]}" for a, b in _SPIN),
+    "Ct": ACCELERATIONS,
+    "Cr": ANGULAR_ACCELERATIONS,
+    "Oe": tuple(CENTRIFUGAL[k] for k in _SPIN),
 }
-
-
-def load_stiffness(group: GeometricStiffness | None, load: str) -> FloatArray | None:
-    """(n, n) what a unit of the load adds to the stiffness, or None where the record does not say."""
-    if group is None or load not in group.loads:
-        return None
-    return group.K[group.loads.index(load)]
 
 
 def _stiffening(group: GeometricStiffness | None, loads: tuple[str, ...]) -> FloatArray | None:
@@ -182,9 +182,14 @@ def _tensor(components: FloatArray, order: tuple[tuple[int, int], ...]) -> Float
     return tensor
 
 
-def _doubled(tensor: FloatArray) -> FloatArray:
-    """(..., 6) factors of the products of w in w^T tensor w."""
-    return np.stack([tensor[..., a, b] + (tensor[..., b, a] if a != b else 0.0) for a, b in _SPIN], axis=-1)
+def _spinning(levers: FloatArray) -> FloatArray:
+    """(..., 6) columns of Oe by integrals (3, ..., 3) of r_a phi_b: the centrifugal force on the left-hand side."""
+    return -np.moveaxis(centrifugal_forces(levers)[_SPIN], 0, -1)
+
+
+def _spinning_of_modes(ff: FloatArray) -> FloatArray:
+    """(n, n, 6) linear part of Oe, the displacement by a mode k in the place of r: row l, then k."""
+    return _spinning(np.einsum("kalb->alkb", ff))
 
 
 def mass_integrals(mass: float, blocks: Mapping[str, Taylor], *, tolerance: float = AGREE) -> Integrals:
@@ -284,7 +289,7 @@ def _products_of_modes(blocks: Mapping[str, Taylor], n: int, tolerance: float) -
         if spin is None or spin.m1 is None:
             raise ExportError("neither Gr nor Oe has a term m1: the velocity forces of the deformed body are not known")
         crossed = _crossed(blocks, n)
-        spinning = _tensor(spin.m1 * np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]), _SPIN)
+        spinning = _tensor(spin.m1 * np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]), tuple(SPIN_PRODUCTS[k] for k in _SPIN))
         # with nothing added its trace is minus twice the modal mass
         more = 0.5 * np.trace(spinning, axis1=2, axis2=3) + blocks["Me"].m0
         if np.abs(more).max(initial=0.0) > tolerance * np.abs(blocks["Me"].m0).max(initial=0.0):
@@ -321,22 +326,19 @@ def _same(what: str, found: FloatArray, expected: FloatArray, *, size: FloatArra
 
 def stiffening_loads(blocks: Mapping[str, Taylor], ff: FloatArray) -> tuple[list[str], list[FloatArray]]:
     """Names of the loads and their (n, n) stiffness that blocks hold beside the inertia: `GeometricStiffness`."""
-    inertia = np.einsum("lakb->lkab", ff)
-    spinning = inertia - np.trace(inertia, axis1=2, axis2=3)[..., None, None] * np.eye(3)
     rest = {
         "Ct": blocks["Ct"].m1,
         "Cr": None if blocks["Cr"].m1 is None else 0.5 * (blocks["Cr"].m1 + blocks["Cr"].m1.swapaxes(0, 1)),
     }
     if "Gr" in blocks and blocks["Gr"].m1 is not None and "Oe" in blocks and blocks["Oe"].m1 is not None:
-        rest["Oe"] = blocks["Oe"].m1 - _doubled(spinning)
+        rest["Oe"] = blocks["Oe"].m1 - _spinning_of_modes(ff)
     names: list[str] = []
     stiffness: list[FloatArray] = []
     for block, K in rest.items():
-        size = 0.0 if block == "Ct" else np.abs(inertia).max(initial=0.0)
+        size = 0.0 if block == "Ct" else np.abs(ff).max(initial=0.0)
         if K is None or np.abs(K).max(initial=0.0) <= _NO_STIFFENING * size:
             continue
-        # the record lists the products of w as xx, yy, zz, xy, xz, yz
-        order = (0, 1, 2, 3, 5, 4) if block == "Oe" else (0, 1, 2)
+        order = _UNSPUN if block == "Oe" else [0, 1, 2]
         names += [_LOADS[block][k] for k in order]
         stiffness += [0.5 * (K[:, :, k] + K[:, :, k].T) for k in order]
     return names, stiffness

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, told_once
 from flexmbd.given import numbers
 from flexmbd.multibody.team import Team
 
@@ -127,13 +127,21 @@ def campbell(
 
     Raises:
         SceneError: bad speeds or orders, other states at another speed, or as ``linearize``, with the speed.
+
+    Warns:
+        RangeWarning: as ``linearize`` of a body that spins too fast for its shapes; once a body, at the lowest speed.
     """
     given, wanted = numbers(speeds), numbers(orders)
     if given.ndim != 1 or len(given) < 2 or not np.isfinite(given).all() or not (np.diff(given) > 0.0).all():
         raise SceneError(f"speeds must be two or more finite numbers (rad/s), ascending, got {speeds!r:.80}")
     if wanted.ndim != 1 or not np.isfinite(wanted).all() or not (wanted > 0.0).all():
         raise SceneError(f"engine orders must be a list of positive numbers, got {orders!r:.80}")
-    machines = _Machines(linearize)
+    with told_once():
+        return _diagram(_Machines(linearize), given, wanted)
+
+
+def _diagram(machines: _Machines, given: FloatArray, wanted: FloatArray) -> Campbell:
+    """Of the machines at the given speeds (k,) rad/s, and where the wanted engine orders meet their vibrations."""
     tracked = _Branches()
     for speed in given:
         tracked.add(machines.vibrations(float(speed)))

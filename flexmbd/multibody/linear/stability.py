@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.continuation.flutter import flutters, parted
+from flexmbd.continuation.flutter import count_growing, flutters, parted
 from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.linear.balance import ForceBalance
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -34,18 +34,24 @@ class MotionSpectrum:
     Attributes:
         values: (nz,) without unit where there is a potential: of the stiffness over the coordinates' own; else 1/s^2.
         shapes: (nv, nz) right eigenvectors as changes of the machine's coordinates; real parts.
-        unstable: how many independent motions grow: of a flutter two.
-        idle: (nz,) whether nothing resists a motion, or drives it, up to round-off.
         has_potential: whether the stiffness is symmetric.
         round_off: what is left of an eigenvalue that is zero.
     """
 
     values: NDArray[np.complex128]
     shapes: FloatArray
-    unstable: int
-    idle: NDArray[np.bool_]
     has_potential: bool
     round_off: float
+
+    @property
+    def unstable(self) -> int:
+        """How many independent motions grow: of a flutter two."""
+        return count_growing(self.values, self.round_off)
+
+    @property
+    def idle(self) -> NDArray[np.bool_]:
+        """(nz,) whether nothing resists a motion, or drives it, up to round-off."""
+        return np.asarray(np.abs(self.values) <= self.round_off)
 
     @property
     def gives_way(self) -> bool:
@@ -84,16 +90,13 @@ def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 
     """Of the tangent stiffness of a balance, with ``more`` (nv, nv) beside it."""
     Vz, stiffness = at.by.Vz, at.stiffness(more)
     if not len(stiffness):
-        nothing = np.zeros(0)
-        return MotionSpectrum(nothing.astype(complex), np.zeros((len(Vz), 0)), 0, nothing.astype(bool), True, 0.0)
+        return MotionSpectrum(np.zeros(0, complex), np.zeros((len(Vz), 0)), True, 0.0)
     own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
     scaled = stiffness / np.outer(own, own)
     if has_potential(scene, at):
         values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         round_off = len(values) * _ROUND_OFF
-        idle = np.abs(values) <= round_off
-        unstable = int((values < 0.0)[~idle].sum())
-        return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), unstable, idle, True, round_off)
+        return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), True, round_off)
     factor = scipy.linalg.cholesky(at.mass, lower=True)
     half = scipy.linalg.solve_triangular(factor, stiffness, lower=True)
     whole = scipy.linalg.solve_triangular(factor, half.T, lower=True).T
@@ -102,9 +105,7 @@ def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 
     values, shapes = values[order], shapes[:, order]
     shapes = scipy.linalg.solve_triangular(factor.T, shapes.real, lower=False)
     round_off = len(values) * _ROUND_OFF * float(np.abs(values).max())
-    idle = np.abs(values) <= round_off
-    grows = (flutters(values) | (values.real < 0.0)) & ~idle
-    return MotionSpectrum(values, Vz @ shapes, int(grows.sum()), idle, False, round_off)
+    return MotionSpectrum(values, Vz @ shapes, False, round_off)
 
 
 def has_potential(scene: CompiledScene, at: ForceBalance) -> bool:

@@ -20,17 +20,15 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order, row_blocks
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
+from flexmbd.multibody.plan.plan_arrays import fill_plan, time_table
 from flexmbd.multibody.plan.plan_digest import plan_digest
-from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
 from flexmbd.multibody.plan.row_slopes import RowSweeps, row_sweeps
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
-from flexmbd.multibody.plan.time_data import data_with_integrals
 from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
@@ -306,35 +304,7 @@ def build(
     driven = _driven(b, topology)
     table = assemble_forces(b, ground, forces, varied)
     assemble_penalties(b, rows, table)
-    driven_v = {row[at.DRIVEN_V] for row in driven}
-    free = [k for k in range(len(b.names)) if k not in driven_v]
-    times, time_data = _time_table(b.times)
-    tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
-    frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
-    rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
-    axes = turning_axes(tree, frames, frame_of)
-    tree[:, at.ROTATION] = classify_rotations(tree, axes, rigid)
-    plan = Plan(
-        tree=tree,
-        frames=frames,
-        frame_of=frame_of,
-        rigid=rigid,
-        flex=_int_table(b.flex, at.N_FLEX),
-        modal=np.concatenate([*b.modal, np.zeros(1)]),
-        rows=_int_table(rows.table, at.N_ROW),
-        forces=_int_table(table.forces, at.N_FORCE),
-        times=times,
-        time_data=time_data,
-        driven=_int_table(driven, at.N_DRIVEN),
-        free=np.array(free, np.int64),
-        gravity=gravity,
-        lapack=lapack_addresses(),
-        flag=b.callbacks.flag,
-        wrenches=np.zeros((sum(len(one.rows) for one in table.interiors), 6)),
-        elements=_int_table(table.elements, at.N_ELEMENT),
-        penalties=_int_table(rows.penalties, at.N_ROW),
-        data=np.concatenate(b.data),
-    )
+    plan, axes = fill_plan(b, rows, table, driven, gravity)
     order = blockwise_order(plan)
     plan = plan.replace(rows=plan.rows[order])
     scene = CompiledScene(
@@ -378,20 +348,6 @@ def _driven(b: Numbering, topology: Topology) -> list[list[int]]:
     return rows
 
 
-def _int_table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:
-    return np.array(rows, dtype=np.int64).reshape(-1, columns)
-
-
-def _time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
-    """Plan.times and Plan.time_data."""
-    table, data, offset = [], [], 0
-    for row in rows:
-        table.append([row.kind, offset, row.count, *row.addresses])
-        data.append(data_with_integrals(row))
-        offset += data[-1].size
-    return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
-
-
 def with_signals(scene: CompiledScene, steps: Mapping[int, FloatArray]) -> CompiledScene:
     """The scene with signals as steps over time: by rows of ``Plan.times`` their data, of polynomials of order 0.
 
@@ -399,7 +355,7 @@ def with_signals(scene: CompiledScene, steps: Mapping[int, FloatArray]) -> Compi
     """
     known = enumerate(scene.time_rows)
     rows = [row if k not in steps else replace(row, data=steps[k], count=(steps[k].size - 2) // 2) for k, row in known]
-    times, time_data = _time_table(rows)
+    times, time_data = time_table(rows)
     plan = scene.plan.replace(times=times, time_data=time_data)
     return replace(scene, plan=plan, time_rows=tuple(rows), unset=scene)
 

@@ -21,6 +21,8 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.sampling.series import body_series
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.stretch_watch import StoredRows
+from flexmbd.record.groups import load_stiffness
+from flexmbd.record.inertia_loads import CENTRIFUGAL, centrifugal_forces, spin_products
 from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -30,8 +32,6 @@ _TOLD = 0.01
 # Of what a spin adds to it: what records lack that complete the response to the centrifugal force, by far.
 _COMPLETE = 0.05
 _AT_ONCE = 1024  # rows, of all bodies
-_AXES = "xyz"
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class SpinLack:
 
     def share(self, spin: FloatArray) -> float:
         """Of the square of the lowest frequency at an angular velocity (3,), rad/s in the body's axes."""
-        products = np.array([spin[a] * spin[b] for a, b in _PAIRS])
+        products = spin_products(spin)
         values, modes = np.linalg.eigh(np.diag(self.stiffness) + np.tensordot(products, self.added, 1))
         change = modes[:, 0] @ np.tensordot(products, self.excess, 1) @ modes[:, 0]
         return float(change / values[0]) if values[0] > 0.0 else 0.0
@@ -72,23 +72,15 @@ def _spin_lack(record: ReducedBody) -> SpinLack | None:
     if geometric is None or stretch is None:
         return None
     added, machine = np.zeros((2, 6, record.n_modes, record.n_modes))
-    for k, (a, b) in enumerate(_PAIRS):
-        name = f"angular velocity {_AXES[a]}{_AXES[b]}"
-        if name in geometric.loads:
-            added[k] = geometric.K[geometric.loads.index(name)]
-            response = stretch.strain @ (_centrifugal_force(record, a, b) / record.stiffness)
-            machine[k] = np.tensordot(response, stretch.P, 1)
+    forces = centrifugal_forces(record.gram[1:4, 4:].reshape(3, record.n_modes, 3))
+    for k, name in enumerate(CENTRIFUGAL):
+        known = load_stiffness(geometric, name)
+        if known is not None:
+            added[k] = known
+            machine[k] = np.tensordot(stretch.strain @ (forces[k] / record.stiffness), stretch.P, 1)
     first, excess = int(np.argmin(record.stiffness)), machine - added
     lacks = abs(excess[:3, first, first]).max() > _COMPLETE * abs(added[:3, first, first]).max()
     return SpinLack(record.stiffness, added, excess) if lacks else None
-
-
-def _centrifugal_force(record: ReducedBody, a: int, b: int) -> FloatArray:
-    """(n,) modal, per product w_a w_b of angular velocities: rho (r - e_a r_a), or -rho (e_a r_b + e_b r_a)."""
-    gram = record.gram
-    if a == b:
-        return np.asarray(sum(gram[1 + c, 4 + c :: 3] for c in range(3) if c != a))
-    return np.asarray(-gram[1 + b, 4 + a :: 3] - gram[1 + a, 4 + b :: 3])
 
 
 class SpinWatch:
@@ -105,22 +97,29 @@ class SpinWatch:
         """Look at the rows that came since; each begins with time (s), configuration, velocities and accelerations.
 
         Warns:
+            RangeWarning: as `judge`.
+        """
+        if not self._watched:
+            return
+        t, x, v, *_ = stored.since(self._rows)
+        self._rows += len(t)
+        for begin in range(0, len(t), _AT_ONCE):
+            block = slice(begin, begin + _AT_ONCE)
+            self.judge(t[block], x[block], v[block])
+
+    def judge(self, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
+        """The same of states that are no run's, as steady motions: times (k,), configurations and velocities.
+
+        Warns:
             RangeWarning: what a body's shapes lack changes the square of its lowest frequency by a hundredth; once a
                 body.
         """
         if not self._watched:
             return
-        t, *rows = (np.ascontiguousarray(part) for part in stored.since(self._rows)[:4])
-        self._rows += len(t)
-        for begin in range(0, len(t), _AT_ONCE):
-            block = slice(begin, begin + _AT_ONCE)
-            self._judge(t[block], *(part[block] for part in rows))
-
-    def _judge(self, t: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> None:
         plan = self._scene.plan
         motions = np.zeros((len(t), len(plan.tree), 21))
-        if self._watched:
-            body_series(plan, new_work(plan), x, v, a, motions)
+        x, v, unneeded = np.ascontiguousarray(x), np.ascontiguousarray(v), np.zeros(v.shape)
+        body_series(plan, new_work(plan), x, v, unneeded, motions)  # velocities need no accelerations
         for body, lack in tuple(self._watched.items()):
             own = motions[:, self._scene.index.bodies[body]]
             spin = np.einsum("kab,ka->kb", own[:, 3:12].reshape(-1, 3, 3), own[:, 15:18])
@@ -138,4 +137,5 @@ def _tell(body: Body, t: float, spin: FloatArray, share: float) -> None:
         f"{100.0 * share:+.2g} % there, and by more where it turns faster; reduce it with a mode or more "
         "(craig_bampton, modes=1), with which shapes that complete it come",
         RangeWarning,
+        subject=f"spin of {body.name}",
     )

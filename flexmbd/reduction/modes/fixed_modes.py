@@ -29,8 +29,9 @@ from flexmbd.reduction.modes.spectrum_error import static_part
 from flexmbd.reduction.modes.sturm import confirmed
 from flexmbd.reduction.modes.sturm import count_below as inertia_below
 from flexmbd.reduction.modes.truncation import LOWEST, MOST, Truncation, whole_number
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.static_shapes.memory import memory_limit, workspace
-from flexmbd.reduction.static_shapes.statics import Statics, body_statics
+from flexmbd.reduction.static_shapes.statics import Statics
 
 #: Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
 GUARD = 2

@@ -6,21 +6,30 @@ anything is factorised; what round-off leaves of a singular factor tells nothing
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.grid.pieces import pieces
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.record.carrying_dofs import independent_rows
+from flexmbd.reduction.static_shapes.interface_motions import rigidly_bound
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes
 
 #: Relative size below which a rigid motion leaves dofs at rest; found from squares, whose rounding is that of 1e-8.
 AT_REST = 1e-6
+
+
+def needs_support(model: LinearModel, interfaces: Sequence[FoundInterface]) -> bool:
+    """Whether no interface is rigid or nodal and no support there, so that six dofs are to hold the body."""
+    return not (rigidly_bound(interfaces) or model.supports or model.nodal)
 
 
 def is_held(model: LinearModel, boundary: NDArray[np.bool_]) -> bool:

@@ -24,15 +24,13 @@ import numpy as np
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.record.inertia_loads import ACCELERATIONS, ANGULAR_ACCELERATIONS, CENTRIFUGAL, CENTRIFUGAL_FIELDS
 from flexmbd.record.reduced_body import FRAME_DOFS, GeometricStiffness, ModalStretch
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.gradient_parts import strain_over_rotation
 from flexmbd.reduction.stiffening.membrane import membrane_fields, stretching_fields
 from flexmbd.reduction.stiffening.resolved import resolved_deformations
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
-
-_AXES = ("x", "y", "z")
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class UnitLoads:
 
 def n_inertia_loads(*, floating: bool) -> int:
     """How many `inertia_loads` there are."""
-    return len(_PAIRS) + (0 if floating else 2 * len(_AXES))
+    return len(CENTRIFUGAL) + (0 if floating else len(ACCELERATIONS) + len(ANGULAR_ACCELERATIONS))
 
 
 def inertia_loads(
@@ -74,25 +72,20 @@ def inertia_loads(
 
     Returns:
         -rho e_a and -rho e_a x r for accelerations, and the centrifugal forces -rho w x (w x r) split into the six
-        products of the angular velocity: rho (r - e_a r_a), and -rho (e_a r_b + e_b r_a) for a < b.
+        products of the angular velocity (`flexmbd.record.inertia_loads`).
     """
     nodes = model.n_owned_nodes
     r = (model.node_x[:nodes] - p) @ R
-    fields: FloatArray = np.zeros((model.n_owned, len(_PAIRS)), order="F")
-    for column, (a, b) in enumerate(_PAIRS):
-        values = r.copy() if a == b else np.zeros_like(r)
-        values[:, a] -= r[:, b]
-        if a != b:
-            values[:, b] -= r[:, a]
-        fields[model.displacement_dofs[:nodes], column] = values @ R.T
-    names = [f"angular velocity {_AXES[a]}{_AXES[b]}" for a, b in _PAIRS]
+    fields: FloatArray = np.zeros((model.n_owned, len(CENTRIFUGAL)), order="F")
+    for column, field in enumerate(CENTRIFUGAL_FIELDS):
+        fields[model.displacement_dofs[:nodes], column] = r @ field.T @ R.T
+    names = CENTRIFUGAL
     if not floating:
         fields = np.hstack([-model.rigid_motions(p, R), fields])
-        accelerations = [f"{kind} {a}" for kind in ("acceleration", "angular acceleration") for a in _AXES]
-        names = [*accelerations, *names]
+        names = ACCELERATIONS + ANGULAR_ACCELERATIONS + CENTRIFUGAL
     forces = multiply(model.M, fields)
     sizes = np.sqrt(model.comm.allreduce(np.einsum("ij,ij->j", fields, forces)))
-    return UnitLoads(tuple(names), forces, sizes)
+    return UnitLoads(names, forces, sizes)
 
 
 def interface_loads(

@@ -26,7 +26,7 @@ from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, foll
 from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.given import checked
-from flexmbd.reduction.static_shapes.statics import body_statics
+from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.loaded_forms import LoadedForms, assembled_vector, loaded_forms
 from flexmbd.reduction.stiffening.stability import is_stable

@@ -20,6 +20,9 @@ STEEL = {
     1e3: solid_linear.Parameters(E=2.1e5, nu=0.0, rho=7.85e-9),
 }
 
+# How blades are mounted: their axes z, x, y along the inertial x, y, z.
+TURNED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
 
 def too_high(spin):
     """By how much the square of the lowest frequency of a clamped beam is, by the two static shapes of its tip.
@@ -52,27 +55,71 @@ def blades(request):
     return {modes: blade(modes, request.param) for modes in (0, 1)}
 
 
-def told(record, spin, *, axis="z"):
-    """What a run of a blade says that turns at a rate (rad/s)."""
+def turning(record, spin, *, ask, axis="z"):
+    """A way to ask about a blade that turns at a rate (rad/s)."""
     scene = fm.System()
     body = scene.add(fm.FlexibleBody(record), name="blade")
-    hub = scene.connect(fm.joint.Revolute(axis), scene.ground.frame(), body.frame("x_min"))
+    hub = scene.connect(fm.joint.Revolute(axis), scene.ground.frame(R=TURNED), body.frame("x_min"))
     hub.velocity = spin
+    if ask is started_in_balance:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", fm.RangeWarning)
+            body.q = scene.equilibrium().q(body)
+    return lambda: ask(scene)
+
+
+def simulated(scene):
+    scene.simulate(t_end=0.02, rtol=1e-4)
+
+
+def linearized(scene):
+    return scene.linearize(about=scene.equilibrium())
+
+
+def started_in_balance(scene):
+    return scene.linearize()
+
+
+def told(record, spin, *, ask=simulated, axis="z"):
+    """What is said of a blade that turns."""
+    return said(turning(record, spin, ask=ask, axis=axis))
+
+
+def said(ask):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", fm.RangeWarning)
-        scene.simulate(t_end=0.02, rtol=1e-4)
+        ask()
     return [str(one.message) for one in caught if issubclass(one.category, fm.RangeWarning)]
 
 
-@pytest.mark.parametrize("axis", ["y", "z"])
+def percents(texts):
+    return [float(re.search(r"off by \+([\d.]+) %", text)[1]) for text in texts]
+
+
+@pytest.mark.parametrize("axis", ["y", "z", (0.0, 0.8, -0.6)])
 def test_a_body_without_modes_is_told_of_once_where_it_matters(blades, axis):
     first = blades[0].stiffness[0] ** 0.5
-    (text,) = told(blades[0], 0.35 * first, axis=axis)
-    assert "flexible body 'blade'" in text
-    percent = float(re.search(r"off by \+([\d.]+) %", text)[1])
-    assert percent == pytest.approx(100.0 * too_high(0.35), rel=0.02)
+    texts = told(blades[0], 0.35 * first, axis=axis)
+    assert "flexible body 'blade'" in texts[0]
+    assert percents(texts) == pytest.approx([100.0 * too_high(0.35)], rel=0.02)
     assert not told(blades[0], 0.14 * first, axis=axis)
 
 
-def test_a_mode_completes_it(blades):
-    assert not told(blades[1], blades[0].stiffness[0] ** 0.5)
+@pytest.mark.parametrize("ask", [fm.System.equilibrium, linearized, started_in_balance])
+def test_steady_motions_are_told_of_as_runs_are(blades, ask):
+    first = blades[0].stiffness[0] ** 0.5
+    assert percents(told(blades[0], 0.35 * first, ask=ask)) == pytest.approx([100.0 * too_high(0.35)], rel=0.02)
+    assert not told(blades[0], 0.14 * first, ask=ask)
+
+
+def test_a_campbell_diagram_tells_once_at_the_lowest_speed_where_it_matters(blades):
+    shares = np.array([0.1, 0.2, 0.3, 0.4])
+    speeds = shares * blades[0].stiffness[0] ** 0.5
+    texts = said(lambda: fm.campbell(lambda speed: turning(blades[0], speed, ask=linearized)(), speeds))
+    assert percents(texts) == pytest.approx([100.0 * too_high(0.2)], rel=0.03)
+    assert len(said(lambda: [turning(blades[0], speed, ask=linearized)() for speed in speeds])) == 3
+
+
+@pytest.mark.parametrize("ask", [simulated, linearized])
+def test_a_mode_completes_it(blades, ask):
+    assert not told(blades[1], blades[0].stiffness[0] ** 0.5, ask=ask)

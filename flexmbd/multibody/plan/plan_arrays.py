@@ -1,0 +1,79 @@
+"""The flat arrays of a plan, out of the numbered coordinates and the tables of rows and forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.functions.time_function import TimeRow
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.native import lapack_addresses
+from flexmbd.multibody.plan.forces import ForceTable
+from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
+from flexmbd.multibody.plan.rows import RowTable
+from flexmbd.multibody.plan.time_data import data_with_integrals
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def fill_plan(
+    b: Numbering, rows: RowTable, table: ForceTable, driven: Sequence[Sequence[int]], gravity: FloatArray
+) -> tuple[Plan, list[FloatArray | None]]:
+    """The plan of what was numbered, and the axes that frames turn about (`turning_axes`).
+
+    Args:
+        b: coordinates, frames, bodies and functions of time.
+        rows: of constraints and penalties.
+        table: of force elements.
+        driven: rows of prescribed coordinates.
+        gravity: (3,) m/s^2.
+    """
+    driven_v = {row[at.DRIVEN_V] for row in driven}
+    free = [k for k in range(len(b.names)) if k not in driven_v]
+    times, time_data = time_table(b.times)
+    tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
+    frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
+    rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
+    axes = turning_axes(tree, frames, frame_of)
+    tree[:, at.ROTATION] = classify_rotations(tree, axes, rigid)
+    plan = Plan(
+        tree=tree,
+        frames=frames,
+        frame_of=frame_of,
+        rigid=rigid,
+        flex=_int_table(b.flex, at.N_FLEX),
+        modal=np.concatenate([*b.modal, np.zeros(1)]),
+        rows=_int_table(rows.table, at.N_ROW),
+        forces=_int_table(table.forces, at.N_FORCE),
+        times=times,
+        time_data=time_data,
+        driven=_int_table(driven, at.N_DRIVEN),
+        free=np.array(free, np.int64),
+        gravity=gravity,
+        lapack=lapack_addresses(),
+        flag=b.callbacks.flag,
+        wrenches=np.zeros((sum(len(one.rows) for one in table.interiors), 6)),
+        elements=_int_table(table.elements, at.N_ELEMENT),
+        penalties=_int_table(rows.penalties, at.N_ROW),
+        data=np.concatenate(b.data),
+    )
+    return plan, axes
+
+
+def time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
+    """``Plan.times`` and ``Plan.time_data`` of rows of functions of time."""
+    table, data, offset = [], [], 0
+    for row in rows:
+        table.append([row.kind, offset, row.count, *row.addresses])
+        data.append(data_with_integrals(row))
+        offset += data[-1].size
+    return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
+
+
+def _int_table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:
+    return np.array(rows, dtype=np.int64).reshape(-1, columns)

@@ -1,0 +1,219 @@
+"""The basis of a Craig-Bampton reduction: static shapes, fixed-interface modes, and what completes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexmbd.continuum.finite_elements.interface import FoundInterface
+from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.matrices import eigen
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.reduction.large_displacements.basis import NonlinearShapes, nonlinear_shapes
+from flexmbd.reduction.modes.eigensolver import Eigensolver
+from flexmbd.reduction.modes.fixed_modes import fixed_interface_modes
+from flexmbd.reduction.modes.free_modes import free_interface_modes
+from flexmbd.reduction.modes.interface_modes import (
+    InterfaceModes,
+    InterfaceShapes,
+    all_interface_shapes,
+    interface_shapes,
+    joints,
+    kept_interfaces,
+)
+from flexmbd.reduction.modes.ritz import ritz_modes
+from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
+from flexmbd.reduction.modes.truncation import Truncation
+from flexmbd.reduction.optional_groups import Contents, Responses, responses
+from flexmbd.reduction.projection import Basis
+from flexmbd.reduction.residual_vectors import residual_vectors as residual_modes
+from flexmbd.reduction.stages import Stages, ranks_note
+from flexmbd.reduction.static_shapes.body_statics import body_statics
+from flexmbd.reduction.static_shapes.interface_motions import rigid_coordinates
+from flexmbd.reduction.static_shapes.interior_stiffness import Solver
+from flexmbd.reduction.static_shapes.statics import Statics
+from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads, n_inertia_loads
+from flexmbd.reduction.stiffening.stretch_modes import stretch_modes
+
+# How many modes memory is kept for where their number is not given.
+_EXPECTED = 64
+
+
+def craig_bampton_basis(
+    model: LinearModel,
+    frame: str | None,
+    *,
+    truncation: Truncation,
+    contents: Contents,
+    solver: Solver | None,
+    eigensolver: Eigensolver,
+    choice: InterfaceModes | None,
+    stage: Stages,
+) -> tuple[Basis, int, dict[str, str]]:
+    """The basis, its number of fixed-interface modes and its provenance. Collective."""
+    expected = _EXPECTED if truncation.modes is None else min(truncation.modes, int(model.K.getSize()[0]))
+    stage.begin("factor")
+    with body_statics(model, frame=frame, solver=solver, modes=expected, carrying=joints(choice)) as statics:
+        told = ranks_note(model.comm.size, int(model.K.getSize()[0]))
+        stage.note(f"{statics.solver}; some {statics.memory / 1e6:.1f} MB beside K and M{told}")
+        stage.begin("static shapes")
+        fields = asymmetric_fields(model)
+        images = multiply(model.M, fields)
+        static = statics.static
+        stage.begin("responses to loads")
+        # before the modes, since counting these may take the place of the factor
+        found = responses(statics, contents, kept_interfaces(statics, choice))
+        stage.begin("modes")
+        if truncation.free:
+            frames = interface_loads(model, statics.interfaces, R=statics.R).forces
+            fixed, notes = free_interface_modes(
+                statics, truncation, frames=frames, fields=fields, images=images, eigensolver=eigensolver
+            )
+        else:
+            fixed, notes = _signed_modes(statics, truncation, fields, images, eigensolver=eigensolver)
+        kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
+        notes.update(kept.notes)
+        count, resolved = len(fixed.eigenvalues), float(fixed.eigenvalues.max(initial=0.0))
+        added = _added_modes(statics, fixed, found, contents, images=images, stage=stage)
+        if added is not None:
+            fixed = eigen.Modes(
+                np.concatenate([fixed.eigenvalues, added.eigenvalues]), np.hstack([fixed.shapes, added.shapes])
+            )
+            if truncation.free:
+                # beside modes that are no eigenvectors of the fixed body they share mass or energy
+                fixed = ritz_modes(model, fixed.shapes, images=images)
+            notes[_kind_added(contents)] = str(len(added.eigenvalues))
+        beside = None
+        if contents.nonlinear is not None:
+            stage.begin("modal derivatives")
+            beside = nonlinear_shapes(statics, fixed, contents.loads, choice=contents.nonlinear)
+            notes.update(beside.notes)
+    shapes, forces, rows = _joined_shapes(statics, kept, fixed, choice=choice, beside=beside)
+    shapes, moved, rigid_part = _without_rigid_motion(statics, kept.interfaces, shapes, floats=frame is None)
+    more = 0 if beside is None else beside.shapes.shape[1]
+    kind = _kind_added(contents).split()[0]
+    basis = Basis(
+        frame=frame,
+        p=statics.p,
+        R=statics.R,
+        interfaces=kept.interfaces,
+        nodal=kept.nodal,
+        rows=rows - moved,
+        names=(
+            *kept.names,
+            *(f"modal derivative {i + 1}" for i in range(more)),
+            *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free, more=kind),
+        ),
+        shapes=shapes,
+        forces=forces,
+        eigenvalues=fixed.eigenvalues,
+        resolved=resolved,
+        rigid_part=rigid_part,
+        projections=inner(model.comm, shapes, images),
+        responses=found,
+        large=None if beside is None else beside.placed(len(kept.names)),
+    )
+    return basis, count, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
+
+
+def _kind_added(contents: Contents) -> str:
+    """What modes that complete the response to loads are called."""
+    return "residual vectors" if contents.residual_vectors else "stretch modes"
+
+
+def _added_modes(
+    statics: Statics,
+    fixed: eigen.Modes,
+    found: Responses,
+    contents: Contents,
+    *,
+    images: FloatArray,
+    stage: Stages,
+) -> eigen.Modes | None:
+    """Modes that complete the response to loads, where some are wanted. Collective."""
+    if not (contents.residual_vectors or (contents.geometric_stiffness and len(fixed.eigenvalues) > 0)):
+        return None
+    stage.begin(_kind_added(contents))
+    if contents.residual_vectors:
+        # what the loads of the body's motion stretch is among them
+        return residual_modes(statics, fixed, forces=found.loads.forces, held=found.held, images=images)
+    return _stretch_modes(statics, fixed, found, images)
+
+
+def _without_rigid_motion(
+    statics: Statics, interfaces: Sequence[FoundInterface], shapes: FloatArray, *, floats: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Shapes (owned dofs, n) less their part in the rigid modes where the frame floats on the mean axis. Collective.
+
+    Returns:
+        The shapes; (6 b, n) the interfaces' motions in that part; (6, n) the part, in rigid modes of mass 1.
+    """
+    n = shapes.shape[1]
+    if not floats or statics.rigid is None:
+        return shapes, np.zeros((6 * len(interfaces), n)), np.zeros((6, n))
+    c = statics.rigid.coordinates(shapes)
+    moved = rigid_coordinates(interfaces, origin=statics.p, axes=statics.R) @ c
+    return shapes - statics.rigid.motions @ c, moved, np.linalg.cholesky(statics.rigid.mass).T @ c
+
+
+def _joined_shapes(
+    statics: Statics,
+    kept: InterfaceShapes,
+    fixed: eigen.Modes,
+    *,
+    choice: InterfaceModes | None,
+    beside: NonlinearShapes | None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(owned dofs, n) static shapes, modal derivatives and modes, K times them, and the frames' rows (6 b, n)."""
+    K = statics.model.K
+    # the shapes of the first interface were only for the check
+    shapes, forces = statics.moving
+    if choice is not None:
+        shapes, forces = shapes @ kept.change, forces @ kept.change
+    first = shapes.shape[1]
+    if beside is not None:
+        shapes, forces = np.hstack([shapes, beside.shapes]), np.hstack([forces, multiply(K, beside.shapes)])
+    rows = kept.frame_rows(statics, shapes.shape[1] + fixed.shapes.shape[1])
+    if beside is not None:
+        rows[:, first : shapes.shape[1]] = beside.rows
+    return np.hstack([shapes, fixed.shapes]), np.hstack([forces, multiply(K, fixed.shapes)]), rows
+
+
+def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, images: FloatArray) -> eigen.Modes:
+    number = n_inertia_loads(floating=statics.floating)
+    return stretch_modes(
+        statics,
+        fixed,
+        loads=found.loads.first(number),
+        displacements=found.displacements[:, :number],
+        held=found.held[:, :number],
+        images=images,
+    )
+
+
+def _names(statics: Statics, modes: int, added: int, *, free: bool, more: str) -> tuple[str, ...]:
+    """Names of the modes' coordinates."""
+    kind = ("free-interface" if free else "fixed-interface") if statics.interfaces or statics.nodal else "free-free"
+    modal = [f"{kind} {i + 1}" for i in range(modes)]
+    return (*modal, *(f"{more} {i + 1}" for i in range(added)))
+
+
+def _signed_modes(
+    statics: Statics,
+    truncation: Truncation,
+    fields: FloatArray,
+    images: FloatArray,
+    *,
+    eigensolver: Eigensolver,
+) -> tuple[eigen.Modes, dict[str, str]]:
+    """The fixed-interface modes, signs by the rule, on all owned dofs, and their provenance."""
+    comm, mask = statics.model.comm, statics.mask
+    start = np.asfortranarray(fields[mask])
+    found = fixed_interface_modes(statics, truncation, start=start, eigensolver=eigensolver)
+    eigenvalues, count = found.modes.eigenvalues, found.count
+    projections = inner(comm, found.modes.shapes, images[mask])
+    rotation = comm.bcast(determined_rotation(eigenvalues, projections)[:, :count])
+    shapes = np.zeros((len(mask), count), order="F")
+    shapes[mask] = found.modes.shapes @ rotation
+    return eigen.Modes(eigenvalues[:count], shapes), found.provenance
