@@ -39,7 +39,7 @@ from flexmbd.multibody.start.interior_start import begin_interiors
 from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
 from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
 from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordinates
-from flexmbd.overflow import refuse_not_finite, refuse_overflow
+from flexmbd.overflow import looked_at, refuse_not_finite, refuse_overflow
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -202,11 +202,13 @@ def _refuse_rates_that_lead_out(
     if all(place.rank == len(block.rows) for block, place in zip(scene.row_blocks, places, strict=True)):
         return
     bend = constraint_values(scene, work, x, v)[2] / row_sizes(scene)
-    rate = float(np.abs(v / coordinate_sizes(scene)).max(initial=0.0))
+    with looked_at():
+        squared = np.square(np.abs(v / coordinate_sizes(scene)).max(initial=0.0))
+    refuse_not_finite("how the velocities set go with the loops", bend, squared)
     for block, place in zip(scene.row_blocks, places, strict=True):
         across = place.unmoved()
         lost = across @ (across.T @ bend[block.rows])  # what no acceleration changes
-        if np.linalg.norm(lost) <= (LEADS_ON + place.known_to) * rate**2:
+        if np.linalg.norm(lost) <= (LEADS_ON + place.known_to) * squared:
             continue
         # at rest what opens is round-off of the machine's own accelerations
         if np.linalg.norm(lost) > SAME_RATE * own_rate(scene, work, x) ** 2:

@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 
 _XYZ = ("x", "y", "z")
 _RESULTANTS = ("ft", "fy", "fz", "mt", "my", "mz")  # of a section: along and about its tangent, y and z
+_AT_ONCE = 1 << 16  # rows between the ends of steps
 _ENERGIES = ("kinetic", "elastic", "gravitational", "spring", "total")
 
 
@@ -329,11 +330,22 @@ def tabulate(run: Answers, columns: Sequence[ResultColumns], *, t: FloatArray | 
     Raises:
         SceneError: a time outside the trajectory, or columns that know the ends of steps alone.
     """
-    at = run.t if t is None else t
-    parts = [np.asarray(one.values(run, t)).reshape(len(at), len(one.names)) for one in columns]
     names = ("t", *(name for one in columns for name in one.names))
     units = ("s", *(unit for one in columns for unit in one.units))
-    return ResultTable(names, units, np.hstack([at[:, None], *parts]))
+    at = run.t if t is None else t
+    try:
+        values = np.empty((len(at), len(names)))
+    except MemoryError as error:
+        raise SceneError(f"no memory holds a table of {len(at)} rows, {len(names)} columns; ask for fewer") from error
+    values[:, 0] = at
+    for begin in range(0, len(at), len(at) if t is None else _AT_ONCE):  # motions are much wider than the table
+        block = slice(begin, len(at) if t is None else begin + _AT_ONCE)
+        place = 1
+        for one in columns:
+            found = np.asarray(one.values(run, None if t is None else t[block]))
+            values[block, place : place + len(one.names)] = found.reshape(-1, len(one.names))
+            place += len(one.names)
+    return ResultTable(names, units, values)
 
 
 def equal_times(begin: float, end: float, every: float) -> FloatArray:

@@ -152,7 +152,7 @@ def _ask(session: Session, dice: Dice, parts: Parts, run: fm.Trajectory) -> None
         ("energy", lambda: run.energy(**t).total), ("momentum", lambda: run.momentum(**t).linear),
         ("body_motion", lambda: run.body_motion(**t)), ("at", lambda: run.at(dice.value(0.01)).position(frame)),
         ("table", lambda: run.table(**t).values),
-        ("table of", lambda: run.table(frame, c, every=dice.value(0.01)).values),
+        ("table of", lambda: run.table(frame, c, every=_apart(run, dice.value(0.01))).values),
         ("resultants", lambda: run.resultants(body, **t)), ("plan", lambda: run.configuration(dice.value(0.01))),
     ]  # fmt: skip
     if parts.states:
@@ -163,6 +163,12 @@ def _ask(session: Session, dice: Dice, parts: Parts, run: fm.Trajectory) -> None
     answer = session.do(f"{name} {t!r:.60}", question)
     if answer is not None:
         session.finite(name, answer)
+
+
+def _apart(run: fm.Trajectory, every: Any) -> Any:
+    """That time, or one that makes fewer rows: ten million take their minutes, as they must."""
+    some = isinstance(every, float) and every > 0.0 and len(run.t) > 1
+    return max(every, float(np.ptp(run.t)) / 1e5) if some and np.isfinite(every) else every
 
 
 # ------------------------------------------------------------------------------------------------ equilibria, linear
