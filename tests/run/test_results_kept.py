@@ -225,6 +225,17 @@ def test_a_table_at_times_of_ones_own(ran):
         run.table("drive")
 
 
+def test_a_table_is_the_same_in_blocks(ran, monkeypatch):
+    """Ten million rows are made some at a time."""
+    run, (rod, drive, _, tip) = ran
+    times = np.linspace(0.0, 0.05, 23)
+    whole = run.table(drive, tip, rod, energies=True, t=times)
+    monkeypatch.setattr("flexmbd.run.series.columns._AT_ONCE", 5)
+    np.testing.assert_allclose(run.table(drive, tip, rod, energies=True, t=times).values, whole.values, rtol=1e-13)
+    with pytest.raises(SceneError, match=r"array \(k,\) of times"):
+        run.table(drive, t=[])
+
+
 def test_a_csv_that_cannot_be_written(ran, tmp_path):
     run, (_, drive, _, _) = ran
     with pytest.raises(ExportError, match="cannot write"):

@@ -338,12 +338,13 @@ def tabulate(run: Answers, columns: Sequence[ResultColumns], *, t: FloatArray | 
     except MemoryError as error:
         raise SceneError(f"no memory holds a table of {len(at)} rows, {len(names)} columns; ask for fewer") from error
     values[:, 0] = at
-    for begin in range(0, len(at), len(at) if t is None else _AT_ONCE):  # motions are much wider than the table
-        block = slice(begin, len(at) if t is None else begin + _AT_ONCE)
+    rows = _AT_ONCE if t is not None else max(1, len(at))
+    for begin in range(0, max(1, len(at)), rows):  # motions are much wider than the table
+        block = slice(begin, begin + rows)
         place = 1
         for one in columns:
             found = np.asarray(one.values(run, None if t is None else t[block]))
-            values[block, place : place + len(one.names)] = found.reshape(-1, len(one.names))
+            values[block, place : place + len(one.names)] = found.reshape(len(at[block]), len(one.names))
             place += len(one.names)
     return ResultTable(names, units, values)
 
