@@ -7,8 +7,8 @@ SEEDS = 40
 #: Machines that once ended otherwise: energies beyond all numbers, inertias so unlike that round-off takes one, motions
 #: whose square is no number, a load factor of 101 bits, rows of numbers without dimensions or ragged, and
 #: a slide set to the largest double; energies and rows of joints whose squares overflow; masses and stiffnesses of the
-#: largest double, a rate that no step follows, friction asked for at rest; strangers with long texts, whole numbers of 101
-#: bits for a time, a table of no rows.
+#: largest double, a rate that no step follows, friction asked for at rest; strangers with long texts, a time of
+#: 101 bits, a table of no rows.
 ONCE = (
     12857, 13281, 15015, 15128, 40877, 41260, 41271, 41330, 42199, 42286, 44127, 45480, 46518, 47747, 47820, 70937,
     71665, 71942, 72022, 72170, 200647, 221734, 231686, 234149, 241483, 254179, 254291, 255276, 258960, 301451,
