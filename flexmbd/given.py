@@ -182,7 +182,7 @@ def checked(
     always right.
 
     Args:
-        *names: the parameters that are checked; all without any.
+        *names: the parameters that are checked; all without any.  Numbers given for floats become such all the same.
         but: parameters that are not.
         error: the kind of error.
         agree: called with the arguments, by names, and what is wrong with them, empty where nothing is; returns what
@@ -254,7 +254,9 @@ def _learn(
     for parameter in inspect.signature(function).parameters.values():
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             continue
-        kind = _annotated(parameter.annotation, scope) if is_checked(parameter.name) else None
+        kind = _annotated(parameter.annotation, scope)
+        if kind is not None and not is_checked(parameter.name):  # the function's own to check
+            kind = _Asked(kind.wanted, lambda value: True, real=True) if kind.real else None
         if kind is not None:
             asked[parameter.name] = _or_default(kind, parameter.default)
         if parameter.kind is not parameter.KEYWORD_ONLY:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 from public_calls import Public, public_calls
 from public_examples import left_out
@@ -44,3 +45,18 @@ def test_what_is_imported_for_type_checkers_alone_is_open():
         shown(3)
     with pytest.raises(SceneError, match="looks must be a mapping"):
         shown({4: 3})
+
+
+def test_a_number_given_for_a_real_one_is_a_float():
+    """Else kernels were compiled for whole numbers, and one of 101 bits raised from inside."""
+
+    @checked("a")
+    def shown(a: float, b: float | None = None, *more: float, c: int | float = 3, d: Any = 1) -> Any:
+        return a, b, more, c, d
+
+    found = shown(10**30, np.array(2), 5, c=7, d=8)
+    assert found == (1e30, 2.0, (5,), 7, 8)
+    assert [type(one) for one in found] == [float, float, tuple, int, int]
+    assert shown(np.float32(0.5)) == (0.5, None, (), 3, 1)
+    with pytest.raises(SceneError, match="a must be a finite number, got True"):
+        shown(True)
