@@ -171,10 +171,13 @@ def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> F
     """(k,) s of the rows of a table; None for the ends of steps.
 
     Raises:
-        SceneError: both are given, or the time between two is not positive.
+        SceneError: both are given, times in rows and columns, or the time between two is not positive.
     """
     if every is None:
-        return None if t is None else np.atleast_1d(numbers(t))
+        times = None if t is None else np.atleast_1d(numbers(t))
+        if times is not None and times.ndim > 1:
+            raise SceneError(f"a table wants a time t, or an array (k,) of times, in s, got {shown(t)}")
+        return times
     if t is not None or not (is_number(every) and every > 0.0):
         raise SceneError(f"a table wants times t, or every as a positive time (s), not t = {t!r} and every = {every!r}")
     if not len(ends):

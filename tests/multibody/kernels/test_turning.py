@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.physics.inertial_forces import inertia_times, rig
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
-from flexmbd.multibody.plan import compiled_scene as plan_module
+from flexmbd.multibody.plan import plan_arrays as plan_module
 
 NEVER, BALANCED = kinds.NONROTATING, kinds.BALANCED_ROTATION
 IN_PLANE, FREELY = kinds.PLANAR_ROTATION, kinds.FREE_ROTATION
