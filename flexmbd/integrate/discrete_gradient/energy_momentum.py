@@ -47,6 +47,7 @@ from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tr
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
+from flexmbd.overflow import looked_at, refuse_not_finite
 
 FloatArray = NDArray[np.float64]
 
@@ -147,11 +148,16 @@ def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
 
     The directions of a joint that energy does not depend on follow from its gradients at a few states, in the
     axes of the joint's outer frame.
+
+    Raises:
+        AssemblyError: energies beyond what doubles hold.
     """
     plan, nv = scene.plan, scene.nv
     bodies = len(plan.tree)
     size = scene.group_full[scene.group_of]
-    seen = _gradients(scene, stored, size)
+    with looked_at():
+        seen = _gradients(scene, stored, size)
+        refuse_not_finite("how energy changes with the joints", seen * size)
     joints = [k for slots in scene.index.joints.values() for k in range(slots.v.start, slots.v.stop)]
     joints += [k for k in range(nv) if k not in joints and not scene.index.is_modal(k)]
     nothing = _ROUND_OFF * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
