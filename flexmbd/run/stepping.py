@@ -376,7 +376,7 @@ def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
         SceneError: a function of time failed or gives no finite number; the message names it.
     """
     scene.callbacks.reset()
-    evaluate_times(scene.plan, float(t), work.time)  # a whole number has kernels of its own
+    evaluate_times(scene.plan, t, work.time)
     if scene.callbacks.error is not None:
         scene.refuse_failed(work)
     for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least

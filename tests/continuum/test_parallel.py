@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from flexmbd.continuum.parallel import MpiTeam, gather_rows, on_root, raise_collectively
+from flexmbd.continuum.parallel import MpiTeam, gather_rows, on_root, raise_collectively, refuse_vectors
 from flexmbd.errors import MeshError
 
 pytestmark = pytest.mark.mpi
@@ -118,3 +118,16 @@ def test_a_key_error_keeps_its_words():
         raise_collectively(COMM, KeyError("boom") if COMM.rank == 0 else None)
     expected = "boom" if COMM.size == 1 else f"boom (on rank 0 of {COMM.size})"
     assert caught.value.args == (expected,)
+
+
+def test_a_wrong_vector_on_one_rank_is_told_on_all():
+    """What a solver hands over in each step: the ranks that have it right do not wait for the others."""
+    comm = MPI.COMM_WORLD
+    last = comm.size - 1
+    refuse_vectors(comm, 3, kind=MeshError, dt=0.0, u=np.full(3, np.nan))
+    shape = r"u must be an array \(3,\) of numbers on each rank, got \(2\)"
+    for wrong, text in ((np.zeros(2), shape), ("u", "got 'u'")):
+        with pytest.raises(MeshError, match=text):
+            refuse_vectors(comm, 3, kind=MeshError, u=wrong if comm.rank == last else np.zeros(3))
+    with pytest.raises(MeshError, match="dt must be the length of a step"):
+        refuse_vectors(comm, 3, kind=MeshError, dt=-1.0 if comm.rank == last else 1.0, u=np.zeros(3))

@@ -342,9 +342,7 @@ class ForceTable:
             data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
             self.element(STATES, states.what, v=first, data=data, count=2 * n + m + k, address=address)
 
-    def _solve_together(
-        self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]
-    ) -> None:
+    def _solve_together(self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]) -> None:
         """``speeds``: velocities by their places, and over how much of each the forces change as they do at rest."""
         address = self._numbering.add_state_function(function, what)
         self.when_built(lambda scene: function.build(scene, address))

@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
-from flexmbd.multibody.kernels.algebra.so3 import load3, load9, rotate, rotate_back
-from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import factor, solve
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.reactions import passed_on
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
@@ -46,9 +44,7 @@ def normal_forces(
             moved_multipliers[k] = multipliers[k] + (size * multiplier_slopes[j, k] if j >= 0 else 0.0)
         residual(plan, work, x, v, moved, moved_multipliers, scratch[:nv])
         for i in range(places.shape[0]):
-            row = work.body[places[i, 0]]
-            _, R, _, _, _, _ = frame_motion(plan, work, places[i, 1])
-            across = rotate_back(R, rotate(load9(row, at.B_R), load3(row, at.B_F)))
+            across, _ = passed_on(plan, work, places[i, 0], places[i, 1])
             for c in range(2):
                 if j < 0:
                     here[i, c] = across[c]

@@ -14,13 +14,25 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements.table import element_wrench, is_between_frames
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+
+
+@kernel
+def passed_on(plan, work, i, f):
+    """Force and moment of the inboard joint of row i on its body, about frame f and in its axes, after ``residual``."""
+    row = work.body[i]
+    p, R, _, _, _, _ = frame_motion(plan, work, f)
+    R_WB = load9(row, at.B_R)
+    force = rotate(R_WB, load3(row, at.B_F))
+    arm = sub3(load3(row, at.B_P), p)
+    torque = add3(rotate(R_WB, load3(row, at.B_T)), cross3(arm, force))
+    return rotate_back(R, force), rotate_back(R, torque)
 
 
 @entry_kernel
@@ -33,14 +45,9 @@ def tree_reactions(plan, work, i, f, t, x, v, a, multipliers, scratch, out):
     for k in range(x.shape[0]):
         evaluate_times(plan, t[k], work.time)
         residual(plan, work, x[k], v[k], a[k], multipliers[k], scratch)
-        row = work.body[i]
-        p, R, _, _, _, _ = frame_motion(plan, work, f)
-        R_WB = load9(row, at.B_R)
-        force = rotate(R_WB, load3(row, at.B_F))
-        arm = sub3(load3(row, at.B_P), p)
-        torque = add3(rotate(R_WB, load3(row, at.B_T)), cross3(arm, force))
-        store3(out[k], 0, rotate_back(R, force))
-        store3(out[k], 3, rotate_back(R, torque))
+        force, torque = passed_on(plan, work, i, f)
+        store3(out[k], 0, force)
+        store3(out[k], 3, torque)
 
 
 @entry_kernel
