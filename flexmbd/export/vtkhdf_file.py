@@ -35,6 +35,8 @@ CAPABILITIES = Capabilities(interfaces=0, rotations=False, damping=False, large_
 
 # VTK's numbers of kinds of cells, and how many points each has.
 _POINT, _TRIANGLE = 1, 5
+# Points of as many instants as are written at once: HDF5 takes longer for a few than to place them.
+_BLOCK = 1 << 18
 # Bytes of all but arrays of numbers in the file, and more.
 _HEADERS = 1 << 16
 
@@ -192,24 +194,28 @@ class _RecordedSkin:
 
 
 def _fill(file: h5py.File, skins: list[_Skin | _RecordedSkin], t: FloatArray) -> None:
-    sizes = [skin.size for skin in skins]
-    starts = np.cumsum([0, *sizes])
+    starts = np.cumsum([0, *(skin.size for skin in skins)])
     triangles = np.vstack([skin.triangle + start for skin, start in zip(skins, starts, strict=False)])
     n = int(starts[-1])
     root = _grid(file, n, triangles)
     points = root.create_dataset("Points", (len(t) * n, 3), dtype=np.float64)
     moves = root.create_dataset("PointData/displacement", (len(t) * n, 3), dtype=np.float32)
     names = sorted({name for skin in skins for name in skin.fields})
-    values = {
-        name: root.create_dataset(f"PointData/{name}", (len(t) * n,), dtype=np.float32, fillvalue=np.nan)
-        for name in names
-    }
-    for k in range(len(t)):
-        for skin, start, size in zip(skins, starts, sizes, strict=False):
-            rows = slice(k * n + start, k * n + start + size)
-            points[rows], moves[rows] = skin.at(k)
-            for name in skin.fields:
-                values[name][rows] = skin.value(name, k)
+    values = {name: root.create_dataset(f"PointData/{name}", (len(t) * n,), dtype=np.float32) for name in names}
+    at_once = max(1, _BLOCK // max(n, 1))
+    for first in range(0, len(t), at_once):
+        instants = range(first, min(first + at_once, len(t)))
+        x, moved = np.empty((len(instants), n, 3)), np.empty((len(instants), n, 3), np.float32)
+        scalars = {name: np.full((len(instants), n), np.nan, np.float32) for name in names}
+        for skin, start, end in zip(skins, starts, starts[1:], strict=False):
+            for i, k in enumerate(instants):
+                x[i, start:end], moved[i, start:end] = skin.at(k)
+                for name in skin.fields:
+                    scalars[name][i, start:end] = skin.value(name, k)
+        rows = slice(first * n, instants.stop * n)
+        points[rows], moves[rows] = x.reshape(-1, 3), moved.reshape(-1, 3)
+        for name in names:
+            values[name][rows] = scalars[name].ravel()
     bodies = list(dict.fromkeys(skin.name for skin in skins))
     numbers = np.array([bodies.index(skin.name) for skin in skins], dtype=np.int32)
     root["CellData/body"] = np.repeat(numbers, [len(skin.triangle) for skin in skins])
