@@ -27,6 +27,8 @@ from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_de
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.misplaced_elements import misplaced_elements, placed_elements
+from flexmbd.multibody.results.spin_watch import SpinWatch
+from flexmbd.multibody.results.turn_watch import TurnWatch
 from flexmbd.multibody.start.consistent_start import Start, is_dense_tree
 from flexmbd.multibody.start.energy_check import gives_energies
 from flexmbd.run.limits import MOST_ROWS
@@ -119,6 +121,7 @@ class PreparedRuns:
         whole = [np.empty(1 + MOST_ROWS), *(np.empty((1 + MOST_ROWS, size)) for size in sizes)]
         t, x, v, a, multipliers = (part[1:] for part in whole)
         self._series, self._record = whole[:4], st.Record(t, x, v, a, multipliers, self._work)
+        self._watches = SpinWatch(self.scene, scene.index.bodies), TurnWatch(self.scene, scene.index.bodies)
 
     @property
     def is_of_use(self) -> bool:
@@ -177,7 +180,11 @@ class PreparedRuns:
         return replace(self._start, scene=self.scene, unreduced=self.scene, x=s.x, v=s.v, a=s.a)
 
     def step(self) -> SteppedRows | None:
-        """Step to the end; None where the run fails, which ``simulation.run`` has the words for."""
+        """Step to the end; None where the run fails, which ``simulation.run`` has the words for.
+
+        Warns:
+            RangeWarning: as of any run, of a body or an element once in the runs of a workspace.
+        """
         s, began = self._state, time.perf_counter()
         for part, value in zip(self._series, (s.numbers[st.TIME], s.x, s.v, s.a), strict=True):
             part[0] = value
@@ -196,6 +203,8 @@ class PreparedRuns:
             return None
         found = [np.concatenate(parts) for parts in zip(*blocks, strict=True)] or [part[rows] for part in self._series]
         t, x, v, a = found
+        for watch in self._watches:
+            watch.judge(t, x, v)
         return SteppedRows(t, x, v, a, time.perf_counter() - began, interrupt)
 
 

@@ -502,6 +502,24 @@ def test_an_element_that_winds_up_by_half_a_revolution_is_told():
         assert all("half a revolution apart at t = 0." in one for one in found)
 
 
+def test_variants_that_wind_up_are_told_in_the_arrays_of_runs_before():
+    """By a moment of which an element bends by half a revolution, at a tip that is light enough to get there."""
+    rubber = Parameters.rectangle(1e6, 0.3, 1000.0, width=0.1, height=0.1, orientation=(0.0, 1.0, 0.0))
+    scene, beam = cantilever(rubber, 2)
+    scene.add_force(fm.force.FrameForce(beam.frame("tip"), torque=(0.0, 0.0, 7.2 * rubber.E * rubber.Iz)))
+    weight = scene.add(fm.RigidBody(mass=1.0, inertia=(1.0, 1.0, 1.0)), name="weight")
+    scene.connect(fm.joint.Fixed(), beam.frame("tip"), weight.frame())
+    machine = scene.compile(parameters={"inertia": [fm.parameter.Inertia(weight)]})
+    found = []
+    for inertia in (1e3, 1e3, 1.0):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            machine.simulate(0.55, h=2e-3, integrator=fm.ExplicitRungeKutta(), inertia=np.full(3, inertia))
+        found.append([str(one.message) for one in told])
+    assert [len(texts) for texts in found] == [0, 0, 1]
+    assert "half a revolution apart at t = 0." in found[-1][0]
+
+
 # --- bad input
 
 

@@ -108,7 +108,7 @@ class SpinWatch:
             self.judge(t[block], x[block], v[block])
 
     def judge(self, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
-        """The same of states that are no run's, as steady motions: times (k,), configurations and velocities.
+        """The same of other states, as steady motions or whole runs: times (k,), configurations and velocities.
 
         Warns:
             RangeWarning: what a body's shapes lack changes the square of its lowest frequency by a hundredth; once a

@@ -65,8 +65,21 @@ class TurnWatch:
             return
         t, x, *_ = stored.since(self._rows)
         self._rows += len(t)
-        if not len(t):
-            return
+        if len(t):
+            self._look(t, x)
+
+    def judge(self, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
+        """Look at the rows of another run, from its first on: times (k,), configurations and velocities.
+
+        Warns:
+            RangeWarning: as `look`.
+        """
+        del v
+        self._signs = None
+        if self._elements:
+            self._look(t, x)
+
+    def _look(self, t: FloatArray, x: FloatArray) -> None:
         cosines = np.stack([one.cosines(x) for one in self._elements])
         if self._signs is None:
             self._signs = np.sign(cosines[:, :1])

@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.ensemble import Sampled
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import craig_bampton
 
@@ -118,6 +119,23 @@ def test_a_campbell_diagram_tells_once_at_the_lowest_speed_where_it_matters(blad
     texts = said(lambda: fm.campbell(lambda speed: turning(blades[0], speed, ask=linearized)(), speeds))
     assert percents(texts) == pytest.approx([100.0 * too_high(0.2)], rel=0.03)
     assert len(said(lambda: [turning(blades[0], speed, ask=linearized)() for speed in speeds])) == 3
+
+
+def test_variants_are_told_of_as_runs_are(blades):
+    """Those that run in the arrays of the ones before, too; once, and where it matters first."""
+    first = blades[0].stiffness[0] ** 0.5
+    scene = fm.System()
+    body = scene.add(fm.FlexibleBody(blades[0]), name="blade")
+    hub = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(R=TURNED), body.frame("x_min"))
+    hub.velocity = 0.0
+    machine = scene.compile(parameters={"spin": [fm.parameter.InitialVelocity(hub)]})
+    asked = {"t_end": 0.01, "rtol": 1e-4, "integrator": fm.ExplicitRungeKutta()}
+    machine.simulate(**asked, spin=0.0)
+    fast = said(lambda: [machine.simulate(**asked, spin=share * first) for share in (0.14, 0.35, 0.36)])
+    assert percents(fast[:1]) == pytest.approx([100.0 * too_high(0.35)], rel=0.02)
+    outputs = {"turn": Sampled(fm.output.Position(hub), 0.01)}
+    many = said(lambda: machine.ensemble({"spin": np.full(3, 0.35 * first)}, outputs, **asked))
+    assert percents(many[:1]) == pytest.approx([100.0 * too_high(0.35)], rel=0.02)
 
 
 @pytest.mark.parametrize("ask", [simulated, linearized])
