@@ -99,9 +99,10 @@ def _run(session: Session, dice: Dice, parts: Parts, folder: Path) -> None:
     if run.checkpoints and dice.chance(0.7):  # which may write the same stream anew
         _go_on(session, dice, parts, folder, run.checkpoints[0], t_end, how)
     if dice.chance(0.2):
-        path = folder / "saved.h5"
-        if session.do("save", lambda: run.save(dice.value(path))) and path.exists():
-            _read_back(session, parts, path, run)
+        # a text that is given for a path is one
+        saved = session.do("save", lambda: run.save(dice.value(folder / "saved.h5")))
+        if saved is not None:
+            _read_back(session, parts, saved, run)
 
 
 def _kept(simulate: Callable[..., fm.Trajectory], *given: Any, **how: Any) -> fm.Trajectory:
