@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from fresh_python import ran_afresh
 
 import flexmbd as fm
 
@@ -41,21 +42,14 @@ def sources() -> Iterator[tuple[str, str]]:
 SOURCES = dict(sources())
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_a_room_is_imported_in_either_way(room: str) -> None:
+def test_a_room_is_imported_in_either_way() -> None:
     """As `import flexmbd.joint` and `from flexmbd import joint`, each by itself, and as an attribute."""
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            f"import flexmbd as fm; a = fm.{room}; import flexmbd.{room}; from flexmbd import {room} as b; "
-            f"assert a is b is flexmbd.{room}, (a, b)",
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
+    statement = (
+        "import flexmbd as fm; a = fm.{0}; import flexmbd.{0}; from flexmbd import {0} as b; "
+        "assert a is b is flexmbd.{0}, (a, b)"
     )
-    assert done.returncode == 0, done.stderr
+    ran = zip(ROOMS, ran_afresh([statement.format(room) for room in ROOMS]), strict=True)
+    assert {room: one.error for room, one in ran if one.error} == {}
 
 
 def test_the_root_shows_no_other_module() -> None:
