@@ -197,9 +197,13 @@ _told: ContextVar[set[str] | None] = ContextVar("told", default=None)
 
 
 @contextmanager
-def told_once() -> Iterator[None]:
-    """Inside, each subject is warned of once: where one machine is asked at one speed after the other."""
-    before = _told.set(set())
+def told_once(told: set[str] | None = None) -> Iterator[None]:
+    """Inside, each subject is warned of once: where one machine is asked at one speed after the other.
+
+    Args:
+        told: subjects that were warned of, where it goes on later; those from here on are added.
+    """
+    before = _told.set(set() if told is None else told)
     try:
         yield
     finally:

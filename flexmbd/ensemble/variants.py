@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import repeat
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.ensemble.batch import BatchRuns
-from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.errors import FlexmbdError, SceneError, told_once
 from flexmbd.multibody.kernels.base.compiling import pickled_function
 from flexmbd.run.trajectory import Trajectory
 
@@ -63,12 +63,14 @@ class Study:
         outputs: what is asked of it, by name.
         shared: whether threads may run it side by side; else they take turns.
         batch: runs variants without trajectories; None where outputs or machine need these.
+        told: subjects of warnings, of which one is enough for all variants; grows.
     """
 
     simulate: Callable[..., Any]
     outputs: Mapping[str, Callable[[Any], ArrayLike]]
     shared: bool
     batch: BatchRuns | None = None
+    told: set[str] = field(default_factory=set)
 
     def run(
         self, rows: NumberedVariants, turn: AbstractContextManager[Any], goes_on: Callable[[], bool] = lambda: True
@@ -80,7 +82,7 @@ class Study:
         for k, values in rows:
             if not goes_on():
                 break
-            with turn:
+            with turn, told_once(self.told):
                 outputs = next(sampled)
                 found.append(self._outcome(k, values) if outputs is None else (k, outputs, ""))
         return TaskOutcome(found, time.perf_counter() - began)

@@ -183,7 +183,7 @@ class PreparedRuns:
         """Step to the end; None where the run fails, which ``simulation.run`` has the words for.
 
         Warns:
-            RangeWarning: as of any run, of a body or an element once in the runs of a workspace.
+            RangeWarning: as of any run, of a body that spins too fast or an element that winds up.
         """
         s, began = self._state, time.perf_counter()
         for part, value in zip(self._series, (s.numbers[st.TIME], s.x, s.v, s.a), strict=True):

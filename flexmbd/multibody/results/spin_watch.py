@@ -103,9 +103,8 @@ class SpinWatch:
             return
         t, x, v, *_ = stored.since(self._rows)
         self._rows += len(t)
-        for begin in range(0, len(t), _AT_ONCE):
-            block = slice(begin, begin + _AT_ONCE)
-            self.judge(t[block], x[block], v[block])
+        for body in self._told(t, x, v):
+            del self._watched[body]
 
     def judge(self, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
         """The same of other states, as steady motions or whole runs: times (k,), configurations and velocities.
@@ -114,20 +113,28 @@ class SpinWatch:
             RangeWarning: what a body's shapes lack changes the square of its lowest frequency by a hundredth; once a
                 body.
         """
-        if not self._watched:
-            return
-        plan = self._scene.plan
-        motions = np.zeros((len(t), len(plan.tree), 21))
-        x, v, unneeded = np.ascontiguousarray(x), np.ascontiguousarray(v), np.zeros(v.shape)
-        body_series(plan, new_work(plan), x, v, unneeded, motions)  # velocities need no accelerations
-        for body, lack in tuple(self._watched.items()):
-            own = motions[:, self._scene.index.bodies[body]]
-            spin = np.einsum("kab,ka->kb", own[:, 3:12].reshape(-1, 3, 3), own[:, 15:18])
-            row = int(np.argmax(np.einsum("kb,kb->k", spin, spin)))
-            share = lack.share(spin[row])
-            if abs(share) > _TOLD:
-                del self._watched[body]
-                _tell(body, float(t[row]), spin[row], share)
+        self._told(t, x, v)
+
+    def _told(self, t: FloatArray, x: FloatArray, v: FloatArray) -> list[Body]:
+        """The bodies of which it is told at one of these rows, once each."""
+        quick: list[Body] = []
+        plan, watched = self._scene.plan, dict(self._watched)
+        for begin in range(0, len(t) if watched else 0, _AT_ONCE):
+            block = slice(begin, begin + _AT_ONCE)
+            rows = np.ascontiguousarray(x[block]), np.ascontiguousarray(v[block])
+            motions = np.zeros((len(rows[0]), len(plan.tree), 21))
+            # velocities need no accelerations
+            body_series(plan, new_work(plan), *rows, np.zeros(rows[1].shape), motions)
+            for body, lack in tuple(watched.items()):
+                own = motions[:, self._scene.index.bodies[body]]
+                spin = np.einsum("kab,ka->kb", own[:, 3:12].reshape(-1, 3, 3), own[:, 15:18])
+                row = int(np.argmax(np.einsum("kb,kb->k", spin, spin)))
+                share = lack.share(spin[row])
+                if abs(share) > _TOLD:
+                    del watched[body]
+                    quick.append(body)
+                    _tell(body, float(t[begin + row]), spin[row], share)
+        return quick
 
 
 def _tell(body: Body, t: float, spin: FloatArray, share: float) -> None:

@@ -52,7 +52,7 @@ class TurnWatch:
 
     def __init__(self, scene: CompiledScene, bodies: Iterable[Body]) -> None:
         self._elements = _elements(scene, {id(body) for body in bodies})
-        self._signs: FloatArray | None = None
+        self._first: FloatArray | None = None
         self._rows = 0
 
     def look(self, stored: StoredRows) -> None:
@@ -65,33 +65,37 @@ class TurnWatch:
             return
         t, x, *_ = stored.since(self._rows)
         self._rows += len(t)
-        if len(t):
-            self._look(t, x)
+        if not len(t):
+            return
+        if self._first is None:
+            self._first = x[:1].copy()
+        if self._tells(t, x, self._first):
+            self._elements = ()
 
     def judge(self, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
-        """Look at the rows of another run, from its first on: times (k,), configurations and velocities.
+        """The same of all rows of another run: times (k,), configurations and velocities.
 
         Warns:
             RangeWarning: as `look`.
         """
         del v
-        self._signs = None
         if self._elements:
-            self._look(t, x)
+            self._tells(t, x, x[:1])
 
-    def _look(self, t: FloatArray, x: FloatArray) -> None:
-        cosines = np.stack([one.cosines(x) for one in self._elements])
-        if self._signs is None:
-            self._signs = np.sign(cosines[:, :1])
-        beyond = np.argwhere((self._signs * cosines < 0.0).T)
-        if len(beyond):
-            row, which = beyond[0]
-            what, self._elements = self._elements[which].what, ()
-            warn(
-                f"{what}: its sections are half a revolution apart at t = {t[row]:.6g} s, and from there on it bends "
-                "the other way round: give the beam more divisions",
-                RangeWarning,
-            )
+    def _tells(self, t: FloatArray, x: FloatArray, first: FloatArray) -> bool:
+        """Whether one has turned since the first row (1, nx), which is told."""
+        beyond = np.argwhere(np.stack([np.sign(one.cosines(first)) * one.cosines(x) < 0.0 for one in self._elements]).T)
+        if not len(beyond):
+            return False
+        row, which = beyond[0]
+        what = self._elements[which].what
+        warn(
+            f"{what}: its sections are half a revolution apart at t = {t[row]:.6g} s, and from there on it bends "
+            "the other way round: give the beam more divisions",
+            RangeWarning,
+            subject=f"turn of {what}",
+        )
+        return True
 
 
 def _elements(scene: CompiledScene, bodies: set[int]) -> tuple[_Element, ...]:
