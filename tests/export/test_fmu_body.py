@@ -136,9 +136,11 @@ def test_follows_the_matrices_with_any_steps(unit, name, fmi):
     one = unit(name, fmi).instance()
     random = np.random.default_rng(1)
     period = 2.0 * np.pi / np.sqrt(body.stiffness[0])
+    steps = [period * (0.05, 0.3, 1e-5, 2.0)[k % 4] * (1.0 if k % 3 else 0.7) for k in range(30)]
+    # the angle that the fastest mode turns through in a step is rounded, as the processor's sine and products do it
+    tol = max(1e-12, np.finfo(float).eps * np.sqrt(body.stiffness.max()) * max(steps))
     found, expected = [], []
-    for k in range(30):
-        h = period * (0.05, 0.3, 1e-5, 2.0)[k % 4] * (1.0 if k % 3 else 0.7)
+    for h in steps:
         wrench, gravity = random.normal(size=6), 5.0 * random.normal(size=3)
         one.set({f"{frame}.{p}": v for p, v in zip(WRENCH, wrench, strict=True)})
         one.set({f"gravity.g{a}": v for a, v in zip("xyz", gravity, strict=True)})
@@ -148,7 +150,7 @@ def test_follows_the_matrices_with_any_steps(unit, name, fmi):
         expected.append(reference.outputs(wrench, gravity))
     for k in range(3):
         for part in (slice(0, 3), slice(3, 6)):
-            near([row[k][part] for row in found], [row[k][part] for row in expected], 1e-12)
+            near([row[k][part] for row in found], [row[k][part] for row in expected], tol)
     one.free()
 
 
