@@ -8,6 +8,7 @@ from exported_bodies import damped_rod, soft_bar
 
 import flexmbd as fm
 from flexmbd.errors import ExportError, SceneError
+from flexmbd.export import vtkhdf_file
 
 
 def opened(path):
@@ -82,9 +83,16 @@ def machine():
     return scene.simulate(0.02, h=1e-3, integrator=fm.GeneralizedAlpha()), upper, lower
 
 
-def test_a_machine_on_its_way(tmp_path, machine):
-    """Vertices at the ends lie where the interface frames carry them; the displacement is what deforms the body."""
+@pytest.mark.parametrize("at_once", [1, 3, None])
+def test_a_machine_on_its_way(tmp_path, machine, monkeypatch, at_once):
+    """Vertices at the ends lie where the interface frames carry them; the displacement is what deforms the body.
+
+    Written so many instants at once.
+    """
     run, upper, lower = machine
+    if at_once is not None:
+        fm.export.vtkhdf(run, tmp_path / "one.vtkhdf", t=run.t[:1])
+        monkeypatch.setattr(vtkhdf_file, "_BLOCK", at_once * len(grid(opened(tmp_path / "one.vtkhdf")[0])[0]))
     path = tmp_path / "run.vtkhdf"
     assert fm.export.vtkhdf(run, path) == ("bodies shown by symbols, for want of a shape or a surface: ball",)
     reader, times = opened(path)
