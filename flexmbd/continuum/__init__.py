@@ -6,6 +6,7 @@ and the protocol of interiors alone.
 
 from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
 from flexmbd.libraries import require as _require
+from flexmbd.room import public_names as _public_names
 
 _require("flexmbd.continuum", *_OF_THE_CONTINUUM)
 
@@ -90,3 +91,5 @@ from flexmbd.continuum.slow_loading.static_path import clamped_dofs as clamped_d
 from flexmbd.continuum.slow_loading.static_path import follow as follow
 from flexmbd.continuum.slow_loading.static_path import prescribed_dofs as prescribed_dofs
 from flexmbd.errors import PathError as PathError
+
+__all__ = _public_names(globals())
