@@ -10,6 +10,12 @@ from flexmbd.room import public_names as _public_names
 
 _require("flexmbd.continuum", *_OF_THE_CONTINUUM)
 
+from petsc4py import PETSc as _PETSc  # noqa: F401  (starts PETSc)
+
+from flexmbd.continuum.parallel import python_takes_broken_pipes as _python_takes_broken_pipes
+
+_python_takes_broken_pipes()
+
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
 from flexmbd.continuum.contract.entries import OptionalEntries as OptionalEntries
 from flexmbd.continuum.contract.formulation import Formulation as Formulation
