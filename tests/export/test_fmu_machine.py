@@ -452,8 +452,8 @@ def test_outputs_are_called_as_the_user_calls_them(tmp_path):
     asked = [kind(hinge) for kind in (fm.output.Position, fm.output.Velocity, fm.output.Acceleration)]
 
     def names(outputs):
-        path = fm.export.fmu_machine(scene, tmp_path / "wheel.fmu", h=1e-2, outputs=outputs, binary=False)
-        with zipfile.ZipFile(path) as unit:
+        fm.export.fmu_machine(scene, tmp_path / "wheel.fmu", h=1e-2, outputs=outputs, binary=False)
+        with zipfile.ZipFile(tmp_path / "wheel.fmu") as unit:
             root = ElementTree.fromstring(unit.read("modelDescription.xml"))
         return [one.get("name") for one in root.iter() if one.get("causality") == "output"]
 
