@@ -458,4 +458,4 @@ def test_outputs_are_called_as_the_user_calls_them(tmp_path):
         return [one.get("name") for one in root.iter() if one.get("causality") == "output"]
 
     assert names(dict(zip(["angle", "speed", "gain"], asked, strict=True))) == ["angle", "speed", "gain"]
-    assert names(asked) == ["hinge", "hinge.rate", "hinge.acceleration"]
+    assert names(asked) == ["hinge.angle", "hinge.angle.rate", "hinge.angle.acceleration"]
