@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def available_memory() -> int | None:
-    """Bytes of memory that this computer, the container on it, and this process (ulimit -v) have left; None: unknown."""
+    """Bytes of memory left to this computer, to the container on it and to this process (ulimit -v); None: unknown."""
     found = [_free_pages(), _cgroup_rest(), _process_rest()]
     return min((one for one in found if one is not None), default=None)
 

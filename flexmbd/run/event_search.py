@@ -147,7 +147,7 @@ class EventSearch:
         while True:
             shares = np.concatenate([halves, (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)])
             instants = np.unique(begin + (end - begin) * shares)
-            instants = instants[(instants > begin) & (instants < end)]  # of a step of a few units of round-off few, or none
+            instants = instants[(instants > begin) & (instants < end)]  # none in a step of a few units of round-off
             rows = zip(instants, *self._motion_since(before, instants), strict=True)
             told = np.array([self._values, *(self._values_at(t, x, v, a) for t, x, v, a in rows), values])
             seen = np.vstack([self._signs, np.sign(told[1:])])

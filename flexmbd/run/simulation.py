@@ -97,8 +97,7 @@ def _run(
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = sorted({*settings.checkpoints, *saved, t_end})
     kept: list[Checkpoint] = []
-    began = time.perf_counter()
-    compiled = began
+    began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
@@ -129,9 +128,7 @@ def _run(
             if team.is_root:
                 creep.look()
             bar.update(integration.t - before)
-            if code != st.DONE or not stops:
-                continue
-            stop = stops.pop(0)
+            stop = stops.pop(0) if code == st.DONE and stops else np.inf
             if integration.t >= stop and (stops or stop in settings.checkpoints):
                 snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, snapshot)

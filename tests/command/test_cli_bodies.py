@@ -194,7 +194,8 @@ def test_a_broken_pipe_is_silent(record, lines, first):
 
     PETSc, once it is loaded, has nothing to say of it.
     """
-    code = f"{first}import sys; from flexmbd.cli import main; from flexmbd.record.reduced_body import ReducedBody as R; "
+    code = f"{first}import sys; from flexmbd.cli import main; "
+    code += "from flexmbd.record.reduced_body import ReducedBody as R; "
     code += f"R.inspect = lambda self: 'line\\n' * {lines}; sys.exit(main(['inspect', 'a.h5']))"
     reading, writing = os.pipe()
     os.close(reading)

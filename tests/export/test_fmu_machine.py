@@ -7,7 +7,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -454,7 +454,7 @@ def test_outputs_are_called_as_the_user_calls_them(tmp_path):
     def names(outputs):
         fm.export.fmu_machine(scene, tmp_path / "wheel.fmu", h=1e-2, outputs=outputs, binary=False)
         with zipfile.ZipFile(tmp_path / "wheel.fmu") as unit:
-            root = ElementTree.fromstring(unit.read("modelDescription.xml"))
+            root = ET.fromstring(unit.read("modelDescription.xml"))
         return [one.get("name") for one in root.iter() if one.get("causality") == "output"]
 
     assert names(dict(zip(["angle", "speed", "gain"], asked, strict=True))) == ["angle", "speed", "gain"]

@@ -52,7 +52,7 @@ def test_a_public_call_says_what_wanted_the_memory():
     with pytest.raises(OutOfMemoryError, match=r"ask: there is no memory for it: Unable to allocate") as caught:
         ask(2**58)
     assert isinstance(caught.value, MemoryError | fm.FlexmbdError)
-    with pytest.raises(OutOfMemoryError, match="^inner"), memory_told("outer"), memory_told("inner"):
+    with pytest.raises(OutOfMemoryError, match=r"^inner"), memory_told("outer"), memory_told("inner"):
         np.empty(2**58)
 
 

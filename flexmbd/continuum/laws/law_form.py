@@ -95,8 +95,8 @@ def law_form(
     def point_law(p: Any) -> PointLaw:
         if fingerprint(law) != reads:
             raise FormulationError(
-                f"{law.__name__}: numbers, arrays or functions that the law names outside itself changed after law_form "
-                "compiled it, which keeps the old ones: call law_form again, or give them as parameters"
+                f"{law.__name__}: numbers, arrays or functions that the law names outside itself have changed since "
+                "law_form compiled it with the old ones: call law_form again, or give them as parameters"
             )
         return compiled
 
