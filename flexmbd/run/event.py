@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError, described
 from flexmbd.given import numbers, refuse_no_function, refuse_no_name, refuse_no_truth, refuse_other
 from flexmbd.multibody.joint.connection import Connection
@@ -195,6 +196,8 @@ class Occurrence:
     event: Event
     t: float
     row: int
+
+    __repr__ = brief
 
     @property
     def name(self) -> str:

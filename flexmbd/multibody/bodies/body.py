@@ -14,6 +14,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, numbers, refuse_no_name, refuse_no_truth, refuse_other
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
@@ -46,6 +47,11 @@ class Frame:
     modes: FloatArray | None
     label: str
     interface: str | None = None
+
+    def __repr__(self) -> str:
+        """Its label and place."""
+        place = ", ".join(f"{value:.6g}" for value in self.p_BF_B)
+        return f"Frame({self.label!r}, p_BF_B=({place}))"
 
 
 @runtime_checkable
@@ -260,6 +266,8 @@ class FlexibleBody:
     record: ReducedBody
     name: str = field(default="", kw_only=True)
     shape: Shape | None = field(default=None, kw_only=True)
+
+    __repr__ = brief
 
     def __setattr__(self, name: str, value: object) -> None:
         refuse_change(self, name, ("record",))

@@ -12,6 +12,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.kernels.base.compiling import pickled_function
@@ -54,6 +55,8 @@ class Compiled:
     returns_number: bool = True
     helpers: str = ""  # digest of the functions, compiled before it, that it calls
     _later: dict[str, Compiled] = field(default_factory=dict, repr=False)  # the same function of other values, by code
+
+    __repr__ = brief
 
     def as_it_is_now(self) -> Compiled:
         """This function with the values that it reads from outside as they are now: compiled anew where they changed.
