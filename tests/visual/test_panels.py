@@ -106,7 +106,7 @@ def test_one_curve_names_its_panel(swing, tmp_path):
 
 
 def test_a_notebook_shows_a_figure_once(swing):
-    """IPython asks a cell's value to display itself: nothing while pyplot, which shows it at the cell's end, holds it."""
+    """IPython asks a cell's value to display itself: nothing while pyplot, which shows it at the end, holds it."""
     import matplotlib.pyplot as plt
 
     run, slide, *_ = swing
