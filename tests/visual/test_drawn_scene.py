@@ -204,7 +204,7 @@ def test_a_flexible_body_without_a_surface_says_why_it_is_drawn_as_sticks():
     """Of rigid bodies, and of a flexible one with a shape, nothing is said."""
     scene = fm.System()
     record = particle_body(3, modes=4).record
-    bodies = {
+    bodies: dict[str, fm.FlexibleBody | fm.RigidBody] = {
         "bare": fm.FlexibleBody(record),
         "shaped": fm.FlexibleBody(record, shape=fm.Shape.box((0.1, 0.1, 0.1))),
         "rigid": fm.RigidBody(1.0, (1.0, 1.0, 1.0)),

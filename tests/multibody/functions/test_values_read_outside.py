@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import types
+from typing import Any
 
 import numba
 import numpy as np
@@ -13,7 +14,7 @@ from flexmbd.errors import SceneError
 
 FORCE = 1.0
 ARRAY = np.array([1.0])
-SETTINGS = types.ModuleType("settings")
+SETTINGS: Any = types.ModuleType("settings")
 SETTINGS.force = 1.0
 
 
