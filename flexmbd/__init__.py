@@ -37,6 +37,8 @@ else:  # hidden from type checkers, for which it would make every misspelt name 
 
     def __getattr__(name: str) -> typing.Any:
         """A room or a public name that is not loaded yet; Python asks once for each."""
+        if name == "__all__":  # what `from flexmbd import *` brings: no room, for they load others' libraries
+            return sorted(_public_names())
         if name in _ROOMS:
             return importlib.import_module(f"{__name__}.{name}")
         if not name.startswith("_"):

@@ -109,6 +109,13 @@ class SceneError(FlexmbdError):
     """
 
 
+class OutOfMemoryError(FlexmbdError, MemoryError):
+    """What was asked for needs more memory than there is, or than the process may have (ulimit -v).
+
+    Remedy: fewer modes, rows or bodies; an explicit method, which keeps no matrix; several ranks for a large part.
+    """
+
+
 class EnsembleError(FlexmbdError):
     """An ensemble was broken off, for a worker of its executor died.
 
@@ -227,6 +234,26 @@ def warn(text: str, category: type[Warning], *, subject: str = "") -> None:
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         depth, frame = depth + 1, frame.f_back
     warnings.warn(text, category, stacklevel=depth)
+
+
+@contextmanager
+def memory_told(doing: str) -> Iterator[None]:
+    """Tell of memory that is not there by one error that says what wanted it, where numpy's names an array alone.
+
+    Raises:
+        OutOfMemoryError: in the place of a MemoryError.
+    """
+    try:
+        yield
+    except OutOfMemoryError:  # told already
+        raise
+    except MemoryError as reason:
+        raise out_of_memory(doing, reason) from reason
+
+
+def out_of_memory(doing: str, reason: MemoryError) -> OutOfMemoryError:
+    """The error that tells of a MemoryError."""
+    return OutOfMemoryError(f"{doing}: there is no memory for it: {str(reason) or 'python got none'}")
 
 
 def described(error: BaseException) -> str:

@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.errors import FlexmbdError, OutOfMemoryError, SceneError, out_of_memory
 
 FloatArray = NDArray[np.float64]
 
@@ -241,7 +241,12 @@ def _wrapped(
             raise error(found)
         plain = [value if kind is None else kind.taken(value) for kind, value in zip(order, args, strict=False)]
         named = {name: asked[name].taken(value) if name in asked else value for name, value in kwargs.items()}
-        return function(*plain, *args[len(plain) :], **named)
+        try:
+            return function(*plain, *args[len(plain) :], **named)
+        except OutOfMemoryError:
+            raise
+        except MemoryError as reason:
+            raise out_of_memory(label, reason) from reason
 
     return wrapper
 

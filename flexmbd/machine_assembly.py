@@ -5,7 +5,7 @@ Entered by ``system`` alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -86,7 +86,8 @@ class MachineAssembly:
         bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
         wanted = "a RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody or ExactBeam"
         refuse_other(body, bodies, "a body", wanted=wanted)
-        chosen = (body.name or f"body {len(self._bodies) + 1}") if name is None else name
+        own = body.name or _free_name("body", self._body_names, number=len(self._bodies) + 1)
+        chosen = own if name is None else name
         refuse_no_name(chosen, "a body's name")
         if body in self._members:
             raise SceneError(f"body {body.name!r} is already in this scene")
@@ -128,7 +129,8 @@ class MachineAssembly:
             joint: fm.joint.Revolute(axis="z") and the like.
             parent: a frame on a body or on the ground.
             child: a frame on another body.
-            name: unique name; by default made of the joint's kind and the bodies.
+            name: unique name; by default made of the joint's kind and the bodies, as "revolute crank-rod", and of the
+                second of a kind between them "revolute crank-rod 2".
             way: fm.Way.COORDINATES or CONSTRAINTS; by default coordinates along the tree, in the
                 order of the joints, and constraints where a joint closes a loop.
             enforce: what enforces a joint's constraints: fm.Multipliers(), fm.Penalty(...) or
@@ -143,7 +145,10 @@ class MachineAssembly:
             refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame()")
             self._refuse_foreign(frame)
         kind = type(joint).__name__.lower()
-        chosen = f"{kind} {parent.body.name}-{child.body.name}" if name is None else name
+        own = f"{kind} {parent.body.name}-{child.body.name}"
+        if own in self._joint_names:
+            own = _free_name(own, self._joint_names, number=2)
+        chosen = own if name is None else name
         refuse_no_name(chosen, "a joint's name")
         if parent.body is child.body:
             raise SceneError(
@@ -203,7 +208,8 @@ class MachineAssembly:
             SceneError: a period that is not positive and finite, what cannot be measured, a signal that another
                 controller sets, or a name that is taken.
         """
-        chosen = name or f"controller {len(self._controllers) + 1}"
+        taken = [other.name for other in self._controllers]
+        chosen = name or _free_name("controller", taken, number=len(taken) + 1)
         system = as_linear_system(step, f"controller {chosen!r}")
         if system is not None:
             step, period = linear_law(system, period, f"controller {chosen!r}")
@@ -255,10 +261,10 @@ class MachineAssembly:
         Raises:
             SceneError: an argument is not of its kind, a linear system is sampled or has no states, or a name is taken.
         """
-        known = [force for force in self._forces if isinstance(force, States)]
-        chosen = name or f"states {len(known) + 1}"
+        taken = [force.name for force in self._forces if isinstance(force, States)]
+        chosen = name or _free_name("states", taken, number=len(taken) + 1)
         what = f"states {chosen!r}"
-        if any(other.name == chosen for other in known):
+        if chosen in taken:
             raise SceneError(f"the name {chosen!r} is taken; give the states a name of their own")
         system = as_linear_system(rates, what)
         if system is not None:
@@ -331,3 +337,10 @@ class MachineAssembly:
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise SceneError(f"gravity must be three finite numbers (m/s^2), got {self.gravity!r}")
         return gravity.copy()
+
+
+def _free_name(kind: str, taken: Container[str], *, number: int) -> str:
+    """The first of "kind 3", "kind 4", ... from a number on that is not taken."""
+    while (name := f"{kind} {number}") in taken:
+        number += 1
+    return name

@@ -17,6 +17,7 @@ from flexmbd.errors import InterfaceError as InterfaceError
 from flexmbd.errors import MeshError as MeshError
 from flexmbd.errors import MissingLibraryError as MissingLibraryError
 from flexmbd.errors import ModesWarning as ModesWarning
+from flexmbd.errors import OutOfMemoryError as OutOfMemoryError
 from flexmbd.errors import PathError as PathError
 from flexmbd.errors import PathWarning as PathWarning
 from flexmbd.errors import PictureError as PictureError

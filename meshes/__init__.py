@@ -6,6 +6,7 @@ the part on rank 0, most by gmsh, and raises `flexmbd.errors.MeshError` on all r
 
 from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
 from flexmbd.libraries import require as _require
+from flexmbd.room import public_names as _public_names
 
 _require("flexmbd.meshes", *_OF_THE_CONTINUUM, "gmsh")
 
@@ -32,3 +33,5 @@ from flexmbd.meshes.step_file import Tag as Tag
 from flexmbd.meshes.step_file import from_step as from_step
 from flexmbd.meshes.step_file import step_faces as step_faces
 from flexmbd.meshes.tube import tube as tube
+
+__all__ = _public_names(globals())

@@ -63,7 +63,8 @@ PAGES = {
     "errors": (
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
-        "MeshError MissingLibraryError PathError PictureError RecordError ReductionError SceneError VersionError "
+        "MeshError MissingLibraryError OutOfMemoryError PathError PictureError RecordError ReductionError SceneError "
+        "VersionError "
         "EventWarning DamageWarning ModesWarning PathWarning RangeWarning StartWarning StepsWarning TableWarning",
         "",
     ),

@@ -12,3 +12,6 @@ from flexmbd.beams.frame_mesh import Beam as Beam
 from flexmbd.beams.frame_mesh import FrameMesh as FrameMesh
 from flexmbd.beams.frame_mesh import Point as Point
 from flexmbd.beams.lumps import Lumping as Lumping
+from flexmbd.room import public_names as _public_names
+
+__all__ = _public_names(globals())

@@ -6,8 +6,15 @@ and the protocol of interiors alone.
 
 from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
 from flexmbd.libraries import require as _require
+from flexmbd.room import public_names as _public_names
 
 _require("flexmbd.continuum", *_OF_THE_CONTINUUM)
+
+from petsc4py import PETSc as _PETSc  # noqa: F401  (starts PETSc)
+
+from flexmbd.continuum.parallel import python_takes_broken_pipes as _python_takes_broken_pipes
+
+_python_takes_broken_pipes()
 
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
 from flexmbd.continuum.contract.entries import OptionalEntries as OptionalEntries
@@ -90,3 +97,5 @@ from flexmbd.continuum.slow_loading.static_path import clamped_dofs as clamped_d
 from flexmbd.continuum.slow_loading.static_path import follow as follow
 from flexmbd.continuum.slow_loading.static_path import prescribed_dofs as prescribed_dofs
 from flexmbd.errors import PathError as PathError
+
+__all__ = _public_names(globals())

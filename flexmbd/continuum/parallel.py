@@ -6,8 +6,10 @@ function here therefore raises on all ranks or on none.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
+import signal
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -34,6 +36,15 @@ _TOLD = 32_119
 _UNREAD: list[MPI.Request] = []
 # Bytes in one message; MPI counts them in 32 bits.
 _MESSAGE = 1 << 30
+
+
+def python_takes_broken_pipes() -> None:
+    """Put Python's own answer to SIGPIPE back, for PETSc's start replaced it by an abort of all ranks. Not collective.
+
+    A script that prints into ``| head`` then ends as any other.  Outside the main thread, which alone may, nothing.
+    """
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
 
 def refuse_fork(comm: MPI.Comm) -> None:

@@ -7,3 +7,6 @@ from flexmbd.ensemble.results import Ensemble as Ensemble
 from flexmbd.ensemble.results import Failure as Failure
 from flexmbd.ensemble.sampled import Sampled as Sampled
 from flexmbd.ensemble.variants import VariantOutput as VariantOutput
+from flexmbd.room import public_names as _public_names
+
+__all__ = _public_names(globals())

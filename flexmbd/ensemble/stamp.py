@@ -12,8 +12,8 @@ from pathlib import Path
 from flexmbd.ensemble.sampled import Sampled
 from flexmbd.ensemble.variants import VariantOutput
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.parameter.force_parameters import OfForce
 from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene

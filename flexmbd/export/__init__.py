@@ -52,3 +52,6 @@ from flexmbd.export.superelements.superelement import superelement as supereleme
 from flexmbd.export.superelements.superelement_frames import InterfaceNode as InterfaceNode
 from flexmbd.export.vtkhdf_file import vtkhdf as vtkhdf
 from flexmbd.export.vtkhdf_file import vtkhdf_modes as vtkhdf_modes
+from flexmbd.room import public_names as _public_names
+
+__all__ = _public_names(globals())

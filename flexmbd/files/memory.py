@@ -7,8 +7,8 @@ from pathlib import Path
 
 
 def available_memory() -> int | None:
-    """Bytes of memory that this computer, or the container on it, has left; None where it does not say."""
-    found = [_free_pages(), _cgroup_rest()]
+    """Bytes of memory left to this computer, to the container on it and to this process (ulimit -v); None: unknown."""
+    found = [_free_pages(), _cgroup_rest(), _process_rest()]
     return min((one for one in found if one is not None), default=None)
 
 
@@ -32,3 +32,14 @@ def _cgroup_rest() -> int | None:
     except (OSError, ValueError):
         return None
     return max(most - now, 0)
+
+
+def _process_rest() -> int | None:
+    try:
+        import resource  # Unix alone
+
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError, ValueError, IndexError):
+        return None
+    return None if most == resource.RLIM_INFINITY else max(most - pages * os.sysconf("SC_PAGE_SIZE"), 0)

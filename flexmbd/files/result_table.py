@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,19 +52,42 @@ class ResultTable:
 
     def __str__(self) -> str:
         """Its first and last rows under names and units; of many columns the first few."""
-        rows = len(self.values)
-        shown = range(rows) if rows <= _TOP + _END else [*range(_TOP), *range(rows - _END, rows)]
         columns = []
-        for k in range(min(len(self.names), _COLUMNS)):
-            words = [self.names[k], f"[{self.units[k]}]", *(f"{self.values[row, k]:.6g}" for row in shown)]
+        for words in self._shown_columns():
             width = max(map(len, words))
             columns.append([word.rjust(width) for word in words])
         lines = ["  ".join(line) for line in zip(*columns, strict=True)]
-        if len(shown) < rows:
-            lines.insert(2 + _TOP, f"... {rows - len(shown)} more rows ...")
-        if len(self.names) > _COLUMNS:
-            lines.append(f"and {len(self.names) - _COLUMNS} more columns: {_list_of(self.names[_COLUMNS:])}")
-        return "\n".join(lines)
+        if self._rows_left_out:
+            lines.insert(2 + _TOP, f"... {self._rows_left_out} more rows ...")
+        return "\n".join([*lines, *self._more_columns()])
+
+    def _repr_html_(self) -> str:
+        """The same as a table of a notebook."""
+        lines = []
+        for k, line in enumerate(zip(*self._shown_columns(), strict=True)):
+            cell = "th" if k < 2 else "td"
+            if k == 2 + _TOP and self._rows_left_out:
+                lines.append(f'<tr><td colspan="{len(line)}">... {self._rows_left_out} more rows ...</td></tr>')
+            lines.append("<tr>" + "".join(f"<{cell}>{html.escape(word)}</{cell}>" for word in line) + "</tr>")
+        more = "".join(f"<p>{html.escape(words)}</p>" for words in self._more_columns())
+        return f"<div><table>{''.join(lines)}</table>{more}</div>"
+
+    @property
+    def _rows_left_out(self) -> int:
+        return max(len(self.values) - _TOP - _END, 0)
+
+    def _shown_columns(self) -> list[list[str]]:
+        """Name, unit and the first and last values of the columns that are shown."""
+        rows = len(self.values)
+        shown = range(rows) if not self._rows_left_out else [*range(_TOP), *range(rows - _END, rows)]
+        return [
+            [self.names[k], f"[{self.units[k]}]", *(f"{self.values[row, k]:.6g}" for row in shown)]
+            for k in range(min(len(self.names), _COLUMNS))
+        ]
+
+    def _more_columns(self) -> list[str]:
+        left = self.names[_COLUMNS:]
+        return [f"and {len(left)} more columns: {_list_of(left)}"] if left else []
 
     def save(self, path: str | Path) -> Path:
         """As ``write_table``. Not collective: under MPI, call it on one rank.

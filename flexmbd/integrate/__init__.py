@@ -41,3 +41,6 @@ from flexmbd.integrate.state import State as State
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct as ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel as entry_kernel
 from flexmbd.multibody.kernels.base.compiling import kernel as kernel
+from flexmbd.room import public_names as _public_names
+
+__all__ = _public_names(globals())

@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.monitors.watched_nodes import PointFilter, places, stress_modes, watched_nodes
@@ -62,6 +63,8 @@ class HotSpot:
     x: FloatArray
     stress: float
     measure: StressMeasure
+
+    __repr__ = brief
 
     def __str__(self) -> str:
         place = ", ".join(f"{value:.4g}" for value in np.where(abs(self.x) < 1e-12, 0.0, self.x))

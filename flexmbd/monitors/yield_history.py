@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.record.reduced_body import ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,8 @@ class YieldPoint:
     node: int
     x: FloatArray
     utilisation: float
+
+    __repr__ = brief
 
     def __str__(self) -> str:
         place = ", ".join(f"{value:.4g}" for value in np.where(abs(self.x) < 1e-12, 0.0, self.x))
@@ -63,6 +66,8 @@ class YieldHistory:
     watched_x: FloatArray
     peak: FloatArray
     first: YieldPoint | None
+
+    __repr__ = brief
 
     @property
     def largest(self) -> YieldPoint:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.monitors.watched_nodes import PointFilter, places, stress_modes, watched_nodes
@@ -57,6 +58,8 @@ class YieldMonitor:
     yield_stress: float
     clearance: float | None = 0.0
     where: PointFilter | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not isinstance(self.body, FlexibleBody):

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -36,6 +38,8 @@ class InterfaceFrame:
     R_BI: FloatArray
     modes: FloatArray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class NodalModes:
@@ -52,6 +56,8 @@ class NodalModes:
     node: IntArray
     x: FloatArray
     phi: FloatArray
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +82,8 @@ class NodalInterfaces:
     interface: IntArray
     phi: FloatArray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class FurtherUnknowns:
@@ -92,6 +100,8 @@ class FurtherUnknowns:
     dof: IntArray
     phi: FloatArray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -106,6 +116,8 @@ class Surface:
     x: FloatArray
     triangle: IntArray
     phi: FloatArray
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +145,8 @@ class GeometricStiffness:
 
     loads: tuple[str, ...]
     K: FloatArray
+
+    __repr__ = brief
 
 
 def load_stiffness(group: GeometricStiffness | None, load: str) -> FloatArray | None:
@@ -165,6 +179,8 @@ class ModalStretch:
     strain: FloatArray
     P: FloatArray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class NonlinearStiffness:
@@ -196,6 +212,8 @@ class NonlinearStiffness:
     tolerance: FloatArray
     compared: FloatArray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Gyroscopic:
@@ -215,6 +233,8 @@ class Gyroscopic:
     slope: FloatArray
     G: FloatArray
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class DistributedLoads:
@@ -231,6 +251,8 @@ class DistributedLoads:
     force: FloatArray
     moment: FloatArray
     modal: FloatArray
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,6 +271,8 @@ class StressModes:
     x: FloatArray
     interface: IntArray
     sigma: FloatArray
+
+    __repr__ = brief
 
 
 RecordGroup = (

@@ -6,6 +6,7 @@ reduction puts them together and changes nothing of the model.
 
 from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
 from flexmbd.libraries import require as _require
+from flexmbd.room import public_names as _public_names
 
 _require("flexmbd.reduction", *_OF_THE_CONTINUUM)
 
@@ -38,3 +39,5 @@ from flexmbd.reduction.unit_loads import Load as Load
 from flexmbd.reduction.unit_loads import Pressure as Pressure
 from flexmbd.reduction.unit_loads import Traction as Traction
 from flexmbd.reduction.unit_loads import load_vectors as load_vectors
+
+__all__ = _public_names(globals())

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.files.array_file import read_arrays, write_arrays
 from flexmbd.given import checked
@@ -44,6 +45,8 @@ class Checkpoint:
     scene: str
     t_start: float
     snapshot: Snapshot
+
+    __repr__ = brief
 
     @property
     def t(self) -> float:

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.linear_system import LinearSystem
 from flexmbd.multibody.functions.signal import Signal
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.quantity import ORDERS, Output, Rotation
 

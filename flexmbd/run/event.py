@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError, described
 from flexmbd.given import numbers, refuse_no_function, refuse_no_name, refuse_no_truth, refuse_other
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
@@ -73,7 +74,8 @@ class Event:
             thrice in the time between its last two passages, and the closer the more it bends between looks; of
             passages that are much nearer than a 32nd of a step some may be missed.  An ``EventWarning`` tells where
             that may be; ``max_step`` bounds the steps.
-        direction: which passages count.
+        direction: which passages count.  A function that is zero at the start of the simulation, and then goes to the
+            side of a given direction, passes there; with ``EITHER`` it does not.
         stop: end the simulation there.
         action: called at the event; may set joint velocities, as an impact does.
         name: for messages and ``run.events``.
@@ -136,9 +138,14 @@ class Event:
         moment.new_rates = agreed[: len(moment.new_rates)]
         moment.changed = np.array(agreed[len(moment.new_rates) :] > 0.5)
 
-    def passes(self, before: float, after: float) -> bool:
-        """Whether a function that went from one sign (-1, 0, 1) to another has passed."""
-        if before == 0.0 or after == before or after == 0.0:
+    def passes(self, before: float, after: float, *, begins: bool = False) -> bool:
+        """Whether a function that went from one sign (-1, 0, 1) to another has passed.
+
+        One that ``begins`` the simulation on zero passes where it goes the way that the event looks for.
+        """
+        if before == 0.0:
+            return begins and self.direction is not Direction.EITHER and after == self.direction.value
+        if after in (before, 0.0):
             return False
         return self.direction is Direction.EITHER or after == self.direction.value
 
@@ -189,6 +196,8 @@ class Occurrence:
     event: Event
     t: float
     row: int
+
+    __repr__ = brief
 
     @property
     def name(self) -> str:

@@ -77,6 +77,8 @@ class EventSearch:
         followed[:, here] = at.followed[:, known[here]]
         self._signs, self._thrown_back, self._last_passage, self._spacing, self._values = followed
         self._warned: set[int] = set()
+        # functions that begin on zero, until they are off it
+        self._begins_on_zero = (self._signs == 0.0) & ~here
 
     def memory(self) -> EventMemory:
         """A copy of what is remembered, for a checkpoint."""
@@ -104,8 +106,11 @@ class EventSearch:
             signs = np.sign(values)
         self._thrown_back[signs != 0.0] = 0.0
         passed = [
-            k for k, event in enumerate(self._events) if event.passes(self._signs[k], signs[k])
+            k
+            for k, event in enumerate(self._events)
+            if event.passes(self._signs[k], signs[k], begins=self._begins_on_zero[k])
         ]
+        self._begins_on_zero &= signs == 0.0
         if not passed:
             self._note_passages(signs * self._signs < 0.0)
             # a function that touches zero keeps its side
@@ -141,8 +146,8 @@ class EventSearch:
         found, most = -1, max(_CLOSE_LOOKS, 2 * looks)
         while True:
             shares = np.concatenate([halves, (np.arange(looks) + _UNEVEN) / (looks + _UNEVEN)])
-            instants = begin + (end - begin) * np.unique(shares)
-            instants = instants[instants > begin]
+            instants = np.unique(begin + (end - begin) * shares)
+            instants = instants[(instants > begin) & (instants < end)]  # none in a step of a few units of round-off
             rows = zip(instants, *self._motion_since(before, instants), strict=True)
             told = np.array([self._values, *(self._values_at(t, x, v, a) for t, x, v, a in rows), values])
             seen = np.vstack([self._signs, np.sign(told[1:])])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
@@ -66,6 +67,8 @@ class BodyRecording:
     path: Path
     name: str
     body: ContinuumBody | None = None
+
+    __repr__ = brief
 
     @property
     def t(self) -> FloatArray:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import RecordError, SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.functions.signal import Signal
@@ -53,6 +54,8 @@ class ControllerSamples:
     states: FloatArray
     before: FloatArray
     rows: tuple[tuple[int, ...], ...]
+
+    __repr__ = brief
 
     @checked()
     def held(self, t: FloatArray) -> FloatArray:

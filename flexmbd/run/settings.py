@@ -120,7 +120,7 @@ class RunSettings:
         times = numbers(self.checkpoints)
         if times.ndim != 1 or not np.isfinite(times).all():
             raise SceneError(f"checkpoints must be a list of times (s), got {self.checkpoints!r}")
-        outside = [t for t in self.checkpoints if not t_start < t < t_end]
+        outside = [t for t in self.checkpoints if not t_start < t <= t_end]
         if outside:
             raise SceneError(
                 f"checkpoints at {', '.join(f'{t:g}' for t in outside)} s lie outside the simulation, "

@@ -37,7 +37,7 @@ from flexmbd.run.row_store import is_affordable
 from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
-from flexmbd.run.snapshot import Snapshot
+from flexmbd.run.snapshot import Snapshot, bound_by_span
 from flexmbd.run.stats import spent
 from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, rows_before
@@ -68,6 +68,7 @@ def run(
         start, method, team, snapshot,
         one_by_one=len(settings.events) > 0, controllers=controllers, begun=settings.begun,
     )  # fmt: skip
+    bound_by_span(integration.state.numbers, t_start=settings.begun, t_end=settings.t_end)
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     with open_stream(start, settings, integration, team) as stream:
@@ -94,10 +95,9 @@ def _run(
     begun, t_end, saves = settings.begun, settings.t_end, saves_of(settings)
     budget = _Budget(limits_of(settings), integration, team, set_out)
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
-    stops = [*sorted({*settings.checkpoints, *saved}), t_end]
+    stops = sorted({*settings.checkpoints, *saved, t_end})
     kept: list[Checkpoint] = []
-    began = time.perf_counter()
-    compiled = began
+    began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
@@ -128,7 +128,8 @@ def _run(
             if team.is_root:
                 creep.look()
             bar.update(integration.t - before)
-            if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
+            stop = stops.pop(0) if code == st.DONE and stops else np.inf
+            if integration.t >= stop and (stops or stop in settings.checkpoints):
                 snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
                 checkpoint = Checkpoint(method.name, start.scene.digest(), begun, snapshot)
                 if stop in settings.checkpoints:

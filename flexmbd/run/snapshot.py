@@ -54,12 +54,9 @@ def new_snapshot(
     """The state at a consistent start: error control with ``rtol``, or fixed steps ``h`` (s)."""
     scene = start.scene
     number = np.zeros(st.N_NUMBER)
-    span = t_end - t_start
     number[st.TIME], number[st.TIME_END] = t_start, t_end
-    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * math.ulp(max(abs(t_start), abs(t_end))))
-    number[st.STEP_CEILING] = 0.1 * span
+    bound_by_span(number, t_start=t_start, t_end=t_end)
     number[st.STABLE_STEP] = np.inf
-    number[st.LEAST_RATE] = 1.0 / span
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
     number[st.STEP] = h if h is not None else first_step(scene, number, start.v, start.a, method.order)
@@ -71,6 +68,17 @@ def new_snapshot(
     groups = new_groups(scene)
     rows = np.array(start.choice.rows, np.int64)
     return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, kept_interiors(scene))
+
+
+def bound_by_span(number: FloatArray, *, t_start: float, t_end: float) -> None:
+    """Set what a state's numbers have by the whole time of a simulation (s): the longest and the shortest step.
+
+    A restart may go on to another end than that of the simulation before it.
+    """
+    span = t_end - t_start
+    number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * math.ulp(max(abs(t_start), abs(t_end))))
+    number[st.STEP_CEILING] = 0.1 * span
+    number[st.LEAST_RATE] = 1.0 / span
 
 
 def new_groups(scene: CompiledScene) -> st.Groups:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError, RecordError, SceneError
+from flexmbd.errors import AssemblyError, RecordError, SceneError, memory_told
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
@@ -90,7 +90,8 @@ class Integration:
                 self._interiors.restore(scene.plan, at.interiors)
             except (KeyError, ValueError, IndexError, TypeError) as reason:
                 raise RecordError(f"the checkpoint is damaged: a body's history cannot be read: {reason}") from reason
-        self._stepper = method.stepper(scene, self.state, self.groups, self.work)
+        with memory_told(f"{method.name} for a machine of {scene.nv} velocities"):
+            self._stepper = method.stepper(scene, self.state, self.groups, self.work)
         self._refuse_other_memory(at.memory)
         self._recall(at.memory)
         self._stepper.drop_factors()

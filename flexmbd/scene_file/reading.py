@@ -103,7 +103,7 @@ def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | Reco
         if not shapes:
             section.fail("", "has no 'shape', which a body by its density needs")
         return ShapedEntry(section.text("name"), section.place, shapes, section.number("density"))
-    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record"))
+    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record", "as_measured"))
     name, mass = section.text("name"), section.number("mass")
     inertia = section.need("inertia")
     whole = isinstance(inertia, list) and bool(inertia) and isinstance(inertia[0], list)
@@ -114,6 +114,7 @@ def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | Reco
         section.matrix("inertia", size=3) if whole else section.numbers("inertia", count=3),
         section.numbers("com", count=3) if section.has("com") else (0.0, 0.0, 0.0),
         shapes,
+        section.has("as_measured") and section.flag("as_measured"),
     )
 
 

@@ -234,7 +234,7 @@ def _crossing(built: Built, crossing: Crossing) -> Callable[[Moment], float]:
 def _made(body: RigidEntry | ShapedEntry) -> RigidBody:
     shape = make_shape(body.shapes)
     if isinstance(body, RigidEntry):
-        return RigidBody(body.mass, body.inertia, body.com, shape=shape)
+        return RigidBody(body.mass, body.inertia, body.com, shape=shape, as_measured=body.as_measured)
     if shape is None:
         raise SceneError("a body by its density needs a shape")
     return RigidBody.from_shape(shape, density=body.density)

@@ -87,7 +87,7 @@ class ShapeEntry:
 
 @dataclass(frozen=True)
 class RigidEntry:
-    """A rigid body: kg; kg m^2 about the centre of mass, its diagonal or whole; m."""
+    """A rigid body: kg; kg m^2 about the centre of mass, its diagonal or whole; m; whether any inertia will do."""
 
     name: str
     place: str
@@ -95,6 +95,7 @@ class RigidEntry:
     inertia: Vector | Matrix
     com: Vector
     shapes: tuple[ShapeEntry, ...] = ()
+    as_measured: bool = False
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ Loads numpy alone; matplotlib and pyvista load when a picture is asked for.
 """
 
 from flexmbd.record.stress_field import StressModel as StressModel
+from flexmbd.room import public_names as _public_names
 from flexmbd.visual.campbell_plot import plot_campbell as plot_campbell
 from flexmbd.visual.drawn_scene import machine_meshes as machine_meshes
 from flexmbd.visual.film import animate as animate
@@ -19,3 +20,5 @@ from flexmbd.visual.series_plot import plot_table as plot_table
 from flexmbd.visual.shape_picture import plot_shape as plot_shape
 from flexmbd.visual.show import show as show
 from flexmbd.visual.stress_picture import plot_stress as plot_stress
+
+__all__ = _public_names(globals())

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.given import checked, is_number, numbers
-from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.camera import Camera, frame_all, oblique, viewing_axes
@@ -143,11 +143,25 @@ def drawn_scene(
         raise PictureError(f"with amplification {amplification:g} the machine reaches farther than numbers do")
     shown = [body for part in parts for body in part.covers]
     parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
+    notes = _with_reasons(notes, [name for name, body in motion.bodies.items() if _lacks_surface(body, shown)])
     bare = {body.name for body in valued}
     legend = {name: BARE if name in bare else _own_colour(motion, name) or colours[name] for name in motion.bodies}
     return DrawnScene(
         tuple(parts), _fixed(motion, len(times)), legend, bones.places, motion.scene.plan.gravity, tuple(notes)
     )
+
+
+def _lacks_surface(body: Body, shown: Sequence[Body]) -> bool:
+    return isinstance(body, FlexibleBody) and not any(body is other for other in shown)
+
+
+def _with_reasons(notes: Sequence[str], bodies: Sequence[str]) -> list[str]:
+    """The notes, which also say why flexible bodies, by their names, are drawn as sticks."""
+    if not bodies:
+        return list(notes)
+    named = ", ".join(bodies[:3]) + (", ..." if len(bodies) > 3 else "")
+    reason = f"{named} as sticks: no surface in the record; reduce with keep=Keep(surface=True), or give a shape="
+    return [f"{note}\n{reason}" if note else reason for note in notes]
 
 
 def portrait(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,7 +46,16 @@ def empty_figure(size: tuple[float, float], *, shown: bool) -> Figure:
     """A figure of this size in inches: pyplot's where it is to be shown; else one that nothing else holds."""
     owner = load("matplotlib.pyplot").figure if shown else load("matplotlib.figure").Figure
     figure: Figure = owner(figsize=size, layout="constrained")
+    if shown:
+        # a notebook shows pyplot's figures at a cell's end; as the cell's value it would show the same one again
+        figure._ipython_display_ = partial(_leave_to_pyplot, figure)  # type: ignore[attr-defined]
     return figure
+
+
+def _leave_to_pyplot(figure: Figure) -> None:
+    """Display nothing of a figure that pyplot still holds; else IPython goes on to its picture."""
+    if not load("matplotlib.pyplot").fignum_exists(figure.number):  # type: ignore[attr-defined]
+        raise NotImplementedError
 
 
 def draw_panels(

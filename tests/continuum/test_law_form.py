@@ -293,3 +293,23 @@ def test_what_is_no_law_is_refused_when_it_is_made(case):
     law, given, told = REFUSED[case]
     with pytest.raises(FormulationError, match=told):
         law_form(law, given.get("parameters", Bad), trial=given.get("trial", Bad(1.0, 0.0)))
+
+
+def test_a_law_whose_numbers_changed_outside_is_refused():
+    """The compiled law keeps those of its compilation."""
+    stiffness = 1.0
+
+    def law(step, p):
+        stress = stiffness * p.E * (step.strain + step.increment)
+        return stress, stiffness * p.E * np.eye(6), step.state
+
+    @dataclass(frozen=True)
+    class Stiff:
+        E: float = 1e9
+        rho: float = 1e3
+
+    made = law_form(law, Stiff, trial=Stiff())
+    assert made.point_law(Stiff()).values(Stiff()).tolist() == [0.0, 1e9, 1e3]
+    stiffness = 2.0
+    with pytest.raises(FormulationError, match="law: numbers, arrays or functions"):
+        block(made, Stiff())

@@ -5,7 +5,9 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -249,7 +251,9 @@ def crank_motion(torque, integrator, *, halved=0):
 
 ELSEWHERE = """
 import sys
+import zipfile
 from pathlib import Path
+from xml.etree import ElementTree
 from spring_machines import Nothing
 from units import Unit
 unit = Unit(sys.argv[1], sys.argv[1])
@@ -438,3 +442,20 @@ def test_a_rate_that_jumps_stops_the_unit(tmp_path):
     with pytest.raises(FMICallException, match="fmi3DoStep failed"):
         one.step(0.01)
     one.free()
+
+
+def test_outputs_are_called_as_the_user_calls_them(tmp_path):
+    """Position, velocity and acceleration of one joint by names of three; without names by theirs."""
+    scene = fm.System()
+    wheel = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="wheel")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), wheel.frame(), name="hinge")
+    asked = [kind(hinge) for kind in (fm.output.Position, fm.output.Velocity, fm.output.Acceleration)]
+
+    def names(outputs):
+        fm.export.fmu_machine(scene, tmp_path / "wheel.fmu", h=1e-2, outputs=outputs, binary=False)
+        with zipfile.ZipFile(tmp_path / "wheel.fmu") as unit:
+            root = ET.fromstring(unit.read("modelDescription.xml"))
+        return [one.get("name") for one in root.iter() if one.get("causality") == "output"]
+
+    assert names(dict(zip(["angle", "speed", "gain"], asked, strict=True))) == ["angle", "speed", "gain"]
+    assert names(asked) == ["hinge.angle", "hinge.angle.rate", "hinge.angle.acceleration"]

@@ -333,6 +333,47 @@ def test_impossible_rigid_bodies(arguments, message):
         fm.RigidBody(*arguments)
 
 
+MEASURED = (0.066, 0.086, 0.0125)  # link 3 of a Puma 560, Armstrong et al. 1986: 9 % beyond the sum of the others
+
+
+def test_a_measured_inertia_that_no_body_has_turns_as_given():
+    """About each of its axes by a torque: w = T t / I; bound to another body, by the sum of both."""
+    with pytest.raises(SceneError, match="as_measured=True takes them"):
+        fm.RigidBody(4.8, MEASURED)
+    for axis, inertia in zip("xyz", MEASURED, strict=True):
+        scene = fm.System()
+        link = scene.add(fm.RigidBody(4.8, MEASURED, as_measured=True), name="link")
+        load = scene.add(fm.RigidBody(1.0, (0.01, 0.01, 0.01)), name="load")
+        hinge = scene.connect(fm.joint.Revolute(axis), scene.ground.frame(), link.frame())
+        scene.connect(fm.joint.Fixed(), link.frame(), load.frame())
+        scene.add_force(fm.force.JointTorque(hinge, 2.0))
+        run = scene.simulate(0.5, rtol=1e-8)
+        assert run.beta_rate(hinge)[-1] == pytest.approx(2.0 * 0.5 / (inertia + 0.01), rel=1e-8)
+
+
+@pytest.mark.parametrize("inertia", [(1.0, 1.0, 0.0), (1.0, 1.0, -0.1)])
+def test_a_measured_inertia_must_be_positive(inertia):
+    with pytest.raises(SceneError, match="belong to no body: none may be negative"):
+        fm.RigidBody(1.0, inertia, as_measured=True)
+
+
+def test_names_that_nobody_gave_are_free_ones():
+    """Two joints of a kind between the same bodies; bodies, states and controllers beside ones named by hand."""
+    scene = fm.System()
+    named = scene.add(fm.RigidBody(1.0, (1, 1, 1)), name="body 2")
+    bodies = [scene.add(fm.RigidBody(1.0, (1, 1, 1))) for _ in range(3)]
+    assert [body.name for body in (named, *bodies)] == ["body 2", "body 3", "body 4", "body 5"]
+    ends = [(scene.ground.frame((float(k), 0, 0)), named.frame((float(k), 0, 0))) for k in range(3)]
+    joints = [scene.connect(fm.joint.Fixed(), *pair) for pair in ends]
+    assert [joint.name for joint in joints] == [f"fixed ground-body 2{more}" for more in ("", " 2", " 3")]
+    torque = fm.Signal("torque")
+    scene.add_controller(lambda t, u: 0.0, period=0.1, measurements=[], inputs=[torque], name="controller 2")
+    other = scene.add_controller(lambda t, u: 0.0, period=0.1, measurements=[], inputs=[fm.Signal("other")])
+    assert other.name == "controller 3"
+    scene.add_states(lambda t, z, u: -z, scale=1.0, initial=[1.0], name="states 2")
+    assert scene.add_states(lambda t, z, u: -z, scale=1.0, initial=[1.0]).name == "states 3"
+
+
 def test_names_axes_frames_and_arguments():
     scene, disc, hinge = wheel()
     with pytest.raises(SceneError, match="'disc' is taken"):

@@ -8,7 +8,7 @@ from machines import pendulum
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
-from flexmbd.multibody.functions.fingerprint import fingerprint
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.team import Alone
 
 

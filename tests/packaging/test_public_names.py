@@ -58,6 +58,17 @@ def test_the_root_shows_no_other_module() -> None:
     assert all(hasattr(fm, name) for name in dir(fm))
 
 
+@pytest.mark.parametrize("room", PUBLIC)
+def test_all_names_of_a_room_bring_no_file_of_it(room: str) -> None:
+    """A file's name, as `modes`, would hide a user's own; forms are files themselves."""
+    brought: dict[str, Any] = {}
+    exec(f"from {room} import *", brought)
+    del brought["__builtins__"]
+    files = {name for name, value in brought.items() if isinstance(value, ModuleType)}
+    assert files == (set(shown(room)) if room == "flexmbd.forms" else set())
+    assert set(brought) == set(shown(room)) - (set(ROOMS) if room == "flexmbd" else set())
+
+
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'Sytem'"):
         fm.Sytem  # type: ignore[attr-defined]  # noqa: B018

@@ -71,6 +71,37 @@ def test_one_thread_a_process_unless_said_otherwise(tmp_path: Path) -> None:
     assert run("OMP_NUM_THREADS=2", *show).stdout == "2\n"
 
 
+def test_an_error_on_one_rank_ends_all(tmp_path: Path) -> None:
+    """Where the others wait for it in a collective call, and would for ever."""
+    script = tmp_path / "wrong.py"
+    script.write_text(
+        "from mpi4py import MPI\n"
+        "if MPI.COMM_WORLD.rank == 1:\n"
+        "    raise ValueError('rank 1 alone')\n"
+        "MPI.COMM_WORLD.barrier()\n"
+    )
+    done = run("mpirun", "-n", "2", "python", str(script), "argument", timeout=50)
+    assert done.returncode != 0
+    assert "ValueError: rank 1 alone" in done.stderr
+
+
+def test_mpirun_gets_its_arguments_as_they_are(tmp_path: Path) -> None:
+    """But for the runner that aborts, before a script of python; what has a runner of its own keeps it."""
+    fake = tmp_path / "mpirun"
+    fake.write_text("#!/bin/sh\nprintf '%s|' \"$@\"\n")
+    fake.chmod(0o755)
+    around = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+
+    def given(*words: str) -> list[str]:
+        return run("mpirun", *words, env=around).stdout.rstrip("|").split("|")
+
+    ranks = ["-n", "2"]
+    assert given(*ranks, "python", "a b.py", "-x") == [*ranks, "python", "-m", "mpi4py", "a b.py", "-x"]
+    assert given(*ranks, "python3", "-c", "pass") == [*ranks, "python3", "-m", "mpi4py", "-c", "pass"]
+    for words in (["python", "-m", "pytest", "x.py"], ["python", "-u", "x.py"], ["flexmbd", "reduce", "x.step"], []):
+        assert given(*ranks, *words) == [*ranks, *words]
+
+
 def test_two_ranks_without_a_warning(tmp_path: Path) -> None:
     script = tmp_path / "sum.py"
     script.write_text(

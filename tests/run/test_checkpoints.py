@@ -63,6 +63,30 @@ def test_a_restart_goes_on_to_the_bit(machine, method, fixed, tmp_path):
         np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name)[first:])
 
 
+@pytest.mark.parametrize("method", [fm.ExplicitRungeKutta(), fm.RadauIIA()], ids=lambda method: method.name)
+def test_a_run_may_keep_a_checkpoint_of_its_end(method):
+    """What goes on from there has the numbers of the run that did not stop: fixed steps, to the bit."""
+    scene, _ = tree()
+    whole = scene.simulate(1.0, h=2.0**-7, integrator=method, checkpoints=[0.5])
+    first = scene.simulate(0.5, h=2.0**-7, integrator=method, checkpoints=[0.5])
+    (kept,) = first.checkpoints
+    assert kept.t == first.t[-1] == 0.5
+    rest = scene.simulate(1.0, h=2.0**-7, integrator=method, restart=kept)
+    np.testing.assert_array_equal(rest.x, whole.x[len(first.t) - 1 :])
+
+
+def test_steps_after_a_restart_are_bounded_by_the_time_that_is_simulated_now():
+    """Not by that of the run before it, whose steps were a tenth of its time at most."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="body")
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), body.frame()).velocity = 1.0
+    (kept,) = scene.simulate(1e-3, checkpoints=[1e-3]).checkpoints
+    rest = scene.simulate(100.0, restart=kept)
+    assert rest.t[-1] == 100.0
+    assert rest.stats.steps < 100
+    assert rest.position(body.frame())[-1, 0] == pytest.approx(100.0, rel=1e-12)
+
+
 def test_a_checkpoint_belongs_to_its_scene_and_method(tmp_path):
     scene, _ = tree()
     kept = scene.simulate(1.0, checkpoints=[0.5]).checkpoints[0]

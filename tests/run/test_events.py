@@ -177,6 +177,39 @@ def test_what_begins_at_zero_and_leaves_it_does_not_pass():
     assert run.events == ()
 
 
+@pytest.mark.parametrize("h", [None, 0.01])
+@pytest.mark.parametrize("speed", [-1.0, 0.0, 1.0])
+def test_a_ball_that_begins_on_the_ground_does_not_fall_through(h, speed):
+    """Thrown down it bounces at once, thrown up after its flight; at rest the action cannot hold it, which is told."""
+    scene, drop = falling_ball(0.0)
+    drop.velocity = speed
+
+    def bounce(moment):
+        moment.set_rate(drop, -moment.beta_rate(drop))
+
+    ground = fm.Event(lambda m: m.beta(drop), direction=fm.Direction.FALLING, action=bounce)
+    if speed == 0.0:
+        with pytest.raises(SimulationError, match="rests there"):
+            scene.simulate(0.3, h=h, events=[ground])
+        return
+    run = scene.simulate(0.3, h=h, events=[ground])
+    flight = 2.0 / 9.81
+    exact = [0.0, flight] if speed < 0.0 else [flight]
+    assert [one.t for one in run.events] == pytest.approx(exact, abs=1e-12)
+    assert run.beta(drop).min() > -1e-12
+
+
+@pytest.mark.parametrize("place", [1.0, 1.0 - 2.0**-53, 1.0 - 2.0**-50])
+def test_an_event_may_lie_at_the_end(place):
+    """Within the round-off of the end there is no time to look into."""
+    scene, drop = falling_ball(0.0)
+    scene.gravity = (0.0, 0.0, 0.0)
+    drop.velocity = 1.0
+    run = scene.simulate(1.0, events=[fm.Event(lambda m: m.beta(drop) - place)])
+    assert [one.t for one in run.events] in ([], [pytest.approx(place, abs=1e-15)])
+    assert run.t[-1] == 1.0
+
+
 def test_what_passes_and_comes_back_within_a_step_is_found():
     """A pendulum that goes past a level which no step's end reaches, there and back."""
     scene, hinge, _ = falling_bar()

@@ -6,6 +6,7 @@ import types
 
 import numpy as np
 import pytest
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import PictureError, SceneError
@@ -197,3 +198,21 @@ def test_a_notebook_has_the_slider_where_it_can_be_moved(flight, monkeypatch, li
     monkeypatch.setattr(pyvista.Plotter, "show", lambda self, **how: shown.append(how["jupyter_backend"]))
     show_machine(flight, size=SMALL)
     assert (shown, sliders) == ((["trame"], [0.0]) if live else (["static"], []))
+
+
+def test_a_flexible_body_without_a_surface_says_why_it_is_drawn_as_sticks():
+    """Of rigid bodies, and of a flexible one with a shape, nothing is said."""
+    scene = fm.System()
+    record = particle_body(3, modes=4).record
+    bodies: dict[str, fm.FlexibleBody | fm.RigidBody] = {
+        "bare": fm.FlexibleBody(record),
+        "shaped": fm.FlexibleBody(record, shape=fm.Shape.box((0.1, 0.1, 0.1))),
+        "rigid": fm.RigidBody(1.0, (1.0, 1.0, 1.0)),
+    }
+    for name, body in bodies.items():
+        scene.add(body, name=name)
+        scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame())
+    (note,) = drawn_scene(scene.at_start(), np.zeros(1), notes=["t = 0 s"]).notes
+    first, second = note.splitlines()
+    assert first == "t = 0 s"
+    assert second.startswith("bare as sticks: no surface in the record; reduce with keep=Keep(surface=True)")

@@ -103,3 +103,15 @@ def test_one_curve_names_its_panel(swing, tmp_path):
     assert run.plot(path=tmp_path / "a.png").axes[0].get_ylabel() == "energy in J"
     with pytest.raises(PictureError, match="a series is a joint"):
         run.plot(3.0)
+
+
+def test_a_notebook_shows_a_figure_once(swing):
+    """IPython asks a cell's value to display itself: nothing while pyplot, which shows it at the end, holds it."""
+    import matplotlib.pyplot as plt
+
+    run, slide, *_ = swing
+    figure = run.plot(slide)
+    assert figure._ipython_display_() is None
+    plt.close(figure)
+    with pytest.raises(NotImplementedError):  # which IPython takes for: show the picture
+        figure._ipython_display_()

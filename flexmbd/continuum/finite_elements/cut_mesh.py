@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
+from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.grid.mesh_division import Cut, Division, PieceSummary, Region, WholeMesh, divide
@@ -32,6 +33,8 @@ class CutMesh:
     cuts: tuple[Cut, ...]
     summaries: Mapping[str, PieceSummary]
     fragments: int
+
+    __repr__ = brief
 
     @property
     def yielding(self) -> tuple[str, ...]:

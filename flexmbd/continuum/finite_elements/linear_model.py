@@ -13,6 +13,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
@@ -53,6 +54,8 @@ class StaticState:
     rigid_error: float
     loads: tuple[str, ...]
     note: str
+
+    __repr__ = brief
 
 
 class LinearModel(PicturedModel):

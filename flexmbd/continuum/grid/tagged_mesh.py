@@ -14,6 +14,7 @@ import dolfinx.plot
 import numpy as np
 import numpy.typing as npt
 
+from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.grid.cell_shape import check_cells
@@ -64,6 +65,8 @@ class TaggedMesh:
     cell_groups: Mapping[str, int] = field(default_factory=dict)
     edge_groups: Mapping[str, Indices] = field(default_factory=dict)
     vertex_groups: Mapping[str, Indices] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def comm(self) -> MPI.Comm:

@@ -19,6 +19,7 @@ from flexmbd.continuum.laws.compiled_law import compiled_law
 from flexmbd.errors import FormulationError
 from flexmbd.forms import j2_plasticity, solid_linear
 from flexmbd.given import checked, numbers, shown
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +74,8 @@ def law_form(
     Raises:
         FormulationError: the law cannot be compiled, or does not return at rest what it must; parameters are not a
             frozen dataclass of floats with a density; the trial ones, or one that yields, are not of their kind; a part
-            of the state is not of numbers; dt is not positive.
+            of the state is not of numbers; dt is not positive.  A model of the form raises it where what the law names
+            outside itself has changed since.
     """
     names = _checked_names(law, parameters, trial)
     for given in yielding:
@@ -88,6 +90,16 @@ def law_form(
     measure = _small_strain if strain is StrainMeasure.SMALL else _green_lagrange
     compiled = PointLaw(code.address, code, begin, measure, lambda p: [getattr(p, name) for name in names])
     _check_at_rest(law.__name__, compiled, trial)
+    reads = fingerprint(law)
+
+    def point_law(p: Any) -> PointLaw:
+        if fingerprint(law) != reads:
+            raise FormulationError(
+                f"{law.__name__}: numbers, arrays or functions that the law names outside itself have changed since "
+                "law_form compiled it with the old ones: call law_form again, or give them as parameters"
+            )
+        return compiled
+
     form = ModuleType(law.__name__)
     reference = LawReference(trial, tuple(yielding) or (trial,), compiled, dt)
     entries: dict[str, Any] = {
@@ -100,7 +112,7 @@ def law_form(
         "kinetic_energy": solid_linear.kinetic_energy,
         "rigid_motion": solid_linear.rigid_motion,
         "reference": lambda: reference,
-        "point_law": lambda p: compiled,
+        "point_law": point_law,
         "state": lambda p: ufl.as_vector(begin.tolist()),
         "state_names": lambda p: {"strain": 6, "stress": 6, **{name: len(values) for name, values in parts.items()}},
         **_point_functions(compiled, strain, timed=dt is not None),

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.continuation.branch import beside
 from flexmbd.continuation.critical import crossings
 from flexmbd.continuation.crossing import CriticalKind, PathCrossing
@@ -53,6 +54,8 @@ class BodyEquilibrium:
     reactions: FloatArray
     unstable: int
     iterations: int
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

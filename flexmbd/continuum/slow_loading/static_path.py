@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.displacement_newton import (
@@ -43,6 +44,8 @@ class Equilibrium:
     t: float
     residuals: tuple[float, ...]
     reactions: FloatArray
+
+    __repr__ = brief
 
 
 @dataclass(eq=False)

@@ -146,7 +146,7 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
         if slots.x.stop - slots.x.start != len(names):
             raise ExportError(f"the positions of {of.name!r} are a quaternion; give a frame's Position and Rotation")
         places = slots.x
-    ending = {Position: "", Velocity: ".rate", Acceleration: ".acceleration"}[type(output)]
+    ending = {Position: "", Velocity: ".rate", Acceleration: ".acceleration"}[type(output)] if name is None else ""
     found = []
     for k, unit in enumerate(_units_of(of, type(output), len(names))):
         text = f"{type(output).__name__} of {scene.velocity_names[slots.v][k]}"

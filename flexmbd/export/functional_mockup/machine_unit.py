@@ -81,7 +81,8 @@ def fmu_machine(
             names: that of a frame's or body's, or all of a joint's.
         outputs: places are absolute, in inertial axes: of a frame ``.x`` .. ``.z`` (m), ``.vx`` .. , ``.ax`` .. , and
             of a Rotation its matrix R_WF, ``.Rxx``, ``.Rxy`` .. ``.Rzz``; of a joint or a flexible body its
-            coordinates by their names, with ``.rate`` and ``.acceleration``. A mapping gives other names, alike.
+            coordinates by their names, with ``.rate`` and ``.acceleration``. A mapping gives other names: to these of a
+            frame what stands before ``.x``, to those of a joint or body the whole, with ``.1``, ``.2`` of several.
         integrator: ExplicitRungeKutta, by default, or GeneralizedAlpha for stiff machines.
         fmi: version of the interface, 2 or 3.
         step: communication step that is proposed to importers (s), by default ten of the integrator's.

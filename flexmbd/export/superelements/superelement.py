@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from flexmbd.brief import brief
 from flexmbd.errors import ExportError
 from flexmbd.given import checked, shaped_numbers
 from flexmbd.record.carrying_dofs import carrying_dofs
@@ -58,6 +59,8 @@ class Superelement:
     x: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     node_interface: tuple[str, ...] = ()
     motion: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    __repr__ = brief
 
     @property
     def n_modes(self) -> int:

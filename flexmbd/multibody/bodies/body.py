@@ -14,8 +14,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, is_number, numbers, refuse_no_name, refuse_other
+from flexmbd.given import checked, is_number, numbers, refuse_no_name, refuse_no_truth, refuse_other
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid, principal_axes
 from flexmbd.overflow import looked_at
@@ -46,6 +47,11 @@ class Frame:
     modes: FloatArray | None
     label: str
     interface: str | None = None
+
+    def __repr__(self) -> str:
+        """Its label and place."""
+        place = ", ".join(f"{value:.6g}" for value in self.p_BF_B)
+        return f"Frame({self.label!r}, p_BF_B=({place}))"
 
 
 @runtime_checkable
@@ -151,6 +157,8 @@ class RigidBody:
         com: (3,) m, centre of mass from the body frame, in body axes.
         name: given by ``System.add``.
         shape: what pictures show of it, in body axes; without one they show symbols.
+        as_measured: take an inertia that no distribution of mass has, one principal inertia above the sum of the other
+            two, as identified from a machine's motions.  It must be positive all the same.
 
     Raises:
         SceneError: values that no rigid body can have, each named.
@@ -161,6 +169,7 @@ class RigidBody:
     com: Sequence[float] = (0.0, 0.0, 0.0)
     name: str = field(default="", kw_only=True)
     shape: Shape | None = field(default=None, kw_only=True)
+    as_measured: bool = field(default=False, kw_only=True)
 
     def __setattr__(self, name: str, value: object) -> None:
         refuse_no_shape(name, value, "a rigid body")
@@ -169,6 +178,7 @@ class RigidBody:
     def __post_init__(self) -> None:
         if self.name != "":
             refuse_no_name(self.name, "a rigid body's name")
+        refuse_no_truth(as_measured=self.as_measured)
         self.inertias()
 
     def inertias(self) -> tuple[FloatArray, FloatArray]:
@@ -190,10 +200,12 @@ class RigidBody:
             faults.append("inertia must be symmetric")
         else:
             low, mid, high = sorted(np.diag(tensor)) if given.ndim == 1 else np.linalg.eigvalsh(tensor)
-            if low < -1e-12 * high or low + mid < high * (1.0 - 1e-9):
+            none = low < -1e-12 * high or (self.as_measured and low <= 0.0)
+            if none or (low + mid < high * (1.0 - 1e-9) and not self.as_measured):
                 faults.append(
                     f"principal inertias {low:.4g}, {mid:.4g}, {high:.4g} kg m^2 belong to no "
                     "body: none may be negative nor exceed the sum of the other two"
+                    + ("" if none else "; as_measured=True takes them as they are")
                 )
         if faults:
             raise SceneError(f"rigid body{f' {self.name!r}' if self.name else ''}: " + "; ".join(faults))
@@ -254,6 +266,8 @@ class FlexibleBody:
     record: ReducedBody
     name: str = field(default="", kw_only=True)
     shape: Shape | None = field(default=None, kw_only=True)
+
+    __repr__ = brief
 
     def __setattr__(self, name: str, value: object) -> None:
         refuse_change(self, name, ("record",))

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, numbers, refuse_no_truth
 from flexmbd.multibody.bodies.body import Frame, marker, refuse_change
@@ -51,6 +52,8 @@ class PseudoRigidBody:
     stretch_rate: ArrayLike = field(default_factory=lambda: np.zeros((3, 3)), kw_only=True)
     name: str = field(default="", kw_only=True)
     shape: Shape | None = field(default=None, kw_only=True)
+
+    __repr__ = brief
 
     def __setattr__(self, name: str, value: object) -> None:
         refuse_change(self, name, ("solid", "material", "damping", "rigid"))

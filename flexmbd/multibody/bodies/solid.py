@@ -9,6 +9,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, numbers, shaped_numbers
 from flexmbd.multibody.bodies.closed_surface import enclosed_moments, outward
@@ -36,6 +37,8 @@ class Outline:
     triangles: IntArray
     scale: FloatArray
 
+    __repr__ = brief
+
     @property
     def x(self) -> FloatArray:
         """(n, 3) m."""
@@ -62,6 +65,8 @@ class Solid:
     com: FloatArray
     second: FloatArray
     outline: Outline | None = field(default=None, kw_only=True)
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         com, second = numbers(self.com).copy(), numbers(self.second).copy()

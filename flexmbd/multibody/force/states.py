@@ -14,12 +14,12 @@ from flexmbd.given import checked, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.protocol import ElementTable, vector
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.linear_system import LinearSystem
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table
 from flexmbd.multibody.functions.time_function import Sine, answered
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.kernels.elements.state_rates import OF_POSITION, OF_TIME, OF_VELOCITY
 from flexmbd.multibody.motion.instant import Instant, measure
 from flexmbd.multibody.motion.machine import Machine
@@ -116,7 +116,7 @@ class States:
     def code(self) -> str:
         """Tells them from other equations."""
         functions = (f for f in (self.rates, self.outputs) if f is not None)
-        return " ".join(f.code if isinstance(f, Compiled) else fingerprint(f) for f in functions)
+        return " ".join(fingerprint(f.source if isinstance(f, Compiled) else f) for f in functions)
 
     @property
     def count(self) -> int:

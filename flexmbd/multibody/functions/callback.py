@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError, described
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.time_function import TimeRow, answered, call_python
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.unraisable import taken_by
 

@@ -12,10 +12,11 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.kernels.base.compiling import pickled_function
+from flexmbd.multibody.kernels.base.fingerprint import called_fingerprint, fingerprint
 from flexmbd.multibody.kernels.base.user_functions import (
     frame_function,
     memory_function,
@@ -52,6 +53,31 @@ class Compiled:
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     source: Any = None
     returns_number: bool = True
+    helpers: str = ""  # digest of the functions, compiled before it, that it calls
+    _later: dict[str, Compiled] = field(default_factory=dict, repr=False)  # the same function of other values, by code
+
+    __repr__ = brief
+
+    def as_it_is_now(self) -> Compiled:
+        """This function with the values that it reads from outside as they are now: compiled anew where they changed.
+
+        numba makes constants of all numbers and arrays that a function names, so that a compiled function keeps those
+        of its compilation.
+
+        Raises:
+            SceneError: a function that numba compiled before, and that this one calls, reads other values now.
+        """
+        code = fingerprint(self.source)
+        if code == self.code:
+            return self
+        if called_fingerprint(self.source) != self.helpers:
+            raise SceneError(
+                f"{self.name} calls a function compiled by numba that was changed, or that names values which were "
+                "changed since: decorate both again (numba.njit and fm.compiled), or give the values as arguments"
+            )
+        if code not in self._later:
+            self._later[code] = compiled(self.source, breaks=self.breaks)
+        return self._later[code]
 
     def __deepcopy__(self, memo: object) -> Compiled:
         """Itself: it never changes."""
@@ -104,6 +130,8 @@ def compiled(
     for ``memory_law`` and ``memory_line`` of ``ElementTable``.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
     numba would hand back a number in its place.
+    Numbers and arrays that the function names outside itself are constants of its machine code.  Each ``compile()``
+    of a scene, and each run of a ``System``, compares them and compiles the function anew where they changed.
 
     Args:
         function: what to compile; where it is left out, as in ``@fm.compiled(breaks=[0.5])``, what follows.
@@ -134,5 +162,5 @@ def compiled(
         pointer = scalar_function(function, count)
     return Compiled(
         int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function,
-        returns_number,
+        returns_number, called_fingerprint(function),
     )  # fmt: skip

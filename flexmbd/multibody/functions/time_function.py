@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_truth, numbers
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
-from flexmbd.multibody.functions.fingerprint import fingerprint
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -133,8 +133,15 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     while isinstance(function, Piecewise):
         declared.append(checked_breaks(function.breaks, what))
         function = function.function
-    parts = (function.value, function.rate, function.acceleration) if isinstance(function, Motion) else (function,)
-    declared += [part.breaks for part in parts if isinstance(part, Compiled)]
+    if isinstance(function, Motion):
+        parts = tuple(part.as_it_is_now() for part in (function.value, function.rate, function.acceleration))
+        function = Motion(*parts)
+    elif isinstance(function, Compiled):
+        function = function.as_it_is_now()
+        parts = (function,)
+    else:
+        parts = ()
+    declared += [part.breaks for part in parts]
     breaks = np.unique(np.concatenate([np.zeros(0), *declared]))
     return replace(_as_row(function, what, motion=motion), motion=motion, breaks=breaks)
 

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Interior
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,8 @@ class InteriorMesh:
     node: IntArray
     x: FloatArray
     triangle: IntArray
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +54,8 @@ class InteriorFields:
     values: Mapping[str, FloatArray]
     largest: float
     largest_row: int
+
+    __repr__ = brief
 
 
 @runtime_checkable

@@ -41,6 +41,10 @@ class Connection:
     way: Way | None = None
     enforce: Enforcement | None = None
 
+    def __repr__(self) -> str:
+        """Its name and joint."""
+        return f"Connection({self.name!r}, {self.joint!r})"
+
     def __post_init__(self) -> None:
         self._position: FloatArray | None = None
         self._velocity: FloatArray | None = None

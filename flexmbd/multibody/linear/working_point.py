@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.kernels.base.arrays import new_work
@@ -39,6 +40,8 @@ class WorkingPoint(Instant):
     multipliers: FloatArray
     interiors: InteriorSnapshot = NO_INTERIORS
     unstable: int | None = None
+
+    __repr__ = brief
 
     @cached_property
     def a(self) -> FloatArray:  # type: ignore[override]

@@ -162,8 +162,8 @@ class ForceTable:
         law = _checked_law(self._note_breaks(wrench, what), what, Signature.WRENCH, "data, d, R, rate, spin, out")
         slope = 0
         if derivative is not None:
-            _checked_law(derivative, what, Signature.WRENCH_VARIATION, f"{_VARIED}, out")
-            slope = self._numbering.add_compiled(derivative)
+            varied = _checked_law(derivative, what, Signature.WRENCH_VARIATION, f"{_VARIED}, out")
+            slope = self._numbering.add_compiled(varied.as_it_is_now())
         values = np.asarray(numbers, dtype=np.float64).ravel()
         element = STORING_FRAME_LAW if law.returns_number else FRAME_LAW
         self.element(
@@ -229,11 +229,12 @@ class ForceTable:
         )  # fmt: skip
 
     def _note_breaks(self, function: Any, what: str) -> Any:
-        """The function itself, its breaks declared."""
+        """The function itself, its breaks declared; a compiled one with the values that it reads as they are now."""
         while isinstance(function, Piecewise):
             self._numbering.breaks.append(checked_breaks(function.breaks, what))
             function = function.function
         if isinstance(function, Compiled):
+            function = function.as_it_is_now()
             self._numbering.breaks.append(function.breaks)
         return function
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.overflow import looked_at
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +21,8 @@ class Energy:
     elastic: FloatArray
     gravitational: FloatArray
     spring: FloatArray
+
+    __repr__ = brief
 
     @property
     @looked_at()

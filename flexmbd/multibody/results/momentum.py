@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.reading.tree import masses
@@ -31,6 +32,8 @@ class Momentum:
     centre: FloatArray
     linear: FloatArray
     angular: FloatArray
+
+    __repr__ = brief
 
     @property
     def spin(self) -> FloatArray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
@@ -73,6 +74,8 @@ class TruncationErrors:
     modes: tuple[int, ...]
     frequencies: FloatArray
     errors: FloatArray
+
+    __repr__ = brief
 
 
 def fixed_interface_modes(

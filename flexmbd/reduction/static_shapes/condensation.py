@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
@@ -37,6 +38,8 @@ class CondensedMatrices:
     M: FloatArray
     node: NDArray[np.int64]
     component: tuple[str, ...]
+
+    __repr__ = brief
 
 
 @checked(error=ReductionError, agree=parallel.told_to_all)

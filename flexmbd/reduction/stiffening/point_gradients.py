@@ -35,6 +35,11 @@ class RulePoints:
     cells: NDArray[np.int32]
     rule: Quadrature
 
+    @property
+    def reference(self) -> tuple[FloatArray, FloatArray]:
+        """Places (q, 3) and weights (q,) on the reference cell."""
+        return basix.make_quadrature(cell_type(self.model.space), self.rule.degree)
+
 
 def by_node(block: FloatArray) -> FloatArray:
     """(nodes, 3, k) of a block (dofs, k), its columns together in memory."""
@@ -62,7 +67,7 @@ def point_gradients(
         among the rows; (cells, points) weights, m^3.
     """
     mesh, space = points.model.mesh.mesh, points.model.space
-    at, weights = basix.make_quadrature(cell_type(space), points.rule.degree)
+    at, weights = points.reference
     shapes = _scalar_derivatives(space.ufl_element(), at)
     geometry = _scalar_derivatives(mesh.ufl_domain().ufl_coordinate_element(), at)
     corners, x = compat.cell_nodes(mesh), mesh.geometry.x

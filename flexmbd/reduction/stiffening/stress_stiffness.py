@@ -32,6 +32,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from ufl.algorithms.transformer import strip_variables
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
@@ -53,8 +54,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# Numbers in the largest array of a chunk of cells: 1 MB, so that it stays in the second-level cache.
-_CHUNK = 2**17
+# Cells of a chunk: so few that what is computed of them stays in the cache, so many that they share their nodes.
+_CELLS = 64
 
 # What a density at a constant gradient may hold, if it is to be the same in every point.
 _CONSTANT = (ufl.classes.ConstantValue, ufl.classes.MultiIndex, ufl.classes.Constant, ufl.classes.Label)
@@ -204,26 +205,29 @@ def _is_of_gradient(density: ufl.core.expr.Expr, u: fem.Function) -> bool:
 def _contracted(
     points: RulePoints, tensor: FloatArray, *, fields: FloatArray, modes: FloatArray
 ) -> FloatArray:
-    """The sum over the cells, (l, n, n), by gradients in the points."""
+    """The sum over the cells, (l, n, n).
+
+    Of each field and cell one matrix of its nodes, the same for the three components; its products with the modes are
+    summed in the nodes of a chunk of cells before they meet the modes once more.
+    """
     # gradients come with the derivative's direction first
     elastic = tensor.reshape((3,) * 4).transpose(1, 0, 3, 2).reshape(9, 9)
     count, n = fields.shape[1], modes.shape[1]
     of_fields, of_modes = by_node(fields), by_node(modes)
     nodes = points.model.space.dofmap.list
+    m = nodes.shape[1]
     total = np.zeros((count, n, n))
-    # of many modes the result leaves the cache with each chunk, which then is no smaller than it
-    for cells, operator, weights in point_gradients(points, chunk=max(_CHUNK // n**2, count)):
-        size = weights.size
+    for cells, operator, weights in point_gradients(points, chunk=_CELLS * len(points.reference[1])):
+        k, size = weights.shape
         stress = elastic @ field_gradients(operator, of_fields, nodes[cells]) * weights.reshape(-1, 1, 1)
-        stress = stress.reshape(size, 3, 3, count)
-        slopes = field_gradients(operator, of_modes, nodes[cells]).reshape(size, 3, 3, n)
-        for a in range(3):
-            for b in range(a, 3):
-                # d_a phi_i . d_b phi_j in each point, for all pairs of modes
-                pairs = slopes[:, a].transpose(0, 2, 1) @ slopes[:, b]
-                # the sum over (a, b) and (b, a), once the result is made symmetric
-                share = stress[:, a, b] if a == b else stress[:, a, b] + stress[:, b, a]
-                total += (share.T @ pairs.reshape(size, n * n)).reshape(count, n, n)
+        stress = np.ascontiguousarray(np.moveaxis(stress.reshape(k, size, 3, 3, count), -1, 0))
+        slopes = operator.reshape(k, size, 3, m)
+        own, place = np.unique(nodes[cells], return_inverse=True)
+        gather = csr_array((np.ones(place.size), (place.ravel(), np.arange(place.size))), (len(own), place.size))
+        local, whole = of_modes[nodes[cells]].reshape(k, m, 3 * n), of_modes[own].reshape(-1, n)
+        for share, of_field in zip(total, stress, strict=True):
+            stiffness = operator.transpose(0, 2, 1) @ (of_field @ slopes).reshape(k, -1, m)
+            share += whole.T @ (gather @ (stiffness @ local).reshape(k * m, 3 * n)).reshape(-1, n)
     return 0.5 * (total + total.transpose(0, 2, 1))
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.brief import brief
+
 FloatArray = NDArray[np.float64]
 
 
@@ -17,3 +19,5 @@ class Departure:
     row: int
     v: FloatArray
     a: FloatArray
+
+    __repr__ = brief
