@@ -6,6 +6,7 @@ ends the whole run, so a test that does nothing but wait for its compiler would 
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +14,8 @@ from typing import Any
 
 import pytest
 import pytest_timeout
+import sharing
+from _pytest._io import TerminalWriter
 from numba.core import event
 
 # Seconds that the kernels of one test may take to compile.
@@ -62,7 +65,7 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> bool | None:
             compiled = COMPILED.seconds() - before
             left = min(settings.timeout - (time.monotonic() - began - compiled), COMPILATION - compiled)
             if left <= 0.0:
-                pytest_timeout.timeout_timer(item, settings)
+                _end(item, settings)
                 return
             if over.wait(left):
                 return
@@ -76,3 +79,12 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> bool | None:
     item.cancel_timeout = cancel  # type: ignore[attr-defined]
     thread.start()
     return True
+
+
+def _end(item: pytest.Item, settings: Any) -> None:
+    """End this process, after what each of its threads does is told."""
+    visible = TerminalWriter(sys.__stderr__)
+    if sharing.is_worker():  # which has no terminal of its own
+        item.config.get_terminal_writer = lambda: visible  # type: ignore[method-assign]
+    visible.line(f"\n{item.nodeid} did not end within its time")
+    pytest_timeout.timeout_timer(item, settings)
