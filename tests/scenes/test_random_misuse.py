@@ -19,7 +19,8 @@ ONCE = (
 def test_whatever_is_done_gives_an_answer_or_one_clear_error():
     """No other exception, text from inside, silent NaN, numpy warning, crash, hang, or gigabytes; in a child."""
     found = tried([*range(SEEDS), *ONCE])
-    told = [f"{one.kind} at {one.where} (seed {one.seed}): {one.text[:300]}" for one in found.findings]
+    wrong = [one for one in found.findings if one.kind != "slow"]  # of which tools/misuse.py tells
+    told = [f"{one.kind} at {one.where} (seed {one.seed}): {one.text[:300]}" for one in wrong]
     assert not told, "\n".join(told)
     assert found.seeds == SEEDS + len(ONCE)
     assert found.statements > 10 * SEEDS  # and it did something
