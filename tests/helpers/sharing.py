@@ -21,6 +21,8 @@ TABLE = Path(__file__).with_name("durations.txt")
 
 # Seconds: of a file that the table does not have; of the shortest one it has; of so much work as is worth two workers.
 UNKNOWN, SHORTEST, ENOUGH = 1.0, 3.0, 45.0
+# Markers of tests that run only where they are asked for.
+ASKED_FOR = ("thousand", "whole")
 # Each wants a gigabyte of memory.
 MOST_WORKERS = 8
 
@@ -37,8 +39,14 @@ def number_of_workers(config: pytest.Config, *, cores: int) -> int:
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a worker: the longest files first; the order of tests within a file stays."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is asked for by its marker alone. Of a worker: the longest files first, each in its own order."""
+    asked = str(config.getoption("markexpr"))
+    names = [name for name in ASKED_FOR if name not in asked]
+    left = {item for item in items if any(item.get_closest_marker(name) for name in names)}
+    if left:
+        config.hook.pytest_deselected(items=list(left))
+        items[:] = [item for item in items if item not in left]
     if is_worker():
         known = read_table()
         items.sort(key=lambda item: -known.get(_name(item.path), UNKNOWN))

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import functions_of_time as of_time
 import numpy as np
-import pytest
 import transformations as change
 from drawing import machines
 from hypothesis import assume, note, reject
@@ -21,8 +20,6 @@ from random_machine import Units, build
 
 import flexmbd as fm
 from flexmbd.run.stopped import SimulationError
-
-pytestmark = pytest.mark.timeout(900)  # a failure is shrunk for up to five minutes
 
 #: How much softer the parts are, and how many times as long they move, so that bending is more than rounding.
 SOFTER, LONGER = 2.0**8, 4.0

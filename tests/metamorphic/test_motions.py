@@ -16,8 +16,6 @@ from running import see
 
 import flexmbd as fm
 
-pytestmark = pytest.mark.timeout(900)  # a failure is shrunk for up to five minutes
-
 RIGID, EITHER = ("rigid", "rigid", "pseudo"), ("rigid", "pseudo", "beam")
 DEFORMED = ("position", "rotation")
 

@@ -44,8 +44,6 @@ class Case:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-pytestmark = pytest.mark.timeout(900)  # a failure is shrunk for up to five minutes
-
 CASES = (
     Case("order"),
     Case("turned_round"),
