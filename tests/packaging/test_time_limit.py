@@ -57,6 +57,24 @@ def test_after_it():
 """
 
 
+WAITS_FOR_A_FORM = """
+import sys
+import time
+import types
+
+jit = types.ModuleType("jit")
+jit.compile_forms = jit.compile_expressions = lambda seconds: time.sleep(seconds)
+sys.modules["ffcx.codegeneration.jit"] = jit
+
+def test_that_waits_for_a_form():
+    jit.compile_forms(1.5)
+    jit.compile_expressions(seconds=0.5)
+
+def test_after_it():
+    jit.compile_forms(1.5)
+"""
+
+
 def run(folder, text, *options):
     """A run of pytest on these tests, with a limit of a second."""
     (folder / "test_some.py").write_text(text)
@@ -67,8 +85,9 @@ def run(folder, text, *options):
     return subprocess.run(command, capture_output=True, text=True, timeout=50, env=environment, check=False)
 
 
-def test_compilation_does_not_count(tmp_path):
-    done = run(tmp_path, WAITS)
+@pytest.mark.parametrize("text", [WAITS, WAITS_FOR_A_FORM], ids=["kernels", "forms"])
+def test_compilation_does_not_count(tmp_path, text):
+    done = run(tmp_path, text)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 passed" in done.stdout
 
