@@ -1,11 +1,13 @@
 """The time limit of a test, in which the compilation of kernels and forms does not count: that has a limit of its own.
 
-Whether a test has to wait for them depends on what ran before, and on what another worker compiles just now.
+Whether a test has to wait for them depends on what ran before, and on what another worker compiles just now. On a machine
+on which more processes run than it has cores, the limit is longer in proportion.
 """
 
 from __future__ import annotations
 
 import functools
+import os
 import sys
 import threading
 import time
@@ -53,6 +55,11 @@ COMPILED = CompilationTime()
 event.register("numba:compiler_lock", COMPILED)
 
 
+def _crowd() -> float:
+    """Processes that want to run (of the last minute), for each core; at least 1."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def _count_forms() -> None:
     """Count what FFCx takes too, its waiting for another process's compiler included; once it is loaded."""
     jit = sys.modules.get("ffcx.codegeneration.jit")
@@ -89,7 +96,8 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Any) -> bool | None:
     def watch() -> None:
         while True:
             compiled = COMPILED.seconds() - before
-            left = min(settings.timeout - (time.monotonic() - began - compiled), COMPILATION - compiled)
+            limit = settings.timeout * _crowd()
+            left = min(limit - (time.monotonic() - began - compiled), COMPILATION - compiled)
             if left <= 0.0:
                 _end(item, settings)
                 return
