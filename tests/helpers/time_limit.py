@@ -1,7 +1,7 @@
 """The time limit of a test, in which the compilation of kernels and forms does not count: that has a limit of its own.
 
-Whether a test has to wait for them depends on what ran before, and on what another worker compiles just now. On a machine
-on which more processes run than it has cores, the limit is longer in proportion.
+Whether a test has to wait for them depends on what ran before, and on what another worker compiles just now. Where more
+processes run than the machine has cores, the limit is longer in proportion.
 """
 
 from __future__ import annotations
