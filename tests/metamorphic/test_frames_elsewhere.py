@@ -15,7 +15,7 @@ import numpy as np
 import transformations as change
 from drawing import machines
 from hypothesis import assume, note, reject
-from many import fifty_and_a_thousand, many
+from many import few_and_a_thousand, many
 from random_machine import Units, build
 
 import flexmbd as fm
@@ -79,7 +79,7 @@ def _apart(machine, changed, s):
     return np.abs(one - other).max() / machine.extent
 
 
-@fifty_and_a_thousand
+@few_and_a_thousand
 def test_frames_differ_to_second_order_in_the_deflection(part):
     def agree(data):
         machine = data.draw(machines(bodies=("rigid", "beam", "beam")))
@@ -98,4 +98,4 @@ def test_frames_differ_to_second_order_in_the_deflection(part):
             note(f"apart by {apart} and {less}")
         assert less <= LEFT * apart + ROUND_OFF
 
-    many(agree, 30, part, few=8)
+    many(agree, 30, part, few=6)
