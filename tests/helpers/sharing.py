@@ -1,6 +1,6 @@
 """How workers share the tests: as many as there are cores, whole files each, so that a module's fixtures are made once.
 
-The longest files come first, by `durations.txt`: seconds of one core with warm caches. `./run pytest --write-durations`
+The longest files come first, by `durations.txt`: seconds of one core with cold caches. `./run pytest --write-durations`
 writes that table anew.
 """
 

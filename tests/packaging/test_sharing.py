@@ -28,7 +28,7 @@ def test_workers_are_as_many_as_cores_where_there_is_enough_to_do():
     longest, second, *_ = sharing.read_table()
     assert workers(longest) == workers(f"{longest}::test_one", f"{longest}::test_other") == 0
     assert workers(longest, second) == 2
-    assert workers("files") == 0
+    assert workers("continuation") == 0
     assert workers("", capture="no") == workers("", collectonly=True) == 0
     assert sharing.number_of_workers(config(""), cores=64) == sharing.MOST_WORKERS
     assert sharing.number_of_workers(config(""), cores=1) == 1
