@@ -12,8 +12,11 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+import sharing
 from _pytest._io import TerminalWriter
-from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer  # a hook
+from sharing import pytest_collection_modifyitems as pytest_collection_modifyitems  # hooks
+from sharing import pytest_xdist_make_scheduler as pytest_xdist_make_scheduler
+from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
@@ -114,9 +117,20 @@ class Ranks:
         self._comm.Free()
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--write-durations", action="store_true", help="write tests/helpers/durations.txt by this run")
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """As many as cores where there is enough to do; none under mpirun, whose ranks run the same tests."""
+    return 0 if PARALLEL else sharing.number_of_workers(config, cores=len(os.sched_getaffinity(0)))
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Under mpirun: one report, and ranks that wait for each other."""
+    if config.getoption("write_durations") and not sharing.is_worker():
+        config.pluginmanager.register(sharing.Durations(), "flexmbd-durations")
     if not PARALLEL:
         return
     config.pluginmanager.register(Ranks(config), "flexmbd-ranks")

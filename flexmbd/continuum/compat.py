@@ -35,6 +35,10 @@ def check_version(version: str) -> None:
 
 check_version(dolfinx.__version__)
 
+# Seconds for which a form is waited for that another process compiles; an involved one takes more than DOLFINx's 10.
+_waits, _text = jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"]
+jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (max(_waits, 300), _text)
+
 if MPI.COMM_WORLD.rank == 0:  # which compiles for all
     mend_form_cache(Path(jit.get_options()["cache_dir"]))
 

@@ -60,10 +60,8 @@ def interrupted(folder, words, after):
 def test_at_any_moment(tmp_path, k):
     rng = np.random.default_rng(k)
     (tmp_path / "s.toml").write_text(SCENE.format(t_end=400, every=""))
-    began = time.perf_counter()
     code, told = interrupted(tmp_path, ["simulate", "s.toml", "--quiet"], 0.15 + 2.5 * rng.random())
     tables = list((tmp_path / "s_results").glob("*")) if (tmp_path / "s_results").exists() else []
-    assert time.perf_counter() - began < 30.0
     if code == 0:
         assert told == []
         assert read_table(tables[0]).column("t")[-1] == 400.0

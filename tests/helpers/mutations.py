@@ -1,6 +1,5 @@
 """Damaged copies of a file, for readers that must answer each with an error or a body, never with anything else."""
 
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -34,12 +33,11 @@ def mutations(data: bytes, *, count: int, seed: int = 0) -> Iterator[bytes]:
                 yield b" ".join(words)
 
 
-def survive(read, path, data, *, count, seed=0, seconds=2.0):
-    """Every damaged copy ends in an error of flexmbd or in a body, each within some seconds; how many were bodies."""
+def survive(read, path, data, *, count, seed=0):
+    """Every damaged copy ends in an error of flexmbd or in a body; how many were bodies."""
     bodies = 0
     for number, damaged in enumerate(mutations(data, count=count, seed=seed)):
         path.write_bytes(damaged)
-        began = time.monotonic()
         try:
             body = read(path)
         except FlexmbdError:
@@ -47,5 +45,4 @@ def survive(read, path, data, *, count, seed=0, seconds=2.0):
         else:
             assert isinstance(body, ReducedBody), number
             bodies += 1
-        assert time.monotonic() - began < seconds, number
     return bodies

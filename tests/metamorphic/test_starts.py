@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from drawing import machines
 from hypothesis import assume, note
-from many import fifty_and_a_thousand, many
+from many import few_and_a_thousand, many
 from random_machine import Pose, build
 
 #: m, over the machine's extent.
 ROUND_OFF = 1e-12
 
 
-@fifty_and_a_thousand
+@few_and_a_thousand
 def test_a_rough_start_told_exactly(part):
     """What a rough start is put together to is a start that nothing moves any more, with the loops closed."""
 

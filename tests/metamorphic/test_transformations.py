@@ -13,7 +13,7 @@ import pytest
 import transformations as change
 from drawing import machines
 from hypothesis import assume, note
-from many import fifty_and_a_thousand, many
+from many import few_and_a_thousand, many
 from observation import described, differences, sizes
 from random_machine import Units
 from running import rtol_of, see
@@ -43,8 +43,6 @@ class Case:
     motion: bool = True
     options: dict[str, Any] = field(default_factory=dict)
 
-
-pytestmark = pytest.mark.timeout(900)  # a failure is shrunk for up to five minutes
 
 CASES = (
     Case("order"),
@@ -112,7 +110,7 @@ def compare_motion(machine, one, other, by):
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-@fifty_and_a_thousand
+@few_and_a_thousand
 def test_transformation(case, part):
     def agree(data):
         machine = data.draw(machines(**case.options))
@@ -130,7 +128,7 @@ def test_transformation(case, part):
     many(agree, CASES.index(case), part)
 
 
-@fifty_and_a_thousand
+@few_and_a_thousand
 def test_units(part):
     """All numbers scale, without any rounding but where metres meet radians."""
 

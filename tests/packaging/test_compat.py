@@ -132,3 +132,10 @@ def test_known_versions(version: str) -> None:
 def test_unknown_versions_are_refused(version: str) -> None:
     with pytest.raises(VersionError, match=rf"0\.9 to 0\.11, and this is {version}: .*\./run"):
         check_version(version)
+
+
+def test_a_form_that_another_process_compiles_is_waited_for():
+    """DOLFINx's own ten seconds are fewer than an involved form takes."""
+    from dolfinx import jit
+
+    assert jit.get_options()["timeout"] >= 300

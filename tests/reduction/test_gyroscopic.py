@@ -56,6 +56,16 @@ def whirl(spin, k):
     return np.sort(np.linalg.eigvals(first).imag)
 
 
+def test_the_momentum_lies_along_the_shaft():
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    mesh = meshes.line(LENGTH, divisions=3, comm=MPI.COMM_SELF)
+    mesh.mesh.geometry.x[:] = mesh.mesh.geometry.x[:, :1] * axis
+    part = ContinuumModel(mesh, FORM, FORM.Parameters(ROD, 2000.0), degree=2, interfaces=[Interface("start")])
+    rotors = craig_bampton(part, modes=0, frame="start").gyroscopic
+    exact = polar_momentum(2000.0) * axis
+    np.testing.assert_allclose(rotors.momentum, exact, rtol=0, atol=1e-12 * np.linalg.norm(exact))
+
+
 @pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")  # pairs are kept whole
 @pytest.mark.mpi
 def test_the_record_has_the_rotors_momentum_and_a_skew_matrix():

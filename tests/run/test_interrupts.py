@@ -144,11 +144,10 @@ def test_what_comes_in_a_finaliser_comes_again():
         with interrupts_handled(signal.default_int_handler):
             Dying()
             time.sleep(30.0)
+            pytest.fail("nothing came")
 
-    began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert time.monotonic() - began < 20.0
 
 
 def test_what_comes_again_comes_within_its_block():

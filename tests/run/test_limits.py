@@ -41,11 +41,9 @@ def test_seconds_are_counted():
 
     scene.add_force(fm.force.JointTorque(hinge, slow))
     scene.simulate(1e-3, h=1e-3, integrator=fm.ExplicitRungeKutta())
-    began = time.monotonic()
     with pytest.raises(SimulationError, match="max_seconds = 1 s are over") as caught:
         scene.simulate(100.0, h=1e-3, integrator=fm.ExplicitRungeKutta(), max_seconds=1)
-    assert time.monotonic() - began < 10.0
-    assert len(caught.value.trajectory.t) > 2
+    assert 2 < len(caught.value.trajectory.t) < 10_000
 
 
 def test_events_are_counted_too():

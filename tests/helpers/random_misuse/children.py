@@ -22,7 +22,7 @@ from random_misuse.watching import Finding
 HELPERS = Path(__file__).parents[1]
 MEMORY = 3 << 30  # bytes beyond what a process has once it has begun
 HUNG = 40.0  # s of one statement, its compilation apart, after which a child ends itself
-STUCK = 400.0  # s of silence after which a child is killed
+STUCK = 400.0  # s of silence, compilation included, after which a child is killed
 
 
 @dataclass(frozen=True)
