@@ -36,7 +36,14 @@ from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
 from flexmbd.record.groups import IntArray
-from flexmbd.record.reduced_body import DistributedLoads, FurtherUnknowns, NodalInterfaces, NodalModes, Surface
+from flexmbd.record.reduced_body import (
+    DistributedLoads,
+    FurtherUnknowns,
+    InterfaceFrame,
+    NodalInterfaces,
+    NodalModes,
+    Surface,
+)
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.large_displacements.modal_derivatives import (
@@ -154,7 +161,8 @@ def optional_parts(
     modes: FloatArray,
     stiffness: FloatArray,
     resolved: float,
-    frames: Sequence[str],
+    gram: FloatArray,
+    interfaces: Sequence[InterfaceFrame],
     nodal: Sequence[str],
     p: FloatArray,
     R: FloatArray,
@@ -168,7 +176,8 @@ def optional_parts(
         modes: (local dofs including ghosts, n) in normal form, in the mesh's axes.
         stiffness: (n,) 1/s^2.
         resolved: 1/s^2, the highest eigenvalue of the fixed-interface modes that were asked for.
-        frames: names of the record's interfaces, in its order.
+        gram: (4 + 3 n, 4 + 3 n) mass integrals.
+        interfaces: the record's, in its order.
         nodal: names of the nodal interfaces whose nodes the record has.
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
@@ -179,7 +188,9 @@ def optional_parts(
     """
     own = modes[: model.n_owned]
     parts: dict[str, Any] = {
-        "damping": modal_damping(model, contents.damping, modes=own, stiffness=stiffness)
+        "damping": modal_damping(
+            model, contents.damping, modes=own, stiffness=stiffness, gram=gram, interfaces=interfaces, p=p, R=R
+        )
     }
     rotors = gyroscopic_group(model, modes=own, p=p, R=R)
     if rotors is not None:
@@ -194,6 +205,7 @@ def optional_parts(
         provenance.update(notes)
     if nodal:
         parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
+    frames = [one.name for one in interfaces]
     return parts, _kept(model, contents.keep, modes, frames=frames, p=p, R=R), provenance
 
 
