@@ -224,7 +224,8 @@ def _is_laid_out(file: h5py.File, count: int) -> bool:
     try:
         outputs = list(file["outputs"].values())
         sound = all(one.dtype == np.float64 and one.shape[:1] == (count,) for one in outputs)
-        return sound and all((file[name].shape, file[name].dtype) == ((count,), kind) for name, kind in _OF_EACH.items())
+        kinds = {name: ((count,), kind) for name, kind in _OF_EACH.items()}
+        return sound and all((file[name].shape, file[name].dtype) == kind for name, kind in kinds.items())
     except (KeyError, AttributeError, TypeError):  # an item is missing, or is a group
         return False
 

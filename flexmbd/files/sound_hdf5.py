@@ -2,8 +2,9 @@
 
 HDF5 lets a file refer to others: links to them, datasets whose numbers are in them (external storage) or are gathered
 from them (virtual datasets), references as values. With these a crafted file makes its reader read any file of the
-user's, so that all are refused, before a number is read. So is what no file of ours has: filters, which may load code and
-grow without bound, links that lead back, values that are neither numbers nor texts, and more data than there are bytes.
+user's, so that all are refused, before a number is read. So is what no file of ours has: filters, which may load code
+and grow without bound, links that lead back, values that are neither numbers nor texts, and more data than there are
+bytes.
 """
 
 from __future__ import annotations

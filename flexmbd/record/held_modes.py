@@ -1,6 +1,6 @@
-"""Modes of a reduced body that is free or held at interfaces, and the damping that they define, whatever carries its frame.
+"""Modes of a reduced body that is free or held at interfaces, and the damping that they define.
 
-The coordinates q are displacements against the body frame B. What B's own motion adds is eliminated here: of a free body
+The coordinates q are displacements against the body frame B. What B's own motion adds is eliminated: of a free body
 the deformation has no momentum, of one that is held at an interface it leaves that at rest. With the motion
 T q of B and the modes that belongs to q then,
 

@@ -134,7 +134,8 @@ def _deformation_faults(record: _RecordParts) -> Iterator[str]:
         yield f"stiffness is not positive: {k.min():.3e} 1/s^2 is its least value"
         return
     omega = np.sqrt(k)
-    ratios = record.damping / np.sqrt(omega) / np.sqrt(omega)[:, None]  # twice the damping ratios, which are pure numbers
+    # twice the damping ratios, which are pure numbers
+    ratios = record.damping / np.sqrt(omega) / np.sqrt(omega)[:, None]
     if not np.isfinite(ratios).all():
         yield "damping holds numbers beyond all bounds"
     elif abs(ratios - ratios.T).max(initial=0.0) > _ROUND_OFF * abs(ratios).max(initial=0.0):
@@ -142,7 +143,7 @@ def _deformation_faults(record: _RecordParts) -> Iterator[str]:
     elif (least := float(np.linalg.eigvalsh(ratios).min(initial=0.0))) < -_ROUND_OFF * abs(ratios).max(initial=0.0):
         yield f"damping is negative: some motions would gain energy, with the damping ratio {least / 2.0:.1e}"
     if not _is_regular(record.partition):
-        yield "partition is singular: it is a change of basis, from modes to interface motions and fixed-interface modes"
+        yield "partition is singular: it is a change of basis, of modes to interface motions and fixed-interface modes"
 
 
 def _place_faults(record: _RecordParts) -> Iterator[str]:

@@ -197,7 +197,7 @@ def _modes(body: _Record) -> Iterable[str]:
         yield _row("mode", ["free", "damping"])
         yield from (_row(str(i), row) for i, row in enumerate(zip(free, ratios, strict=True), start=1))
     else:
-        yield "modes: frequencies (Hz) and damping ratios of the body free and with B held; effective mass along B's axes"
+        yield "modes: frequencies (Hz), damping ratios of the body free and with B held; effective mass along B's axes"
         yield "and effective inertia about them (% of the body's, motion of B as base)"
         yield _row("mode", ["free", "damping", "B held", "damping"], FRAME_DOFS)
         held = [f"{frequency:.6g}" for frequency in np.sqrt(body.stiffness) / (2.0 * np.pi)]

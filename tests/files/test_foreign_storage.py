@@ -166,7 +166,7 @@ def test_what_is_not_in_the_file_is_refused(kind, craft, secret, tmp_path):
 def test_a_claim_beyond_the_file_is_refused_of_any_kind(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("rows", (10**12,), "f8")
-    with pytest.raises(RecordError, match="claims 8000000000000 bytes of data, and has"):
+    with pytest.raises(RecordError, match="claims 8000000000000 bytes of data"):
         open_hdf5(tmp_path / "a.h5", size=(tmp_path / "a.h5").stat().st_size)
 
 
@@ -181,7 +181,7 @@ def test_an_ensemble_whose_items_are_others_is_refused(tmp_path):
                 places = places_of([*file["outputs"].values(), file["message"], file["check"]])
             with open(path, "r+b") as file:
                 seal_rows(file.fileno(), ENSEMBLE, head=512, places=places)
-        with pytest.raises(RecordError, match="of another ensemble|does not hold what a flexmbd ensemble should"):
+        with pytest.raises(RecordError, match=r"of another ensemble|does not hold what a flexmbd ensemble should"):
             opened_file(path, 6, "abc")
 
 
@@ -193,4 +193,4 @@ def test_all_files_are_opened_by_one_function():
             continue
         for call in ast.walk(ast.parse(text)):
             if isinstance(call, ast.Call) and ast.unparse(call.func) == "h5py.File":
-                assert isinstance(call.args[1], ast.Constant) and call.args[1].value == "w", (path, call.lineno)
+                assert ast.unparse(call.args[1]) == "'w'", (path, call.lineno)

@@ -6,12 +6,12 @@ from particles import particle_body
 from two_crosses_body import MASS_A, MASS_B, SPRING, TORSION, TURN_A, TURN_B, two_crosses
 
 from flexmbd.beams import DiscreteFrame, Lumping, discrete_body
-from flexmbd.errors import SceneError
 from flexmbd.forms import beam_timoshenko
 from flexmbd.record.held_modes import held_modes
 from flexmbd.record.summary import damping_ratios
 
-SECTION = beam_timoshenko.Parameters.rectangle(2.1e11, 0.3, 7850.0, width=0.01, height=0.012, orientation=(0.0, 1.0, 0.0))
+SIZE = {"width": 0.01, "height": 0.012, "orientation": (0.0, 1.0, 0.0)}
+SECTION = beam_timoshenko.Parameters.rectangle(2.1e11, 0.3, 7850.0, **SIZE)
 
 
 def rod(divisions, **more):
@@ -37,7 +37,7 @@ def test_two_masses_on_a_spring(held, stiffer):
 
 @pytest.mark.parametrize("held", [(), ("root",), ("tip",)])
 def test_the_mass_of_the_deformation_is_that_of_its_motion(held):
-    """Of particles: kinetic energy of q-rates with the body's own motion that leaves no momentum, or the interface at rest."""
+    """Of particles: kinetic energy with the body's own motion that leaves no momentum, or the interface at rest."""
     part = particle_body(5, modes=4)
     body = part.record
     S = held_modes(body.gram, body.stiffness, [body.interface(name) for name in held]).mass()
@@ -85,7 +85,7 @@ def test_a_line_of_points_has_no_inertia_about_itself(frame):
 
 
 def test_a_free_beam_that_is_damped_and_clamped():
-    """Along itself: 4 / pi^2 of the ratio, of the sum over the free modes cos(n pi x) of what they have of sin(pi x / 2).
+    """Along itself: 4 / pi^2 of the ratio, by what the free modes cos(n pi x) have of the clamped sin(pi x / 2).
 
     In bending and in the second mode the figures of docs/damping.md.
     """

@@ -20,14 +20,15 @@ SKEW[0, 1], SKEW[1, 0] = 1.0, -1.0
 def scaled(body, *, length, time):
     """The same body in other units of length and time; masses as they were."""
     fields = np.concatenate([[1.0], np.full(3, length), np.full(3 * body.n_modes, 1.0)])
-    frames = (
-        dataclasses.replace(one, p_BI_B=length * one.p_BI_B, modes=one.modes / np.array([1.0] * 3 + [length] * 3)[:, None])
-        for one in body.interfaces
-    )
+    rows = np.array([1.0] * 3 + [length] * 3)[:, None]
+    frames = (dataclasses.replace(one, p_BI_B=length * one.p_BI_B, modes=one.modes / rows) for one in body.interfaces)
     return dataclasses.replace(
-        body, gram=body.gram * np.outer(fields, fields), stiffness=body.stiffness / time**2, damping=body.damping / time,
+        body,
+        gram=body.gram * np.outer(fields, fields),
+        stiffness=body.stiffness / time**2,
+        damping=body.damping / time,
         interfaces=tuple(frames),
-    )  # fmt: skip
+    )
 
 
 def with_tip(tree, item, value):
@@ -65,7 +66,7 @@ FAULTS = {
         lambda tree, _: tree.update(partition=np.eye(4)[[0, 1, 2, 2]] * np.array([1e-8, 1.0, 1e9, 1.0])),
         "partition is singular",
     ),
-    "boundless shapes": (lambda tree, _: with_tip(tree, "interface_modes", 1e200), "modes holds numbers beyond all bounds"),
+    "boundless shapes": (lambda tree, _: with_tip(tree, "interface_modes", 1e200), "numbers beyond all bounds"),
 }  # fmt: skip
 
 

@@ -181,7 +181,8 @@ def test_a_group_with_a_further_array_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("change", [
-    {"gram": full_record().gram + np.diag([1.0] + [0.0] * 18)}, {"stiffness": np.ones(5)}, {"damping": np.eye(5)}, {"partition": np.eye(5)},
+    {"gram": full_record().gram + np.diag([1.0] + [0.0] * 18)}, {"stiffness": np.ones(5)}, {"damping": np.eye(5)},
+    {"partition": np.eye(5)},
     {"frame": None}, {"geometric": None}, {"loads": None},
     {"interfaces": full_record().interfaces[::-1]},
     {"interfaces": tuple(dataclasses.replace(one, p_BI_B=np.zeros(3)) for one in full_record().interfaces)},

@@ -103,7 +103,7 @@ def framed():
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=str)
 def test_a_machine_does_not_see_what_carries_the_frame(framed, damping):
-    """Free, clamped at either end and at both: frequencies and decays are the same; the body as a whole is not slowed."""
+    """Free, clamped at either end and at both: frequencies and decays are the same."""
     bodies = framed(damping)
     for clamped in ((), ("root",), ("tip",), ("root", "tip")):
         first, *others = (vibrations(body, clamped) for body in bodies)
@@ -152,7 +152,8 @@ def test_half_of_a_part_is_damped_as_the_whole():
     )
     found = []
     for model, parts, modes in zip(models, (2.0, 1.0), (20, 40), strict=True):
-        body = craig_bampton(model, modes=modes, frame="x_min", damping=ModalDamping(0.05), geometric_stiffness=False)
+        how = {"damping": ModalDamping(0.05), "geometric_stiffness": False}
+        body = craig_bampton(model, modes=modes, frame="x_min", **how)
         # the power of the whole that moves as unit forces on its end, in the plane, deform it
         rates = body.interface("x_max").modes[[0, 2, 4]] / body.stiffness / parts
         found.append(parts * np.diag(rates @ body.damping @ rates.T))
@@ -211,12 +212,25 @@ def test_bad_coefficients_are_refused(value):
             KelvinVoigtDamping(tau)
 
 
+@pytest.mark.parametrize("held", ["root", None, 3, [1], ["root", "root"]])
+def test_what_is_no_list_of_interfaces_is_refused(held):
+    for make in (lambda: ModalDamping(0.1, held), lambda: RayleighDamping(1.0, 0.0, held)):
+        with pytest.raises(ReductionError, match="held (must be a list of interfaces' names|names an interface twice)"):
+            make()
+
+
+def test_an_interface_that_is_not_there_is_refused():
+    with pytest.raises(InterfaceError, match="no interface 'x_mean'; it has: 'x_min', 'x_max'"):
+        guyan(sandwich(comm=MPI.COMM_SELF), frame="x_min", damping=ModalDamping(0.1, held=["x_mean"]))
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     ("damping", "match"),
     [
         (0.02, r"write ModalDamping\(0\.02\)"),
         (ModalDamping([0.1, 0.2]), "2 damping ratios for 6 modes"),
+        (ModalDamping([0.1] * 6, held=["x_min", "x_max"]), "6 damping ratios for 0 modes"),
         (KelvinVoigtDamping({"face": 1.0}), "one for each cell group of the model: 'face', 'core'"),
         (KelvinVoigtDamping({"face": 1.0, "core": 1.0, "lid": 1.0}), "cell group of the model: 'face', 'core'"),
     ],
