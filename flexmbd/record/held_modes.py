@@ -41,7 +41,8 @@ class HeldModes:
     def frequencies(self) -> FloatArray:
         """(m,) Hz."""
         with np.errstate(divide="ignore"):
-            return 1.0 / (2.0 * np.pi * self.period)
+            found: FloatArray = 1.0 / (2.0 * np.pi * self.period)
+        return found
 
     def damping(self, ratios: FloatArray) -> FloatArray:
         """(n, n) 1/s, D_qq by which each mode has its ratio of (m,), or all have the same."""

@@ -94,8 +94,7 @@ def _run(
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*settings.checkpoints, *saved}), t_end]
     kept: list[Checkpoint] = []
-    began = time.perf_counter()
-    compiled = began
+    began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()

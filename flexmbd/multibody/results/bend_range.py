@@ -38,9 +38,8 @@ class _Bending:
 
     def tells(self, rows: StateRows) -> bool:
         """As `Limit`."""
-        q = rows.modal(self.body)
-        pairs, _, n = self.turns.shape
-        turned = (q @ self.turns.reshape(3 * pairs, n).T).reshape(len(q), pairs, 3)
+        q = rows.x[rows.most, rows.scene.index.modes[self.body].x]
+        turned = np.einsum("kn,pan->kpa", q, self.turns)  # too small for threads of BLAS
         angles = np.sqrt(np.einsum("kpa,kpa->kp", turned, turned))
         beyond = np.flatnonzero(angles.max(axis=1) > MOST)
         if not len(beyond):
@@ -50,7 +49,7 @@ class _Bending:
         angle, (one, other) = angles[row, pair], self.names[pair]
         warn(
             f"flexible body {self.body.name!r} bends: its interfaces {one!r} and {other!r} turn by {angle:.2g} rad "
-            f"against each other at t = {rows.t[rows.some[row]]:.6g} s, and its record is of small displacements, so "
+            f"against each other at t = {rows.t[rows.most][row]:.6g} s, and its record is of small displacements, so "
             f"that what moves across is off by about {50.0 * angle**2:.1g} %, and by more where it bends more; reduce "
             "it with nonlinear=ModalDerivatives(...), or cut it in several pieces",
             RangeWarning,

@@ -107,7 +107,7 @@ class _Incomplete:
         else:
             missing = "its record has no membrane strains by which a machine stiffens it"
             remedy = "reduce it with geometric_stiffness=True from its mesh"
-        _tell(self.body, rows.t[rows.some[row]], spin[row], share, missing=missing, remedy=remedy)
+        _tell(self.body, rows.t[rows.some][row], spin[row], share, missing=missing, remedy=remedy)
         return True
 
 
@@ -139,7 +139,7 @@ class _NoStiffening:
             "beam_timoshenko have, or cut it in several pieces"
         )
         found = -shares[row] / (1.0 + shares[row])
-        _tell(self.body, rows.t[rows.some[row]], spin[row], found, missing=missing, remedy=remedy)
+        _tell(self.body, rows.t[rows.some][row], spin[row], found, missing=missing, remedy=remedy)
         return True
 
 
@@ -162,7 +162,7 @@ class _Prestressed:
         size = np.linalg.norm(self.prestress)
         missing = f"its record is of the body prestressed by a spin of {size:.4g} rad/s, which then counts twice"
         remedy = "reduce the body at rest, without prestressed(...), for a machine that turns it"
-        _tell(self.body, rows.t[rows.some[row]], spin[row], twice, missing=missing, remedy=remedy)
+        _tell(self.body, rows.t[rows.some][row], spin[row], twice, missing=missing, remedy=remedy)
         return True
 
 
@@ -189,12 +189,14 @@ def _blade_share(record: ReducedBody) -> FloatArray:
     if record not in _known_shares:
         # of a prestressed body it is at the frame, by which it was held
         hubs = [one for one in record.interfaces if _prestress(record) is None or one.name == record.frame]
-        periods = [held_modes(record.gram, record.stiffness, [one] if one else []).period.max() for one in hubs or [None]]
+        states = [[one] for one in hubs] or [[]]
+        periods = [float(held_modes(record.gram, record.stiffness, held).period.max()) for held in states]
         hub = hubs[int(np.argmax(periods))].p_BI_B if hubs else record.com
         lever = record.com - hub
         about = record.inertia / record.mass + lever @ lever * np.eye(3) - np.outer(lever, lever)
         largest = float(np.linalg.eigvalsh(about)[-1])
-        _known_shares[record] = _BLADE * max(periods) ** 2 * about / largest if largest > 0.0 else np.zeros((3, 3))
+        share: FloatArray = np.zeros((3, 3)) if largest <= 0.0 else _BLADE * max(periods) ** 2 / largest * about
+        _known_shares[record] = share
     return _known_shares[record]
 
 

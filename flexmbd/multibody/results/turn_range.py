@@ -81,42 +81,42 @@ class _TurnedBushing:
 
     def tells(self, rows: StateRows) -> bool:
         """As `Limit`."""
-        which = rows.some
-        rates, turned = self._relative(rows, which)
-        spans = np.diff(rows.t[which])
+        t, axis, cosine, rate = self._turns(rows, rows.some)
         # between two rows that are looked at it must not turn so far that nothing is seen of it
-        if len(spans) and (np.maximum(rates[1:], rates[:-1]) * spans).max() > _SEEN:
-            which = np.arange(len(rows.t))
-            _, turned = self._relative(rows, which)
-        # the rotation vector jumps to the opposite one
-        jumps = np.flatnonzero(np.einsum("ka,ka->k", turned[1:], turned[:-1]) < 0.0)
+        if len(t) > 1 and (np.maximum(rate[1:], rate[:-1]) * np.diff(t)).max() > _SEEN:
+            t, axis, cosine, rate = self._turns(rows, slice(None))
+        # sin(angle) changes its sign where cos(angle) is negative: the rotation vector jumps to the opposite one
+        flips = np.einsum("ka,ka->k", axis[1:], axis[:-1]) < 0.0
+        jumps = np.flatnonzero(flips & (cosine[1:] < 0.0) & (cosine[:-1] < 0.0))
         if not len(jumps):
             return False
-        what = self.bushing.what
+        what, when = self.bushing.what, t[jumps[0] + 1]
         warn(
-            f"{what}: its ends are turned by half a revolution at t = {rows.t[which[jumps[0] + 1]]:.6g} s, and from "
-            "there on its moments point the other way, for it measures the shorter turn: what winds up further wants a "
-            "JointSpring on the joint's coordinate, which counts turns",
+            f"{what}: its ends are turned by half a revolution at t = {when:.6g} s, and from there on its moments "
+            "point the other way, for it measures the shorter turn: what winds up further wants a JointSpring on the "
+            "joint's coordinate, which counts turns",
             RangeWarning,
             subject=f"turn of {what}",
         )
         return True
 
-    def _relative(self, rows: StateRows, which: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """How fast (rad/s) its ends turn against each other, and the quaternions (rows, 4), the scalar not negative."""
-        from scipy.spatial.transform import Rotation  # on need: few scenes have bushings
-
-        motions = rows.motions if which is rows.some else rows.motions_of(which)
+    def _turns(self, rows: StateRows, which: slice) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Of rows and the one before: times (k,), sin(angle) times its axis (k, 3), cos(angle), and rates (rad/s)."""
+        motions = rows.motions if which == rows.some else rows.motions_of(rows.x[which], rows.v[which])
+        t = rows.t[which]
+        if rows.before is not None:
+            motions = np.concatenate([rows.motions_of(rows.before.x, rows.before.v), motions])
+            t = np.concatenate([rows.before.t, t])
         turns, spins = [], []
         for frame in self.bushing.frames:
             link = rows.scene.index.bodies[frame.body]
-            of_ground = np.zeros((len(which), 21))
-            of_ground[:, 3:12] = np.eye(3).ravel()
-            own = motions[:, link] if link >= 0 else of_ground
-            turns.append(own[:, 3:12].reshape(-1, 3, 3) @ frame.R_BF)
-            spins.append(own[:, 15:18])
-        found = Rotation.from_matrix(np.einsum("kba,kbc->kac", turns[0], turns[1])).as_quat()
-        return np.linalg.norm(spins[1] - spins[0], axis=1), found * np.where(found[:, 3:] < 0.0, -1.0, 1.0)
+            R = motions[:, link, 3:12].reshape(-1, 3, 3) if link >= 0 else np.eye(3)
+            turns.append(R @ frame.R_BF)
+            spins.append(motions[:, link, 15:18] if link >= 0 else np.zeros(3))
+        R = np.swapaxes(turns[0], -1, -2) @ turns[1]
+        axis = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+        cosine = 0.5 * (np.einsum("kaa->k", R) - 1.0)
+        return t, axis, cosine, np.sqrt(np.sum((spins[1] - spins[0]) ** 2, axis=-1))
 
 
 def turn_limits(scene: CompiledScene, bodies: Iterable[Body]) -> Iterator[_Winding | _TurnedBushing]:

@@ -129,14 +129,14 @@ def test_a_twist_about_the_line_between_the_interfaces_is_no_bending():
     assert not said(loaded(record, torque=(0.5 * stiffness, 0.0, 0.0)).equilibrium)
 
 
-def wheel(speed, stiffness=1.0, *, frames=None):
+def wheel(speed, stiffness=1.0, *, frame=None):
     """An inertia of 0.1 kg m^2 on a bushing of 1 N m / rad."""
     scene = fm.System()
     body = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="wheel")
     joint = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), body.frame())
     turn = (0.0, 0.0, 0.0, 0.0, 0.0, stiffness)
-    ends = (scene.ground.frame(), body.frame()) if frames is None else frames(scene, body)
-    scene.add_force(fm.force.Bushing(*ends, turn))
+    inner = scene.ground.frame(R=np.eye(3) if frame is None else frame)
+    scene.add_force(fm.force.Bushing(inner, body.frame(), turn))
     joint.velocity = speed
     return scene, joint
 
@@ -148,10 +148,7 @@ TURNED = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_bushing_beyond_half_a_revolution_is_told_when(speed, turned):
     """From where its ends, not the joint's coordinate, are half a revolution apart."""
-    frames = None
-    if turned:
-        frames = lambda scene, body: (scene.ground.frame(R=TURNED), body.frame())  # noqa: E731
-    scene, joint = wheel(speed, frames=frames)
+    scene, joint = wheel(speed, frame=TURNED if turned else None)
     run = {}
     texts = said(lambda: run.update(it=scene.simulate(0.5, rtol=1e-6)))
     assert len(texts) == 1
