@@ -110,7 +110,8 @@ model = ContinuumModel(
     interfaces=[*map(Interface, bores), *(Interface(name, coupling=fm.Coupling.AVERAGED) for name in feet)],
 )
 now = stage("assembly", now)
-case = craig_bampton(model, modes=20, frame=bores[0], geometric_stiffness=False, damping=ModalDamping(0.01))
+damping = ModalDamping(0.01, held=bores[:1])
+case = craig_bampton(model, modes=20, frame=bores[0], geometric_stiffness=False, damping=damping)
 now = stage("reduction", now)
 size = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1e6
 say(f"{model.K.getSize()[0]} degrees of freedom, {case.mass:.2f} kg, {case.n_modes} modes; {size:.2f} GB at the most")

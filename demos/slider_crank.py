@@ -60,7 +60,7 @@ pins = [Interface("big_end", origin=(0.0, 0.0, 0.0)), Interface("small_end", ori
 model = ContinuumModel(mesh, forms.solid_linear, steel, degree=2, interfaces=pins)
 meshed = time.perf_counter()
 kept = Keep(modes=True, surface=True)
-rod = craig_bampton(model, modes=12, frame="big_end", damping=ModalDamping(DAMPING), keep=kept)
+rod = craig_bampton(model, modes=12, frame="big_end", damping=ModalDamping(DAMPING, held=["big_end"]), keep=kept)
 reduced = time.perf_counter()
 
 hinged = rod.frequencies({"big_end": ("x", "y", "z", "rx", "ry"), "small_end": ("y", "z", "rx", "ry")})

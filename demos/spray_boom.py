@@ -76,7 +76,8 @@ def discrete_elements(divisions: int, modes: int | None = None) -> fm.ReducedBod
     frame = DiscreteFrame(POINTS, BEAMS, SECTIONS, divisions=divisions)
     plain = discrete_body(frame, interfaces=ENDS, frame="hitch", modes=modes)
     ratios = np.minimum(0.5 * VISCOUS * np.sqrt(plain.stiffness), 0.9)
-    return discrete_body(frame, interfaces=ENDS, frame="hitch", modes=modes, damping_ratio=ratios)
+    damped = {"damping_ratio": ratios, "damping_held": ["hitch"]}
+    return discrete_body(frame, interfaces=ENDS, frame="hitch", modes=modes, **damped)
 
 
 # ## The machine

@@ -41,6 +41,7 @@ from flexmbd.continuum.grid.row_exchange import blocks_on_root, share_of
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.parallel import on_root, raise_collectively
 from flexmbd.errors import MeshError, RecordError
+from flexmbd.files.sound_hdf5 import open_hdf5
 from flexmbd.files.tree_file import HEAD, FileKind, check_seal, seal
 from flexmbd.files.whole_file import first_line, open_part, take_part
 from flexmbd.meshes.dimension import check_arguments, checked_part
@@ -186,11 +187,11 @@ def h5_input(
     share: MeshInput | None = None
     error: Exception | None = None
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, size=path.stat().st_size) as file:
             share = _share(path, file, comm, cell_groups, facet_groups)
     except MeshError as caught:
         error = caught
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as caught:
+    except (RecordError, OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as caught:
         error = MeshError(f"{path}: not a whole file of a {MESH.format}: {first_line(caught)}")
     raise_collectively(comm, error)
     if share is None:  # for the type checker: without a share there is an error

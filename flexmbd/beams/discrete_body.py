@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from flexmbd.beams.discrete_frame import DiscreteFrame
 from flexmbd.beams.lumps import Lumping, gram
 from flexmbd.errors import SceneError
-from flexmbd.given import checked
+from flexmbd.given import checked, shown
+from flexmbd.record.held_modes import HeldModes, held_modes
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,7 @@ def discrete_body(
     frame: str | None,
     modes: int | None = None,
     damping_ratio: float | Sequence[float] = 0.0,
+    damping_held: Sequence[str] = (),
 ) -> ReducedBody:
     """The record of a frame of discrete elements, whole or reduced by Craig and Bampton's method.
 
@@ -40,8 +42,9 @@ def discrete_body(
             there and nowhere else.
         frame: the interface that the body frame sits on; None: it floats on the mean axis.
         modes: number of fixed-interface modes (free ones without interfaces); None: all.
-        damping_ratio: of the record's modes, one for all or one for each, by which alone the method knows
+        damping_ratio: of the modes of the free frame, one for all or one for each, by which alone the method knows
             damping (Anthonis & Ramon 2003, section 4.2.2).
+        damping_held: interfaces that do not move in these modes, as `flexmbd.reduction.ModalDamping` has them.
 
     Raises:
         SceneError: an interface is not a node, is given twice, or is not there; more modes than there are;
@@ -57,10 +60,12 @@ def discrete_body(
     stiffness, change = _normal_form(k, mass)
     motions = (shapes @ change).reshape(len(x), 6, -1)
     frames = [InterfaceFrame(name, x[node] - origin, np.eye(3), motions[node]) for name, node in rows.items()]
+    integrals = gram(x - origin, total, motions)
+    held = [_held(frames, name) for name in damping_held]
     return ReducedBody(
-        gram=gram(x - origin, total, motions),
+        gram=integrals,
         stiffness=stiffness,
-        damping=_damping(damping_ratio, stiffness),
+        damping=_damping(damping_ratio, held_modes(integrals, stiffness, held)),
         interfaces=tuple(frames),
         frame=frame,
         partition=change,
@@ -211,14 +216,24 @@ def _normal_form(k: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.einsum("ij,ij->j", x, k @ x), x
 
 
-def _damping(ratio: float | Sequence[float], stiffness: FloatArray) -> FloatArray:
-    """(n, n) 1/s: 2 zeta omega."""
+def _held(frames: Sequence[InterfaceFrame], name: str) -> InterfaceFrame:
+    for one in frames:
+        if one.name == name:
+            return one
+    known = ", ".join(repr(one.name) for one in frames) or "none"
+    raise SceneError(f"damping_held: {shown(name)} is not among the interfaces: {known}")
+
+
+def _damping(ratio: float | Sequence[float], modes: HeldModes) -> FloatArray:
+    """(n, n) 1/s, symmetric."""
     try:
         ratios = np.asarray(ratio, dtype=np.float64)
     except (TypeError, ValueError):
         ratios = np.array(np.nan)
     if not ((ratios >= 0.0) & (ratios <= 1.0)).all():
         raise SceneError(f"a damping ratio must lie between 0 and 1 (0.02 is two per cent), got {ratio!r}")
-    if ratios.shape not in ((), stiffness.shape):
-        raise SceneError(f"{ratios.size} damping ratios for {len(stiffness)} modes; give one for all, or one for each")
-    return np.diag(2.0 * ratios * np.sqrt(stiffness))
+    if ratios.shape not in ((), modes.period.shape):
+        count = len(modes.period)
+        raise SceneError(f"{ratios.size} damping ratios for {count} modes; give one for all, or one for each")
+    damping = modes.damping(ratios)
+    return 0.5 * (damping + damping.T)

@@ -14,6 +14,7 @@ from flexmbd.errors import InterfaceError
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.record.summary import damping_ratios
 
 _GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "nonlinear", "loads", "stress")
 _EXAMPLES = """\
@@ -64,6 +65,12 @@ def inspect(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def ratio_facts(body: ReducedBody) -> dict[str, Any]:
+    """Damping ratios of the free body, and of the one held at each interface by itself."""
+    free, *held = damping_ratios(body).items()
+    return {"free": free[1], "held": dict(held)}
+
+
 def parse_clamped(texts: list[str]) -> dict[str, tuple[str, ...]]:
     """Components by interface, of texts `NAME` or `NAME:x,y,rz`.
 
@@ -103,7 +110,7 @@ def facts(body: ReducedBody, *, file: Path, clamped: dict[str, tuple[str, ...]])
             "frame_held": np.sqrt(body.stiffness) / (2.0 * np.pi),
             "clamped": held,
         },
-        "damping_ratios": np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness)),
+        "damping_ratios": ratio_facts(body),
         "partition": body.partition_names,
         "groups": {name: getattr(body, name) is not None for name in _GROUPS},
         "provenance": dict(body.provenance),

@@ -8,7 +8,8 @@ nu = 0.3
 rho = 7850.0
 
 [damping]                      # or alpha and beta (Rayleigh), or tau (Kelvin-Voigt)
-ratio = 0.005
+ratio = 0.005                  # of the free body's modes,
+held = ["bore_1"]              # or, with ratio, or alpha and beta, of those of the body held at interfaces
 """
 
 from __future__ import annotations
@@ -34,11 +35,13 @@ class Material:
         form: the name of a form, or the path of a form file.
         parameters: the form's, in SI units.
         damping: numbers by name: ratio; alpha and beta; tau; or none.
+        held: the interfaces that do not move in the modes that are damped.
     """
 
     form: str
     parameters: dict[str, float]
     damping: dict[str, float]
+    held: tuple[str, ...] = ()
 
 
 def read_material(path: Path) -> Material:
@@ -53,17 +56,24 @@ def read_material(path: Path) -> Material:
     if form.endswith(".py"):
         form = str(path.parent / form)
     parameters = _numbers(top.table("parameters"))
-    damping = _numbers(top.table("damping")) if top.has("damping") else {}
-    if damping and set(damping) not in _DAMPINGS:
-        top.fail("damping", "must have ratio; or alpha and beta (Rayleigh); or tau (Kelvin-Voigt)")
-    return Material(form, parameters, damping)
+    damping: dict[str, float] = {}
+    held: tuple[str, ...] = ()
+    if top.has("damping"):
+        section = top.table("damping")
+        damping = {key: section.number(key) for key in section.values if key != "held"}
+        held = tuple(section.texts("held")) if section.has("held") else ()
+        if (damping or held) and set(damping) not in _DAMPINGS:
+            top.fail("damping", "must have ratio; or alpha and beta (Rayleigh); or tau (Kelvin-Voigt)")
+        if held and "tau" in damping:
+            section.fail("held", "goes with ratio, or with alpha and beta: tau is of the material, whatever is held")
+    return Material(form, parameters, damping, held)
 
 
 def _numbers(section: TomlSection) -> dict[str, float]:
     return {key: section.number(key) for key in section.values}
 
 
-def make_damping(values: dict[str, float]) -> Damping | None:
+def make_damping(values: dict[str, float], *, held: tuple[str, ...] = ()) -> Damping | None:
     """The damping of a material file's numbers; None where there are none.
 
     Raises:
@@ -72,7 +82,7 @@ def make_damping(values: dict[str, float]) -> Damping | None:
     from flexmbd.reduction import KelvinVoigtDamping, ModalDamping, RayleighDamping
 
     if "ratio" in values:
-        return ModalDamping(values["ratio"])
+        return ModalDamping(values["ratio"], held)
     if "alpha" in values:
-        return RayleighDamping(values["alpha"], values["beta"])
+        return RayleighDamping(values["alpha"], values["beta"], held)
     return KelvinVoigtDamping(values["tau"]) if "tau" in values else None

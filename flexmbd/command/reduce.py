@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmbd.command.body_file import check_free
+from flexmbd.command.inspect import ratio_facts
 from flexmbd.command.material_file import Material, make_damping, read_material
 from flexmbd.command.terminal import add_json, print_json, print_line, print_progress, wants_bar
 from flexmbd.coupling import Coupling
 from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError, MeshError
 from flexmbd.libraries import OF_THE_CONTINUUM, require
+from flexmbd.record.summary import ratio_lines
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -109,7 +111,17 @@ def _describe_model(parser: argparse.ArgumentParser) -> None:
     frame.add_argument("--frame", metavar="NAME", help="the interface that carries the body frame (default: the first)")
     frame.add_argument("--floating", action="store_true", help="the body frame floats on the mean axis")
     model.add_argument(
-        "--damping-ratio", type=float, metavar="Z", help="of every mode, between 0 and 1, in place of the file's"
+        "--damping-ratio",
+        type=float,
+        metavar="Z",
+        help="of every mode of the free body, between 0 and 1, in place of the file's",
+    )
+    model.add_argument(
+        "--damping-held",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="an interface that is held in the modes that have the ratio; repeat it",
     )
 
 
@@ -181,7 +193,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     characteristic = _interface_modes(arguments)
     parallel.on_root(comm, lambda: check_free(arguments.output, force=arguments.force, source=arguments.mesh))
     material = parallel.on_root(comm, lambda: _material(arguments))
-    damping = make_damping(material.damping)
+    damping = make_damping(material.damping, held=material.held)
     is_path = material.form.endswith(".py") or "/" in material.form
     form: Any = load_form(Path(material.form) if is_path else material.form)
     parameters = make_parameters(form, material.parameters)
@@ -249,7 +261,13 @@ def _material(arguments: argparse.Namespace) -> Material:
         material = read_material(arguments.material)
         material = dataclasses.replace(material, parameters={**material.parameters, **given})
     if arguments.damping_ratio is not None:
-        material = dataclasses.replace(material, damping={"ratio": arguments.damping_ratio})
+        material = dataclasses.replace(material, damping={"ratio": arguments.damping_ratio}, held=())
+    if arguments.damping_held:
+        if not {"ratio", "alpha"} & set(material.damping):
+            raise FormulationError(
+                "--damping-held goes with --damping-ratio, or with a material file that has ratio, or alpha and beta"
+            )
+        material = dataclasses.replace(material, held=tuple(arguments.damping_held))
     return material
 
 
@@ -258,11 +276,13 @@ def _report(path: Path, body: ReducedBody, size: float | None, *, as_json: bool)
     lowest = math.sqrt(body.stiffness[0]) / (2 * math.pi) if body.n_modes else None
     if as_json:
         found = {"file": path, "n_modes": body.n_modes, "lowest_hz": lowest, "cell_size": size, "mass": body.mass}
-        print_json({**found, "fingerprint": body.fingerprint()})
+        print_json({**found, "damping_ratios": ratio_facts(body), "fingerprint": body.fingerprint()})
         return
     cells = "" if size is None else f", cells of {size:.3g} m"
     frequency = "" if lowest is None else f", the lowest at {lowest:.6g} Hz"
     print_line(f"{path}: {body.n_modes} modes{frequency}{cells}; `flexmbd inspect {path}` shows it")
+    for line in ratio_lines(body):
+        print_line(line)
 
 
 def parse_interface(text: str) -> Interface | NodalInterface:

@@ -54,7 +54,7 @@ def run_ensemble(
     count = workers or os.cpu_count() or 1
     with _bar(progress, len(samples)) as bar:
         if path is not None and path.exists():
-            results = opened_file(path, digest)
+            results = opened_file(path, len(samples), digest)
         else:
             results = _begun(study, samples, digest, path)
         waiting = [int(k) for k in (results.state == WAITING).nonzero()[0]]

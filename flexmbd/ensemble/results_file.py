@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import DamageWarning, RecordError, warn
 from flexmbd.files.row_file import Places, check_rows, head_size, places_of, seal_rows
+from flexmbd.files.sound_hdf5 import open_hdf5
 from flexmbd.files.tree_file import FileKind
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 
@@ -187,34 +188,46 @@ def new_file(
                 _lay_out(file, count, shapes, samples, digest)
                 places = _places(file)
             seal_rows(room, ENSEMBLE, head=head, places=places)
-        return ResultsFile(h5py.File(path, "r+"))
+        return ResultsFile(_reopened(path))
     except OSError as reason:
         raise RecordError(f"the ensemble cannot be written to {path}: {first_line(reason)}") from reason
 
 
-def opened_file(path: Path, digest: str) -> ResultsFile:
-    """Open a file of results that an ensemble with this digest left; damaged rows are to be run again.
+def opened_file(path: Path, count: int, digest: str) -> ResultsFile:
+    """Open a file of results that an ensemble of so many variants left; damaged rows are to be run again.
 
     Raises:
         RecordError: it is no such file, another process writes to it, it is of another ensemble, or damaged beside its
             rows.
     """
-    import h5py
-
     try:
         check_rows(path, kind=ENSEMBLE)
-        file = h5py.File(path, "r+")
+        file = _reopened(path)
     except (RecordError, OSError) as reason:
         raise RecordError(f"{path} cannot be gone on with: {first_line(reason)}") from reason
-    if file.attrs["digest"] != digest:
+    if file.attrs.get("digest") != digest:
         file.close()
         raise RecordError(
             f"{path} is of another ensemble, of other samples, outputs, machine or options, or of another flexmbd; "
             "choose another name, or remove it"
         )
+    if not _is_laid_out(file, count):
+        file.close()
+        raise RecordError(f"{path} does not hold what a {ENSEMBLE.format} should; remove it")
     found = ResultsFile(file)
     found.drop_damaged()
     return found
+
+
+def _is_laid_out(file: h5py.File, count: int) -> bool:
+    """Whether all that `_lay_out` makes of so many variants is there."""
+    try:
+        outputs = list(file["outputs"].values())
+        sound = all(one.dtype == np.float64 and one.shape[:1] == (count,) for one in outputs)
+        kinds = {name: ((count,), kind) for name, kind in _OF_EACH.items()}
+        return sound and all((file[name].shape, file[name].dtype) == kind for name, kind in kinds.items())
+    except (KeyError, AttributeError, TypeError):  # an item is missing, or is a group
+        return False
 
 
 def add_to_file(path: Path, write: Callable[[h5py.File], None]) -> None:
@@ -223,19 +236,33 @@ def add_to_file(path: Path, write: Callable[[h5py.File], None]) -> None:
     Raises:
         RecordError: it cannot be written.
     """
-    import h5py
-
     path = Path(os.path.realpath(path))
     try:
         with part_file(path) as (part, room):
             refuse_no_room(room, path.stat().st_size + _HEADERS)
             shutil.copyfile(path, part)
-            with h5py.File(part, "r+", locking=False) as file:
+            with _reopened(part, locking=False) as file:
                 write(file)
                 head, places = file.userblock_size, _places(file)
             seal_rows(room, ENSEMBLE, head=head, places=places)
     except OSError as reason:
         raise RecordError(f"the ensemble cannot be written to {path}: {first_line(reason)}") from reason
+
+
+def results(path: Path) -> h5py.File:
+    """A file of results open for reading.
+
+    Raises:
+        RecordError: it cannot be read, or is no such file.
+    """
+    try:
+        return open_hdf5(path, size=path.stat().st_size)
+    except (RecordError, OSError) as reason:
+        raise RecordError(f"{path} cannot be read: {first_line(reason)}") from reason
+
+
+def _reopened(path: Path, *, locking: bool | None = None) -> h5py.File:
+    return open_hdf5(path, "r+", size=path.stat().st_size, locking=locking)
 
 
 def _places(file: h5py.File) -> Places:
@@ -255,13 +282,13 @@ def _lay_out(
     file.create_group("outputs")
     for name, shape in shapes.items():
         _allocate(file["outputs"], name, (count, *shape), np.dtype(np.float64), np.nan)
-    _allocate(file, "state", (count,), np.dtype(np.int8), WAITING)
-    _allocate(file, "message", (count,), np.dtype(f"S{_TEXT}"), b"")
+    for name, kind in _OF_EACH.items():
+        _allocate(file, name, (count,), kind, b"" if kind.kind == "S" else 0)
     file["message"][...] = b""  # what HDF5 fills texts with is what was in memory
-    _allocate(file, "check", (count,), np.dtype(np.uint32), 0)
 
 
-_OF_EACH = ("state", "message", "check")  # variant, beside the outputs
+# Of each variant, beside the outputs; a state of 0 is WAITING.
+_OF_EACH = {"state": np.dtype(np.int8), "message": np.dtype(f"S{_TEXT}"), "check": np.dtype(np.uint32)}
 
 
 def _allocate(group: Any, name: str, shape: Sequence[int], dtype: np.dtype[Any], fill: Any) -> None:

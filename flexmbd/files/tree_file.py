@@ -11,7 +11,7 @@ The schema, which any HDF5 library can read (docs/record.md lists what a reduced
     dictionaries  groups
 
 The user block is checked before the HDF5 library sees a byte: on a damaged file the library may
-never return.  No pickle, no compression.
+never return.  No pickle, no compression, nothing outside the file (`sound_hdf5`).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from flexmbd.errors import RecordError
+from flexmbd.files.sound_hdf5 import open_hdf5
 from flexmbd.files.tree_layout import HEAD as HEAD
 from flexmbd.files.tree_layout import NUMBERS, lay_out, room_of, store, write_group
 from flexmbd.files.tree_layout import FileKind as FileKind
@@ -113,15 +114,10 @@ def tree_of(path: Path, image: bytes, *, kind: FileKind) -> Tree:
 
 
 def _tree(path: Path, stream: BinaryIO, *, size: int, kind: FileKind) -> Tree:
-    import h5py
-
     try:
-        with h5py.File(stream, "r") as file:
-            if _claimed(file) > size:
-                # a dataset may claim any size at no cost in the file
-                raise ValueError(f"it claims {_claimed(file)} bytes of data, and has {size}")
+        with open_hdf5(stream, size=size) as file:
             return _read_group(file)
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (RecordError, OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise RecordError(f"{path} does not hold what a {kind.format} should: {error}") from error
 
 
@@ -272,17 +268,6 @@ def _refuse_size(path: Path, found: int, size: int) -> None:
 def _refuse_digest(path: Path, digest: str, head: bytes, kind: FileKind) -> None:
     if digest.encode() != _headline(path, head, kind).group(5):
         raise RecordError(f"{path} is damaged: its SHA-256 is another; copy it or write it again")
-
-
-def _claimed(group: h5py.Group) -> int:
-    """Bytes of data that the datasets of a group claim, all together."""
-    import h5py
-
-    claims = (
-        _claimed(item) if isinstance(item, h5py.Group) else int(item.size) * item.dtype.itemsize
-        for item in group.values()
-    )
-    return sum(claims)
 
 
 def _read_group(group: h5py.Group) -> Tree:

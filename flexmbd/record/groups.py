@@ -359,9 +359,20 @@ def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
         yield f"{kind} has nodes of interfaces {np.unique(group.interface)}, and {len(group.names)} names"
     if isinstance(group, Gyroscopic) and group.G.shape == (n, n) and not np.array_equal(group.G, -group.G.T):
         yield f"{kind} has a G that is not skew, whose forces would do work"
+    symmetric = {"K": group.K} if isinstance(group, GeometricStiffness) else {}
+    symmetric |= {"P": group.P} if isinstance(group, ModalStretch) else {}
+    for item, array in symmetric.items():
+        if array.shape[1:] == (n, n) and not _are_symmetric(array):
+            yield f"{kind}: {item} is not symmetric"
     for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
         if len(set(names)) != len(names):
             yield f"{kind} names {'an interface' if isinstance(group, NodalInterfaces) else 'a load'} twice: {names}"
+
+
+def _are_symmetric(matrices: FloatArray) -> bool:
+    """Each (n, n) of (k, n, n), to the eight digits that files of other programs have."""
+    errors = abs(matrices - matrices.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
+    return bool((errors <= 1e-6 * abs(matrices).max(axis=(1, 2), initial=0.0)).all())
 
 
 def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:

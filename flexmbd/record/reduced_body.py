@@ -37,6 +37,7 @@ from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
+from flexmbd.record.held_modes import interface_motion, mass_matrix, modal_mass, null_space
 from flexmbd.record.pictured import PicturedRecord
 from flexmbd.record.record_faults import record_faults
 from flexmbd.record.summary import summary
@@ -172,27 +173,11 @@ class ReducedBody(PicturedRecord):
 
         Rows: translation (m) and rotation (rad) of B, both in B's axes, then q.
         """
-        n = self.n_modes
-        m = np.zeros((6 + n, 6 + n))
-        m[:3, :3] = self.mass * np.eye(3)
-        static = self.gram[0, 1:4]
-        m[:3, 3:6] = -_cross_matrix(static)
-        second = self.gram[1:4, 1:4]
-        m[3:6, 3:6] = np.trace(second) * np.eye(3) - second
-        m[:3, 6:] = self.gram[0, 4:].reshape(n, 3).T
-        x_phi = self.gram[1:4, 4:].reshape(3, n, 3)
-        m[3, 6:] = x_phi[1, :, 2] - x_phi[2, :, 1]
-        m[4, 6:] = x_phi[2, :, 0] - x_phi[0, :, 2]
-        m[5, 6:] = x_phi[0, :, 1] - x_phi[1, :, 0]
-        m[3:6, :3] = m[:3, 3:6].T
-        m[6:, :6] = m[:6, 6:].T
-        m[6:, 6:] = self.modal_mass()
-        return m
+        return mass_matrix(self.gram)
 
     def modal_mass(self) -> FloatArray:
         """M_qq (n, n) as the Gram matrix gives it; the identity up to round-off."""
-        n = self.n_modes
-        return np.einsum("iaja->ij", self.gram[4:, 4:].reshape(n, 3, n, 3))
+        return modal_mass(self.gram)
 
     @checked(error=RecordError)
     def strained(self, q: FloatArray) -> FloatArray:
@@ -238,7 +223,7 @@ class ReducedBody(PicturedRecord):
         rows = np.zeros((0, 6 + n))
         choice = clamped if isinstance(clamped, Mapping) else dict.fromkeys(clamped, FRAME_DOFS)
         for name, components in choice.items():
-            motion = self._interface_motion(self.interface(name))
+            motion = interface_motion(self.interface(name))
             for component in components:
                 if component not in FRAME_DOFS:
                     raise InterfaceError(
@@ -246,7 +231,7 @@ class ReducedBody(PicturedRecord):
                         f"choose from {', '.join(FRAME_DOFS)}"
                     )
                 rows = np.vstack([rows, motion[FRAME_DOFS.index(component)]])
-        free = _null_space(rows)
+        free = null_space(rows)
         n_rigid = 6 - np.linalg.matrix_rank(rows[:, :6]) if len(rows) else 6
         mass = self.mass_matrix()
         inverse = np.linalg.inv(np.linalg.cholesky(free.T @ mass @ free))
@@ -255,16 +240,6 @@ class ReducedBody(PicturedRecord):
         # Rayleigh quotients: the solver's eigenvalues have an error relative to the largest one
         eigenvalues = (self.stiffness @ shapes[6:] ** 2) / np.sum(shapes * (mass @ shapes), axis=0)
         return np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi)
-
-    def _interface_motion(self, frame: InterfaceFrame) -> FloatArray:
-        """(6, 6 + n) motion of an interface in its own axes per (translation, rotation of B, q)."""
-        motion = np.zeros((6, 6 + self.n_modes))
-        motion[:3, :3] = motion[3:, 3:6] = np.eye(3)
-        motion[:3, 3:6] = -_cross_matrix(frame.p_BI_B)
-        motion[:, 6:] = frame.modes
-        motion[:3] = frame.R_BI.T @ motion[:3]
-        motion[3:] = frame.R_BI.T @ motion[3:]
-        return motion
 
     def inspect(self) -> str:
         """A readable sheet of the body; the same text for the same record.
@@ -385,18 +360,3 @@ _ITEMS = frozenset(
         "p_MB_M", "R_MB", "interface_names", "interface_p", "interface_R", "interface_modes",
     }
 )  # fmt: skip
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    """Return [v]x with [v]x w = v x w."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _null_space(rows: FloatArray) -> FloatArray:
-    """Orthonormal basis of the vectors that every row annihilates."""
-    if len(rows) == 0:
-        return np.eye(rows.shape[1])
-    scaled = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    _, s, vt = np.linalg.svd(scaled)
-    rank = int(np.sum(s > 1e-12 * s[0]))
-    return vt[rank:].T

@@ -29,6 +29,7 @@ from flexmbd.record.groups import (
     StressModes,
     Surface,
 )
+from flexmbd.record.held_modes import held_modes
 from flexmbd.rotation import to_quaternion
 
 # What is smaller, relative to its like, is round-off and shown as zero.
@@ -36,6 +37,8 @@ _NOISE = 1e-12
 # Principal moments closer than this have no axes of their own.
 _EQUAL = 1e-6
 _MARGIN = 16
+# Damping ratios that are shown of a body in one state.
+_FIRST = 3
 # as in "tip.rx", or "tip.rx from root" where the body frame floats
 _INTERFACE_DOF = re.compile(rf"(.+)\.(?:{'|'.join(FRAME_DOFS)})((?: from .+)?)")
 
@@ -188,23 +191,43 @@ def _modes(body: _Record) -> Iterable[str]:
         yield "modes: none, the body is rigid"
         return
     free = [f"{frequency:.6g}" for frequency in body.frequencies()]
-    ratios = [f"{ratio:.4g}" for ratio in np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness))]
+    ratios = [f"{ratio:.4g}" for ratio in held_modes(body.gram, body.stiffness).ratios(body.damping)]
     if body.frame is None:
         yield "modes: frequencies (Hz) of the free body, damping ratio; no mode moves with B's origin or axes"
         yield _row("mode", ["free", "damping"])
         yield from (_row(str(i), row) for i, row in enumerate(zip(free, ratios, strict=True), start=1))
     else:
-        yield "modes: frequencies (Hz) of the body free and with B held, damping ratio; effective mass along B's axes"
+        yield "modes: frequencies (Hz), damping ratios of the body free and with B held; effective mass along B's axes"
         yield "and effective inertia about them (% of the body's, motion of B as base)"
-        yield _row("mode", ["free", "B held", "damping"], FRAME_DOFS)
+        yield _row("mode", ["free", "damping", "B held", "damping"], FRAME_DOFS)
         held = [f"{frequency:.6g}" for frequency in np.sqrt(body.stiffness) / (2.0 * np.pi)]
+        there = [f"{ratio:.4g}" for ratio in np.diag(body.damping) / (2.0 * np.sqrt(body.stiffness))]
         shares = _effective_shares(body)
-        for i, row in enumerate(zip(free, held, ratios, strict=True)):
+        for i, row in enumerate(zip(free, ratios, held, there, strict=True)):
             yield _row(str(i + 1), row, [f"{100.0 * share:.2f}" for share in shares[i]])
-        yield _row("sum", [""] * 3, [f"{100.0 * share:.2f}" for share in shares.sum(axis=0)])
+        yield _row("sum", [""] * 4, [f"{100.0 * share:.2f}" for share in shares.sum(axis=0)])
+    yield from ratio_lines(body)
     coupling = _coupling(body.damping)
     if coupling > _NOISE:
         yield f"the damping couples modes: largest D_ij / sqrt(D_ii D_jj) = {coupling:.2g}"
+
+
+def damping_ratios(body: _Record) -> dict[str, FloatArray]:
+    """(n,) damping ratios of the modes, by the interface that is held; of the free body by an empty name."""
+    states: list[tuple[str, tuple[InterfaceFrame, ...]]] = [("", ())]
+    states += [(frame.name, (frame,)) for frame in body.interfaces]
+    return {name: held_modes(body.gram, body.stiffness, held).ratios(body.damping) for name, held in states}
+
+
+def ratio_lines(body: _Record) -> Iterable[str]:
+    """The first damping ratios of the free body and with each interface held; nothing of a body without damping."""
+    if not body.damping.any():
+        return
+    yield "damping ratios of the first modes"
+    for name, ratios in damping_ratios(body).items():
+        more = ", ..." if len(ratios) > _FIRST else ""
+        state = f"with {name} held" if name else "of the free body"
+        yield _entry(state, ", ".join(f"{ratio:.4g}" for ratio in ratios[:_FIRST]) + more)
 
 
 def _effective_shares(body: _Record) -> FloatArray:

@@ -36,7 +36,15 @@ from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
 from flexmbd.record.groups import IntArray
-from flexmbd.record.reduced_body import DistributedLoads, FurtherUnknowns, NodalInterfaces, NodalModes, Surface
+from flexmbd.record.inertia_loads import PRESTRESS_SPIN
+from flexmbd.record.reduced_body import (
+    DistributedLoads,
+    FurtherUnknowns,
+    InterfaceFrame,
+    NodalInterfaces,
+    NodalModes,
+    Surface,
+)
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.large_displacements.modal_derivatives import (
@@ -154,7 +162,8 @@ def optional_parts(
     modes: FloatArray,
     stiffness: FloatArray,
     resolved: float,
-    frames: Sequence[str],
+    gram: FloatArray,
+    interfaces: Sequence[InterfaceFrame],
     nodal: Sequence[str],
     p: FloatArray,
     R: FloatArray,
@@ -168,7 +177,8 @@ def optional_parts(
         modes: (local dofs including ghosts, n) in normal form, in the mesh's axes.
         stiffness: (n,) 1/s^2.
         resolved: 1/s^2, the highest eigenvalue of the fixed-interface modes that were asked for.
-        frames: names of the record's interfaces, in its order.
+        gram: (4 + 3 n, 4 + 3 n) mass integrals.
+        interfaces: the record's, in its order.
         nodal: names of the nodal interfaces whose nodes the record has.
         p: (3,) m, the body frame's origin in the mesh's axes.
         R: (3, 3) rotation from the body frame's axes to the mesh's.
@@ -179,12 +189,14 @@ def optional_parts(
     """
     own = modes[: model.n_owned]
     parts: dict[str, Any] = {
-        "damping": modal_damping(model, contents.damping, modes=own, stiffness=stiffness)
+        "damping": modal_damping(
+            model, contents.damping, modes=own, stiffness=stiffness, gram=gram, interfaces=interfaces, p=p, R=R
+        )
     }
     rotors = gyroscopic_group(model, modes=own, p=p, R=R)
     if rotors is not None:
         parts["gyroscopic"] = rotors
-    provenance = _notes(model, contents)
+    provenance = _notes(model, contents, R=R)
     if contents.geometric_stiffness:
         groups, notes = _stiffening_groups(model, contents, found, modes=modes, stiffness=stiffness, resolved=resolved)
         parts.update(groups)
@@ -194,14 +206,17 @@ def optional_parts(
         provenance.update(notes)
     if nodal:
         parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
+    frames = [one.name for one in interfaces]
     return parts, _kept(model, contents.keep, modes, frames=frames, p=p, R=R), provenance
 
 
-def _notes(model: LinearModel, contents: Contents) -> dict[str, str]:
+def _notes(model: LinearModel, contents: Contents, *, R: FloatArray) -> dict[str, str]:
     """What the provenance says of the loaded state and of damping."""
     notes = {}
     if model.state is not None:
         notes["prestress"] = "\n".join([*model.state.loads, model.state.note])
+        if model.state.spin.any():
+            notes[PRESTRESS_SPIN] = " ".join(repr(float(rate)) for rate in R.T @ model.state.spin)
     said = [str(contents.damping)] if contents.damping is not None else []
     if has_dissipation(model):
         said.append("dissipation of the formulation")

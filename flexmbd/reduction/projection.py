@@ -14,6 +14,7 @@ from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.gram_matrix import gram_matrix
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.recovery import SHARE, model_share
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
@@ -118,7 +119,8 @@ def project(
         modes=modes,
         stiffness=parts["stiffness"],
         resolved=basis.resolved,
-        frames=[one.name for one in basis.interfaces],
+        gram=parts["gram"],
+        interfaces=parts["interfaces"],
         nodal=basis.nodal,
         p=p,
         R=R,
@@ -126,6 +128,8 @@ def project(
     parts["provenance"].update(notes)
     if basis.large is not None:
         more["nonlinear"], parts["provenance"]["strain energy"] = basis.large.group(modes, parts["partition"])
+    if len(stiffness) and (basis.large is not None or model.state is not None):
+        parts["provenance"][SHARE] = repr(model_share(model, modes[: model.n_owned], parts["stiffness"])[0])
     if stream is None:
         more.update((name, group.whole()) for name, group in spread.items())
     body = ReducedBody(**parts, **more)

@@ -8,18 +8,18 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.ensemble.executing import run_ensemble
 from flexmbd.ensemble.results import Ensemble
-from flexmbd.ensemble.results_file import FAILED, add_to_file
+from flexmbd.ensemble.results_file import FAILED, add_to_file, results
 from flexmbd.ensemble.samples import Samples
 from flexmbd.ensemble.stamp import program_stamp
 from flexmbd.ensemble.variants import Study
-from flexmbd.errors import FlexmbdError, RecordError, SceneError
+from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.scene_file.entry_kinds import INTEGRATORS
@@ -27,6 +27,9 @@ from flexmbd.scene_file.reading import read_scene
 from flexmbd.scene_file.result_columns import plan_columns, tabulate
 from flexmbd.scene_file.scene_builder import Built, build
 from flexmbd.scene_file.scene_description import SceneFile
+
+if TYPE_CHECKING:  # h5py loads where a file is asked for
+    import h5py
 
 FloatArray = NDArray[np.float64]
 
@@ -188,24 +191,19 @@ def sweep_results(path: Path, samples: ResultTable, quantities: Sequence[tuple[s
     Raises:
         RecordError: it cannot be read or written.
     """
-    import h5py
-
     def name(file: h5py.File) -> None:
         outputs = file["outputs/quantities"]
         outputs.attrs["names"], outputs.attrs["units"] = zip(*quantities, strict=True)
         table = file.create_dataset("samples", data=samples.values, track_times=False)
         table.attrs["names"], table.attrs["units"] = samples.names, samples.units
 
-    try:
-        with h5py.File(path, "r") as file:
-            failed = np.flatnonzero(file["state"][()] == FAILED)
-            failures = tuple((int(k), file["message"][k].decode(errors="replace")) for k in failed)
-            results, named = SweepResults(file["outputs/quantities"][()], failures), "samples" in file
-    except OSError as reason:
-        raise RecordError(f"the sweep's file {path} cannot be read: {reason}") from reason
+    with results(path) as file:
+        failed = np.flatnonzero(file["state"][()] == FAILED)
+        failures = tuple((int(k), file["message"][k].decode(errors="replace")) for k in failed)
+        found, named = SweepResults(file["outputs/quantities"][()], failures), "samples" in file
     if not named:
         add_to_file(path, name)
-    return results
+    return found
 
 
 def simulated(built: Built, scene: SceneFile, *, progress: bool = False, stream: Path | None = None) -> Any:

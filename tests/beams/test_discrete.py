@@ -43,6 +43,9 @@ def frame(**more):
     return DiscreteFrame(POINTS, BEAMS, SECTIONS, **{"divisions": {"mast": 2, "arms": 3, "stay": 1}, **more})
 
 
+DAMPED = {"damping_ratio": 0.05, "damping_held": ["root"]}
+
+
 def rod(divisions, section=BAR, **more):
     """Along x from 0 to 1 m."""
     ends = {"root": (0.0, 0.0, 0.0), "tip": (1.0, 0.0, 0.0)}
@@ -288,13 +291,14 @@ def test_in_the_plane():
 
 
 def test_modal_damping():
-    body = discrete_body(rod(4), interfaces=["root"], frame="root", modes=5, damping_ratio=0.03)
+    how = {"damping_ratio": 0.03, "damping_held": ["root"]}
+    body = discrete_body(rod(4), interfaces=["root"], frame="root", modes=5, **how)
     assert body.damping == pytest.approx(np.diag(0.06 * np.sqrt(body.stiffness)))
 
 
 def test_in_the_machine():
     """A cantilever's tip under a force that comes at once: the sum of its modes' answers, as long as it is small."""
-    body = discrete_body(rod(3), interfaces=["root", "tip"], frame="root", modes=2, damping_ratio=0.05)
+    body = discrete_body(rod(3), interfaces=["root", "tip"], frame="root", modes=2, **DAMPED)
     scene = fm.System()
     arm = scene.add(fm.FlexibleBody(body), name="arm")
     scene.connect(fm.joint.Fixed(), scene.ground.frame(), arm.frame("root"))
@@ -349,6 +353,7 @@ def test_sections_that_are_none(change, message):
         (lambda: discrete_body(rod(2), interfaces=["tip"], frame="tip", modes=13), "13 modes .* has 12"),
         (lambda: discrete_body(rod(2), frame=None, modes=13), "13 modes .* has 12"),
         (lambda: discrete_body(rod(2), interfaces=["tip"], frame="tip", damping_ratio=1.2), "ratio must lie between"),
+        (lambda: discrete_body(rod(2), frame=None, modes=1, damping_held=["root"]), "'root' is not among"),
         (lambda: discrete_body(rod(1), interfaces=["tip"], frame="tip", damping_ratio=[0.1]), "1 damping ratios for 6"),
         (lambda: rod(2).displaced(np.zeros(18), clamped=[]), "clamp a node"),
         (lambda: rod(2).node((0.0, 0.0)), "three finite coordinates"),

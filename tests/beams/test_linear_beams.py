@@ -26,7 +26,7 @@ def rod(divisions=12):
 
 def hung(gravity, ratio):
     lumped = rod()
-    record = discrete_body(lumped, interfaces=["root", "tip"], frame="root", damping_ratio=ratio)
+    record = discrete_body(lumped, interfaces=["root", "tip"], frame="root", damping_ratio=ratio, damping_held=["root"])
     scene = fm.System(gravity=(0.0, 0.0, -gravity))
     body = scene.add(fm.FlexibleBody(record), name="rod")
     scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame("root"), name="pin")

@@ -58,7 +58,10 @@ def test_inspect_for_scripts(record, capsys):
     np.testing.assert_array_equal(found["frequencies"]["clamped"]["hz"], body.frequencies({held: ("x", "y", "z")}))
     assert [one["name"] for one in found["interfaces"]] == [one.name for one in body.interfaces]
     assert found["groups"]["stress"] is (body.stress is not None)
-    assert found["damping_ratios"] == pytest.approx(np.diag(body.damping) / 2 / np.sqrt(body.stiffness))
+    ratios = found["damping_ratios"]
+    assert list(ratios["held"]) == [one.name for one in body.interfaces]
+    assert ratios["held"][body.frame] == pytest.approx(np.diag(body.damping) / 2 / np.sqrt(body.stiffness))
+    assert len(ratios["free"]) == body.n_modes
 
 
 def test_inspect_with_an_interface_clamped(record, capsys):

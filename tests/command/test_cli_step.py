@@ -178,7 +178,7 @@ def test_what_is_wrong_with_a_material_file_is_one_line(part, capsys, text, mess
 @pytest.mark.parametrize(
     ("more", "expected"),
     [
-        ("[damping]\nalpha = 3.0\nbeta = 1e-6\n", lambda k: 3.0 + 1e-6 * k),
+        ('[damping]\nalpha = 3.0\nbeta = 1e-6\nheld = ["bore_1"]\n', lambda k: 3.0 + 1e-6 * k),
         ("[damping]\ntau = 1e-6\n", lambda k: 1e-6 * k),
         ("[damping]\nratio = 0.5\n", lambda k: 2 * 0.02 * np.sqrt(k)),
     ],
@@ -188,7 +188,7 @@ def test_dampings_and_values_in_place_of_the_files(part, more, expected):
     part.with_name("steel.toml").write_text(STEEL + more)
     words = ["reduce", "link.step", "--material", "steel.toml", *LINK, "--modes", "0", "--size", "0.006"]
     words += ["--no-geometric-stiffness", "--parameter", "rho=1000"]
-    words += ["--damping-ratio", "0.02"] if "ratio" in more else []
+    words += ["--damping-ratio", "0.02", "--damping-held", "bore_1"] if "ratio" in more else []
     assert main([*words, "-o", "a.h5"]) == 0
     body = ReducedBody.load("a.h5")
     assert np.diag(body.damping) == pytest.approx(expected(body.stiffness), rel=1e-9)

@@ -14,9 +14,9 @@ from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.recovery import nodal_modes
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
-from flexmbd.forms import solid_linear, solid_mixed
+from flexmbd.forms import solid_linear, solid_mixed, st_venant_kirchhoff
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.reduction import Keep, craig_bampton
+from flexmbd.reduction import Keep, ModalDerivatives, craig_bampton, prestressed
 
 MATERIAL = solid_linear.Parameters(E=3.0e9, nu=0.28, rho=1200.0)
 AXES = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -86,6 +86,48 @@ def test_record_of_another_mesh():
     body = reduced(model(), keep=Keep(modes=True))
     with pytest.raises(RecordError, match="of another mesh"):
         nodal_modes(body, model(length=0.7))
+
+
+def layered(face, core, *, form=solid_linear, comm=MPI.COMM_WORLD):
+    mesh = meshes.block(
+        0.6, 0.1, 0.2, divisions=(4, 1, 2), layers=("face", "core"), cell="tetrahedron", comm=comm
+    )
+    pairs = {"face": (form, form.Parameters(**face)), "core": (form, form.Parameters(**core))}
+    return ContinuumModel(mesh, pairs, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
+
+
+STIFF, SOFT = {"E": 3.0e9, "nu": 0.28, "rho": 1200.0}, {"E": 1.0e9, "nu": 0.28, "rho": 1200.0}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("nonlinear", [None, ModalDerivatives({"x_max.y": 100.0})])
+@pytest.mark.parametrize("frame", ["x_min", None])
+def test_record_of_another_body(nonlinear, frame):
+    """Another material anywhere, by a hundredth of a per cent too, is told by how much it is stiffer or heavier."""
+    body = craig_bampton(layered(STIFF, SOFT), modes=2, frame=frame, nonlinear=nonlinear, keep=Keep(modes=True))
+    for same in (layered(STIFF, SOFT), layered(STIFF, SOFT, form=st_venant_kirchhoff)):
+        assert nodal_modes(body, same).shape[1] == body.n_modes
+    others = {
+        "2 times the stiffness and 1 times": ({**STIFF, "E": 6e9}, {**SOFT, "E": 2e9}),
+        r"1 times the stiffness and 2\.5 times": ({**STIFF, "rho": 3000.0}, {**SOFT, "rho": 3000.0}),
+        "they have": (SOFT, STIFF),
+        "they have: ": ({**STIFF, "nu": 0.2801}, SOFT),
+        "that they have": (STIFF, {**SOFT, "E": 1.0001e9}),
+    }
+    for message, (face, core) in others.items():
+        with pytest.raises(RecordError, match=f"the record is of another body than the model.*{message}"):
+            nodal_modes(body, layered(face, core))
+
+
+@pytest.mark.mpi
+def test_record_of_another_state():
+    """A model at rest has not the stiffness of a body that is loaded."""
+    rest = model()
+    loaded = prestressed(rest, frame="x_min", forces={"x_max": (2e6, 0, 0, 0, 0, 0)})
+    body = reduced(loaded, keep=Keep(modes=True))
+    assert nodal_modes(body, loaded).shape[1] == body.n_modes
+    with pytest.raises(RecordError, match="the loaded state with which the body was reduced"):
+        nodal_modes(body, rest)
 
 
 @pytest.mark.mpi

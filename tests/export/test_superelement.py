@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from exported_bodies import damped_rod, floating_bar, small_body, soft_bar
+from particles import of_unit_mass
 
 import flexmbd as fm
 from flexmbd.errors import ExportError, InterfaceError
@@ -119,7 +120,8 @@ def test_the_completed_gram_matrix_is_one_of_a_mass_distribution(body):
 def test_completion_gives_back_any_mass_matrix(n):
     """Of random fields of point masses: mass matrix alike, Gram matrix positive semidefinite and least in one sense."""
     random = np.random.default_rng(n)
-    mass, x, phi = random.uniform(1.0, 2.0, 40), random.normal(size=(40, 3)), random.normal(size=(40, 3, n))
+    mass, x = random.uniform(1.0, 2.0, 40), random.normal(size=(40, 3))
+    phi = of_unit_mass(random.normal(size=(40, 3, n)), mass)
     fields = np.concatenate([np.ones((40, 1)), x, np.swapaxes(phi, 1, 2).reshape(40, 3 * n)], axis=1)
     gram = fields.T @ (mass[:, None] * fields)
     parts = dict(damping=np.zeros((n, n)), interfaces=(), frame=None, partition=np.eye(n), stiffness=np.ones(n))
@@ -138,7 +140,7 @@ def test_rigid_fields_are_completed_exactly():
     random = np.random.default_rng(3)
     mass, x = random.uniform(1.0, 2.0, 20), random.normal(size=(20, 3))
     motions = [random.normal(size=(2, 3)) for _ in range(3)]
-    phi = np.stack([shift + np.cross(turn, x) for shift, turn in motions], axis=2)
+    phi = of_unit_mass(np.stack([shift + np.cross(turn, x) for shift, turn in motions], axis=2), mass)
     fields = np.concatenate([np.ones((20, 1)), x, np.swapaxes(phi, 1, 2).reshape(20, 9)], axis=1)
     gram = fields.T @ (mass[:, None] * fields)
     parts = dict(damping=np.zeros((3, 3)), interfaces=(), frame=None, partition=np.eye(3), stiffness=np.ones(3))

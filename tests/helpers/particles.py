@@ -20,6 +20,12 @@ class Particles:
     record: ReducedBody
 
 
+def of_unit_mass(phi: np.ndarray, masses: np.ndarray) -> np.ndarray:
+    """(k, 3, n) combinations of the modes phi of masses (k,) whose modal mass matrix is the identity."""
+    modal = np.einsum("k,kai,kaj->ij", masses, phi, phi)
+    return phi @ np.linalg.inv(np.linalg.cholesky(modal)).T
+
+
 def particle_body(
     seed: int,
     *,

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from particles import of_unit_mass
 from two_crosses_body import two_crosses
 
 from flexmbd.errors import RecordError
@@ -13,7 +14,7 @@ from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 
 def body_of(points, masses, phi=None):
     """The record of real point masses (k,), at points (k, 3), with modes phi (k, 3, n)."""
-    phi = np.zeros((len(points), 3, 0)) if phi is None else phi
+    phi = np.zeros((len(points), 3, 0)) if phi is None else of_unit_mass(phi, masses)
     n = phi.shape[2]
     fields = np.concatenate([np.ones((len(points), 1)), points, phi.swapaxes(1, 2).reshape(len(points), 3 * n)], axis=1)
     return ReducedBody(

@@ -7,6 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from particles import of_unit_mass
+from scipy.spatial.transform import Rotation
 
 from flexmbd.errors import RecordError
 from flexmbd.files.tree_file import read_tree, write_tree
@@ -34,19 +36,26 @@ SIZE |= {"p3": 35, "p4": 70, "r": 3}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
+def symmetric(matrices):
+    return matrices + matrices.swapaxes(1, 2)
+
+
 def full_record():
     """A record with every group but `nonlinear`, whose numbers use all their bits."""
     rng = np.random.default_rng(7)
     n, k, s, v, t, g = (SIZE[size] for size in "nksvtg")
     fields = rng.normal(size=(40, 4 + 3 * n))
     fields[:, 0] = 1.0
+    shapes = of_unit_mass(fields[:, 4:].reshape(40, n, 3).swapaxes(1, 2), np.ones(40))
+    fields[:, 4:] = shapes.swapaxes(1, 2).reshape(40, 3 * n)
     half = rng.normal(size=(n, n))
+    turn = lambda: Rotation.from_rotvec(rng.normal(size=3)).as_matrix()  # noqa: E731
     return ReducedBody(
         gram=fields.T @ fields,
         stiffness=np.sort(rng.uniform(1, 2, n)),
-        damping=rng.normal(size=(n, n)),
+        damping=half @ half.T,
         interfaces=tuple(
-            InterfaceFrame(name, rng.normal(size=3), rng.normal(size=(3, 3)), rng.normal(size=(6, n)))
+            InterfaceFrame(name, rng.normal(size=3), turn(), rng.normal(size=(6, n)))
             for name in ("root", "tip")
         ),
         frame="root",
@@ -54,15 +63,15 @@ def full_record():
         partition_names=tuple(f"tip.{i}" for i in range(n)),
         provenance={"form": "by hand", "ganz oben": "two\nlines \u00e4"},
         p_MB_M=rng.normal(size=3),
-        R_MB=rng.normal(size=(3, 3)),
+        R_MB=turn(),
         unknowns=FurtherUnknowns(np.arange(SIZE["u"]) ** 2, rng.normal(size=(SIZE["u"], n))),
         modes=NodalModes(np.arange(k) ** 3, rng.normal(size=(k, 3)), rng.normal(size=(k, 3, n))),
         nodal=NodalInterfaces(
             tuple("abcd"), np.arange(6) ** 2, rng.normal(size=(6, 3)), np.arange(6) % 4, rng.normal(size=(6, 3, n))
         ),
         surface=Surface(rng.normal(size=(v, 3)), rng.integers(0, v, (t, 3)), rng.normal(size=(v, 3, n))),
-        geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), rng.normal(size=(g, n, n))),
-        stretch=ModalStretch(rng.normal(size=(3, n)), rng.normal(size=(3, n, n))),
+        geometric=GeometricStiffness(tuple(f"load {i}" for i in range(g)), symmetric(rng.normal(size=(g, n, n)))),
+        stretch=ModalStretch(rng.normal(size=(3, n)), symmetric(rng.normal(size=(3, n, n)))),
         gyroscopic=Gyroscopic(rng.normal(size=3), rng.normal(size=(3, n)), half - half.T),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
         stress=StressModes(
@@ -172,7 +181,8 @@ def test_a_group_with_a_further_array_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("change", [
-    {"gram": np.eye(19)}, {"stiffness": np.ones(5)}, {"damping": np.eye(5)}, {"partition": np.eye(5)},
+    {"gram": full_record().gram + np.diag([1.0] + [0.0] * 18)}, {"stiffness": np.ones(5)}, {"damping": np.eye(5)},
+    {"partition": np.eye(5)},
     {"frame": None}, {"geometric": None}, {"loads": None},
     {"interfaces": full_record().interfaces[::-1]},
     {"interfaces": tuple(dataclasses.replace(one, p_BI_B=np.zeros(3)) for one in full_record().interfaces)},

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from particles import of_unit_mass
 from two_crosses_body import (
     AT_A,
     AT_B,
@@ -59,7 +60,8 @@ def test_mass_matrix_is_that_of_the_points():
 
 def test_mass_matrix_of_points_without_any_symmetry():
     rng = np.random.default_rng(4)
-    points, masses, phi = rng.normal(size=(9, 3)), rng.uniform(1, 2, 9), rng.normal(size=(9, 3, 2))
+    points, masses = rng.normal(size=(9, 3)), rng.uniform(1, 2, 9)
+    phi = of_unit_mass(rng.normal(size=(9, 3, 2)), masses)
     fields = np.concatenate([np.ones((9, 1)), points, phi[..., 0], phi[..., 1]], axis=1)
     body = two_crosses(gram=(fields * masses[:, None]).T @ fields)
     jacobian = np.zeros((9, 3, 8))

@@ -45,6 +45,7 @@ class StaticState:
         rigid_error: of the static shapes at rest; see `flexmbd.reduction.static_shapes.statics`.
         loads: what the body is loaded with, as text.
         note: what became of it.
+        spin: (3,) rad/s of the body, along the mesh's axes.
     """
 
     frame: str
@@ -54,6 +55,7 @@ class StaticState:
     rigid_error: float
     loads: tuple[str, ...]
     note: str
+    spin: FloatArray
 
     __repr__ = brief
 

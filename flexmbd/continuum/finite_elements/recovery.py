@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
+from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -19,8 +21,24 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+#: In a record's provenance: how much of its modes' stiffness is the model's, where that is not all of it.
+SHARE = "share of the model in the stiffness"
+
+# Far above what other ranks and processors make of the same sums, far below what another material does.
+_SAME = 1e-8
+_ROUND_OFF = 100.0 * float(np.finfo(np.float64).eps)
+
+
 class ReductionModel(Discretisation, Protocol):
     """What fields are recovered on: what bodies are reduced from, a `LinearModel`."""
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """Stiffness, over all dofs."""
+
+    @property
+    def M(self) -> PETSc.Mat:
+        """Consistent mass, the same layout."""
 
     @property
     def form_name(self) -> str:
@@ -43,7 +61,7 @@ def nodal_modes(body: ReducedBody, model: ReductionModel) -> FloatArray:
     """The modes of a reduced body as fields on its mesh, from the record's groups. Collective.
 
     Args:
-        body: reduced from this mesh with this formulation, with `Keep(modes=True)`.
+        body: reduced from this mesh with this formulation and these parameters, with `Keep(modes=True)`.
         model: the same on any number of ranks.
 
     Returns:
@@ -51,8 +69,8 @@ def nodal_modes(body: ReducedBody, model: ReductionModel) -> FloatArray:
         displacement relative to the body frame, and what else the unknown holds, per unit of each modal coordinate.
 
     Raises:
-        RecordError: on all ranks: the record has no modes, or is of another mesh; it has only the
-            displacement of a formulation with further unknowns.
+        RecordError: on all ranks: the record has no modes, or is of another mesh; the model has another stiffness or
+            mass than the body; the record has only the displacement of a formulation with further unknowns.
     """
     if body.modes is None:
         raise RecordError(
@@ -78,7 +96,66 @@ def nodal_modes(body: ReducedBody, model: ReductionModel) -> FloatArray:
         fields[others] = _rows(
             model, dof_numbers(model, others), known=body.unknowns.dof, values=body.unknowns.phi
         )
+    _refuse_other_body(body, model, fields)
     return fields
+
+
+def _refuse_other_body(body: ReducedBody, model: ReductionModel, fields: FloatArray) -> None:
+    """Refuse a model by whose stiffness or mass the modes are not in normal form. Collective.
+
+    All modes are looked at together, each with the same strain energy.
+    """
+    if body.n_modes == 0:
+        return
+    found, bound = model_share(model, fields[: model.layout.n_owned], body.stiffness)
+    stiffer = found / _share(body, unknown=found)
+    q = body.stiffness**-0.5
+    u = _all_modes(fields[: model.layout.n_owned], q)
+    heavier = float(inner(model.comm, u, multiply(model.M, u))[0, 0]) / float(q @ q)
+    if not abs(stiffer - 1.0) <= bound or not abs(heavier - 1.0) <= _SAME:
+        raise RecordError(
+            f"the record is of another body than the model, by which its modes have {stiffer:.4g} times the stiffness "
+            f"and {heavier:.4g} times the mass that they have: give the model the formulation, the parameters, the "
+            "springs on facets and the loaded state with which the body was reduced, or reduce it again"
+        )
+
+
+def model_share(model: ReductionModel, modes: FloatArray, stiffness: FloatArray) -> tuple[float, float]:
+    """How much of the strain energy of all modes together is that of the model's stiffness. Collective.
+
+    The rest is what rigid interfaces add to the stiffness of a loaded body, or of one of large displacements.
+
+    Args:
+        model: the body.
+        modes: (owned dofs, n) in normal form.
+        stiffness: (n,) 1/s^2, the diagonal of K_qq.
+
+    Returns:
+        That, and how much of it is round-off at most.
+    """
+    u = _all_modes(modes, stiffness**-0.5)
+    strain = float(inner(model.comm, u, multiply(model.K, u))[0, 0])
+    diagonal = model.K.getDiagonal()
+    # of the terms that are summed, by whose size round-off goes
+    largest = float(inner(model.comm, u**2, abs(diagonal.array_r)[:, None])[0, 0])
+    diagonal.destroy()
+    n = len(stiffness)
+    return strain / n, _SAME + _ROUND_OFF * largest / n
+
+
+def _all_modes(modes: FloatArray, q: FloatArray) -> FloatArray:
+    return np.asfortranarray((modes @ q)[:, None])
+
+
+def _share(body: ReducedBody, *, unknown: float) -> float:
+    """What the record says of it, or ``unknown`` where older ones do not."""
+    text = body.provenance.get(SHARE)
+    if text is None:
+        return 1.0 if body.nonlinear is None and "prestress" not in body.provenance else unknown
+    try:
+        return float(text)
+    except ValueError:
+        raise RecordError(f"the record's provenance has {text!r:.100} as {SHARE!r}; reduce the body again") from None
 
 
 def _rows(model: ReductionModel, numbers: IntArray, *, known: IntArray, values: FloatArray) -> FloatArray:
