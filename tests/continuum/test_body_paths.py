@@ -285,7 +285,7 @@ def test_a_perfectly_plastic_cylinder_stays_at_its_limit_pressure():
 
 @pytest.mark.parametrize("enhanced", [False, True])
 def test_unknowns_without_mass_do_not_count_as_unstable(enhanced):
-    """A mixed form's tangent has a negative eigenvalue for each pressure, and a positive one for each enhanced strain."""
+    """A tangent has a negative eigenvalue for each pressure, and a positive one for each enhanced strain."""
     form = load_form(Path(__file__).parents[1] / "data" / "enhanced_strain.py") if enhanced else solid_mixed
     cell, degree = ("hexahedron", 1) if enhanced else ("tetrahedron", 2)
     mesh = meshes.block(1.0, 0.1, 0.05, divisions=(4, 1, 1), cell=cell, degree=1, comm=MPI.COMM_SELF)

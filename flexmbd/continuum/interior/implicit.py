@@ -255,7 +255,8 @@ class ImplicitContinuum:
         if found.correction <= tolerance:
             self.body.check_increment(found.increment)
         self._iterated = equations, motion, found.increment
-        return InteriorIteration(found.wrenches, found.slopes, found.correction)
+        rounding = equations.step.round_off * np.repeat([1.0, self._bonds.reach], 3)
+        return InteriorIteration(found.wrenches, found.slopes, found.correction, rounding)
 
     def commit(self) -> None:
         """See `ImplicitInterior.commit`. Collective."""
