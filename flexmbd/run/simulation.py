@@ -43,6 +43,7 @@ from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, rows_before
 from flexmbd.run.torn_loops import largest_gaps, refuse_torn_loops
 from flexmbd.run.trajectory import Trajectory
+from flexmbd.run.update_watch import UpdateWatch
 
 FloatArray = NDArray[np.float64]
 
@@ -96,15 +97,15 @@ def _run(
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*settings.checkpoints, *saved}), t_end]
     kept: list[Checkpoint] = []
-    began = time.perf_counter()
-    compiled = began
+    began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
-    watch, ranges, creep = (
+    watch, ranges, creep, updates = (
         StretchWatch(start.scene, bodies.values()),
         (RangeWatch(start.scene, watched), TurnWatch(start.scene, watched), SpinWatch(start.scene, watched)),
         CreepWatch(integration, t_end),
+        UpdateWatch(integration, start.scene.interiors),
     )
     shown = settings.progress and team.is_root
     with (
@@ -138,6 +139,7 @@ def _run(
                 if saves is not None and stop in saved:
                     saves.write(checkpoint, team)
     times = time.perf_counter() - began, compiled - set_out
+    updates.tell(team)
     with interrupts_wait() as late:  # what was computed is kept
         mark_compiled(purpose)
         trajectory = replace(
