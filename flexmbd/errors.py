@@ -186,6 +186,13 @@ class StepsWarning(UserWarning):
     """
 
 
+class ToleranceWarning(UserWarning):
+    """A body with history is further off by its updates in time than the run's ``rtol`` asks for.
+
+    Remedy: a smaller ``max_step``, or a form whose updates are of higher order.
+    """
+
+
 class ExplicitRunError(FlexmbdError):
     """An explicit run of a body by itself stopped early: a cell is inverted, or the step is too long.
 

@@ -28,6 +28,7 @@ from flexmbd.errors import SceneError as SceneError
 from flexmbd.errors import StartWarning as StartWarning
 from flexmbd.errors import StepsWarning as StepsWarning
 from flexmbd.errors import TableWarning as TableWarning
+from flexmbd.errors import ToleranceWarning as ToleranceWarning
 from flexmbd.errors import VersionError as VersionError
 from flexmbd.files.result_table import ResultTable as ResultTable
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha

@@ -10,27 +10,36 @@ and the second Piola-Kirchhoff stress referred to t' grows by S = tau' + C : eps
 virtual work over the volume of t' is the integral of S : delta eps = S : (delta e + delta eta) (eq. 18);
 its derivative at u = 0 is K_L + K_NL, its value there F (eq. 39-41).
 
-Pushed forward, tau = f S f^T / det f with f = 1 + grad u, this is the objective rate of Truesdell: a
-rigid rotation turns the stress and does nothing else. Yield is checked on the Cauchy stress after the
-push-forward, and the stress returned radially (eq. 57-62):
+Pushed forward to the present configuration, S gives the rate of Truesdell:
+
+    tau. = w tau - tau w + C : d + B(tau, d),   B(tau, d) = d tau + tau d - (tr d) tau
+
+with the stretching d and the spin w. Equation 17 is for small steps: taken over a finite one it puts the strain
+of the whole step, plastic flow as well, into S, whose push-forward makes a pressure of (K + 2/3 mu) |d|^2 out of
+a shear d. Here a step integrates the rate itself, to second order, along the path on which the principal axes of
+the stretch stay in place in the ghost: there d is constant and is the logarithm of the increment,
+
+    d = 1/2 ln(1 + 2 eps),   trial tau = r (tau' + C : d + B(tau_m, d_e)) r^T,
+    tau_m = tau' + 1/2 (C : d_e + B(tau', d_e)),   r = f (1 + 2 eps)^(-1/2),   f = 1 + grad u
+
+by the midpoint rule, with the rotation r of the increment. In B stands the elastic part d_e of d, by eq. 58 with
+a return of tau' + C : d at constant yield stress: flow, which keeps the volume, makes no pressure, and what B does
+is the sole difference from C : d in the axes that turn. Of flow, two objective rates differ by the ratio of
+stress and modulus; of elastic strains the rate is Truesdell's as it stands. A rigid rotation turns the stress and does
+nothing else. Yield is checked on the Cauchy stress after the push-forward, and the stress returned radially
+(eq. 57-62):
 
     f(tau, alpha) = sqrt(3/2) |dev tau| - sigma_y(alpha) <= 0
 
 so that what acts in the virtual work is the returned tau, pulled back. History: tau (xx, yy, zz, yz, xz,
 xy, in body axes), and the accumulated plastic strain alpha.
 
-One step takes the increment's strain at once; `increment_size` tells where that is too coarse.
-
 Truesdell's rate adds to the stress of a shear: with G = 1, sigma_11 = gamma^2 without bound. In metals
 the elastic strain is small and no rate shows; for large elastic strain take `hencky_plasticity`.
 
 Plastic flow keeps the volume, and fully integrated linear cells lock. The cure is the mean of det f over
 a cell (`cell_mean`), by which f is scaled to (mean / det f)^(1/3) f in the stress (F-bar, de Souza Neto
-et al. 1996, doi:10.1016/0020-7683(95)00259-6). There the pressure follows that mean alone, by the same
-rate. In full Truesdell's rate makes pressure of a flowing shear as well, 2/3 of its power, and finite
-steps more (`increment_size`), at each point another. Nothing takes that back where volumes are means:
-pressures of one cell drift apart until they turn it inside out. Of elastic shears beyond one, which
-no metal has, the stress then swings.
+et al. 1996, doi:10.1016/0020-7683(95)00259-6).
 
 Equations of Ambrosio & Nikravesh 1992, Nonlinear Dynamics 3, "Elasto-plastic deformations in multibody
 dynamics"; eq. 64 without its leading minus.
@@ -43,6 +52,7 @@ from dataclasses import dataclass
 import ufl
 
 from flexmbd.forms import j2_plasticity
+from flexmbd.forms.hencky_plasticity import square_root
 from flexmbd.forms.j2_plasticity import (
     Expr,
     Quadrature,
@@ -66,10 +76,6 @@ ORDER = {1: 2, 2: 3}
 
 # Gradients and integrals refer to the updated configuration.
 REFERENCE = "UPDATED"
-
-# Pressure that an increment may make out of a shear, of the flow stress.
-_SPURIOUS = 0.1
-
 
 @dataclass(frozen=True)
 class Parameters(j2_plasticity.IsotropicPlasticity):
@@ -117,18 +123,6 @@ def continuum_tangent(strain: Expr, stress: Expr, p: Parameters) -> Expr:
     driven = elasticity(normal, p)
     flow = ufl.inner(driven, strain) / (p.hardening.growth(1.0) + ufl.inner(normal, driven))
     return elasticity(strain, p) - flow * driven
-
-
-def increment_size(u: Expr, state: Expr, p: Parameters) -> Expr:
-    """The size of an increment over the largest that one step integrates well; dimensionless.
-
-    Along the way the rate makes C : d of a stretching d. Taken at once, as C : eps, and pushed forward, the stress
-    differs from that by lambda |d|^2 1 + 4 mu d^2 in second order, where d keeps the volume: a pressure of
-    (K + 2/3 mu) |d|^2, which no yield limits. Of elastic increments it is next to nothing.
-    """
-    shear = ufl.dev(linear_strain(u) + nonlinear_strain(u))
-    pressure = (bulk_modulus(p) + 2 / 3 * shear_modulus(p)) * ufl.inner(shear, shear)
-    return ufl.sqrt(pressure / (_SPURIOUS * (p.yield_stress + p.hardening.growth(state[6]))))
 
 
 def cell_mean(u: Expr, state: Expr, p: Parameters) -> Expr:
@@ -199,21 +193,44 @@ def _stretch(u: Expr) -> Expr:
 
 
 def _trial(u: Expr, state: Expr, p: Parameters, mean: Expr | None) -> Expr:
-    """Cauchy stress, Pa, of an elastic step."""
+    """Cauchy stress, Pa, of a step without flow beyond what `_elastic_part` leaves out."""
     f = _stretch(u)
     strain = linear_strain(u) + nonlinear_strain(u)
+    volume = ufl.det(f)
     if mean is not None:
-        factor = (mean / ufl.det(f)) ** (1 / 3)
-        f, strain = factor * f, factor**2 * strain + (factor**2 - 1) / 2 * ufl.Identity(3)
-    # a root, which has no value where a cell is inside out
-    volume = ufl.sqrt(ufl.det(f)) ** 2
-    stress = f * (tensor(state) + elasticity(strain, p)) * f.T / volume
-    if mean is None:
-        return stress
-    # the same rate of a change of volume alone, the cell's
-    growth = mean ** (1 / 3)
-    pressure = (ufl.tr(tensor(state)) / 3 + 1.5 * bulk_modulus(p) * (growth**2 - 1)) / growth
-    return ufl.dev(stress) + pressure * ufl.Identity(3)
+        # a root, which has no value where a cell is inside out
+        factor = (mean / volume) ** (1 / 3)
+        f, strain, volume = factor * f, factor**2 * strain + (factor**2 - 1) / 2 * ufl.Identity(3), mean
+    stretch = square_root(ufl.Identity(3) + 2 * strain)
+    rotation = f * ufl.inv(stretch)
+    d = ufl.dev(_logarithm(strain, stretch)) + ufl.ln(volume) / 3 * ufl.Identity(3)
+    begin, whole = tensor(state), elasticity(d, p)
+    elastic = _elastic_part(d, begin + whole, state, p)
+    middle = begin + (elasticity(elastic, p) + _convected(begin, elastic)) / 2
+    return rotation * (begin + whole + _convected(middle, elastic)) * rotation.T
+
+
+def _logarithm(strain: Expr, stretch: Expr) -> Expr:
+    """1/2 ln(1 + 2 strain), given the root of 1 + 2 strain: its digits are those of the strain.
+
+    Twice the inverse hyperbolic tangent of (stretch - 1) / (stretch + 1), by its series; off by h^7 / 448 at h.
+    """
+    half = ufl.inv(stretch + ufl.Identity(3))
+    y = ufl.sym(2 * strain * half * half)
+    square = y * y
+    return 2 * ufl.sym(y + y * square / 3 + y * square * square / 5)
+
+
+def _convected(stress: Expr, d: Expr) -> Expr:
+    """B(stress, d): what Truesdell's rate adds to the stress in axes that turn, of a stretching d."""
+    return d * stress + stress * d - ufl.tr(d) * stress
+
+
+def _elastic_part(d: Expr, trial: Expr, state: Expr, p: Parameters) -> Expr:
+    """What of the stretching d does not flow: by a return of `trial`, Pa, at the yield stress of the step's begin."""
+    size = j2_plasticity.von_mises(ufl.dev(trial), p)
+    over = ufl.max_value(size - p.yield_stress - p.hardening.growth(state[6]), 0.0)
+    return d - over / (2 * shear_modulus(p) * size) * ufl.dev(trial)
 
 
 def _returned(

@@ -30,12 +30,12 @@ from flexmbd.continuum.finite_elements.interface import RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.prestressed import turning_stiffness
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
+from flexmbd.continuum.matrices.saddle_point import principal_part
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.given import checked, numbers, refuse_no_truth
 from flexmbd.record.groups import FRAME_DOFS, Surface
 from flexmbd.reduction.modes.krylov_schur import ShellInverse, ShellProduct, shift_after
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
-from flexmbd.reduction.modes.sturm import principal_part
 from flexmbd.reduction.modes.truncation import whole_number
 from flexmbd.reduction.optional_groups import surface_group
 from flexmbd.reduction.static_shapes.body_statics import body_statics

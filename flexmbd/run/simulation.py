@@ -41,6 +41,7 @@ from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, rows_before
 from flexmbd.run.torn_loops import largest_gaps, refuse_torn_loops
 from flexmbd.run.trajectory import Trajectory
+from flexmbd.run.update_watch import UpdateWatch
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +101,8 @@ def _run(
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
     watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, watched)
-    creep, shown = CreepWatch(integration, t_end), settings.progress and team.is_root
+    creep, updates = CreepWatch(integration, t_end), UpdateWatch(integration, start.scene.interiors)
+    shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
         interrupt_ends() as early,
@@ -133,6 +135,7 @@ def _run(
                 if saves is not None and stop in saved:
                     saves.write(checkpoint, team)
     times = time.perf_counter() - began, compiled - set_out
+    updates.tell(team)
     with interrupts_wait() as late:  # what was computed is kept
         mark_compiled(purpose)
         trajectory = replace(

@@ -227,8 +227,10 @@ def test_pressures_within_a_cell_stay_together_in_a_large_plastic_flow():
     np.testing.assert_allclose(ends[0], ends[1], rtol=0.02)
     stress = body.history()[0][:, :3].reshape(-1, 8, 3)
     pressure = stress.sum(axis=2) / 3
-    assert np.ptp(pressure, axis=1).max() < 1e-4 * abs(pressure).max()
-    assert abs(pressure).max() < 10 * copper.yield_stress  # 86 GPa and more before a cell was turned inside out
+    # what Truesdell's rate makes of an elastic strain, |dev tau|^2 / (6 mu), and the flow stress
+    flow = copper.yield_stress + copper.hardening.growth(body.history()[0][:, 6].max())
+    assert np.ptp(pressure, axis=1).max() < flow**2 / (9 * copper.E / (2 * (1 + copper.nu)))
+    assert abs(pressure).max() < 10 * copper.yield_stress  # 86 GPa and more where flow makes pressure
 
 
 def test_an_inverted_cell_is_named():

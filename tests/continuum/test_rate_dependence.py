@@ -1,5 +1,6 @@
 """Forms that take the length of the step: Perzyna's bar against closed forms, and who refuses them without a time."""
 
+import warnings
 from pathlib import Path
 
 from mpi4py import MPI
@@ -19,6 +20,7 @@ from flexmbd.continuum import (
     load_form,
     prescribed_dofs,
 )
+from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.errors import FormulationError, SceneError
 
 FILE = Path(__file__).parents[2] / "demos" / "rate_dependent_form" / "perzyna.py"
@@ -99,6 +101,48 @@ def test_a_hammer_meets_more_stress_in_a_strut_of_such_a_metal(way):
     t = run.t[-1]
     crush = (speed + yielding) / decay * (1 - np.exp(-decay * t)) - yielding * t
     assert -(run.position(strut.frame("x_max"))[-1, 0] - SIZE) == pytest.approx(crush, rel=0.03)
+
+
+MAXWELL = load_form(Path(__file__).parents[1] / "data" / "maxwell.py")
+GEL = MAXWELL.Parameters(K=1e7, mu=1e6, g=(2e6, 1e6), tau=(0.01, 0.1), rho=1100.0)
+
+
+@pytest.mark.parametrize("steps", [8, 32])
+def test_two_half_updates_tell_the_error_of_one(steps):
+    """A Maxwell solid sheared at a steady rate: stress 2 mu e + sum 2 g tau r (1 - exp(-t / tau)), in closed form."""
+    mesh = meshes.block(SIZE, SIZE, SIZE, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
+    body = NonlinearModel(mesh, MAXWELL, GEL, degree=1)
+    halved, end = HalvedSteps(body), 0.05
+    shear = np.array([[0.0, 0.01, 0.0], [0.01, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    whole = (body.layout.node_x @ shear).ravel()
+    elastic = np.linalg.norm(body.force(whole, dt=0.0))  # of mu + g
+    errors, exact = [], []
+    for k in range(1, steps + 1):
+        body.commit(whole / steps, dt=end / steps)
+        halved.follow(whole / steps, end / steps)
+        t = k * end / steps
+        stress = GEL.mu * t / end + sum(
+            g * tau / end * (1 - np.exp(-t / tau)) for g, tau in zip(GEL.g, GEL.tau, strict=True)
+        )
+        exact.append(stress / (GEL.mu + sum(GEL.g)) * elastic)
+        errors.append(np.linalg.norm(body.force(0.0 * whole, dt=0.0)) - exact[-1])
+    true = np.abs(errors).max() / np.max(exact)
+    assert halved.error == pytest.approx(true, rel=0.3 if steps == 8 else 0.1)
+
+
+def test_error_control_tells_what_it_does_not_see():
+    """Steps by rtol are too long for the relaxation; given ones, and those below a small max_step, say nothing."""
+    mesh = meshes.block(0.2, 0.03, 0.03, divisions=(4, 1, 1), comm=MPI.COMM_SELF)
+    gel = NonlinearModel(mesh, MAXWELL, GEL, degree=1, interfaces=[Interface("x_min"), Interface("x_max")])
+    scene = fm.System(gravity=(0.0, 0.0, -1.0))
+    body = scene.add(fm.ContinuumBody(ImplicitContinuum(gel)), name="gel")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame("x_min"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", fm.ToleranceWarning)
+        scene.simulate(0.02, h=2e-3)
+        scene.simulate(0.02, rtol=0.02, max_step=4e-4)
+    with pytest.warns(fm.ToleranceWarning, match=r"forces of body 'gel' are off by some .* give a smaller max_step"):
+        scene.simulate(0.1, rtol=1e-4)
 
 
 def test_rest_and_small_motions_are_refused():

@@ -100,13 +100,10 @@ def test_a_path_that_ends_leaves_the_body_in_balance():
     assert before - widening(body) == pytest.approx(elastic * (reached - 0.5 * LIMIT), rel=1e-8)
 
 
-@pytest.mark.parametrize(("form", "strength"), [(hencky, 250e6), (updated, 1e14)])
-def test_an_increment_that_inverts_cells(form, strength):
-    """Pressed flat and beyond: the step is cut, then the path stops, names the cell, and keeps what it had.
-
-    Where it flowed the updated Lagrangian form would refuse such a step before a cell is turned inside out.
-    """
-    p = form.Parameters(E=200e9, nu=0.3, rho=7800.0, yield_stress=strength, hardening=j2.LinearHardening(2e9))
+@pytest.mark.parametrize("form", [hencky, updated])
+def test_an_increment_that_inverts_cells(form):
+    """Pressed flat and beyond: the step is cut, then the path stops, names the cell, and keeps what it had."""
+    p = form.Parameters(E=200e9, nu=0.3, rho=7800.0, yield_stress=250e6, hardening=j2.LinearHardening(2e9))
     body = NonlinearModel(meshes.block(1.0, 1.0, 1.0, divisions=(2, 1, 1)), form, p, degree=1, cell_means=False)
     held = prescribed_dofs(body, {"x_min": "xyz", "x_max": "xyz"})
     pushed = np.isin(held, prescribed_dofs(body, {"x_max": "x"}))

@@ -48,7 +48,7 @@ TRAPS = {
     ),
     "a stress that is not pushed forward": (
         LARGE,
-        [("f * (tensor(state) + elasticity(strain, p)) * f.T / volume", "tensor(state) + elasticity(strain, p)")],
+        [("rotation * (begin + whole + _convected(middle, elastic)) * rotation.T", "begin + whole")],
         "frame indifference, yielding",
         "turned off by",
     ),

@@ -185,7 +185,7 @@ class NonlinearModel(DiscretisedBody):
         if self.has_rotations:
             raise FormulationError(
                 f"{self.groups[0].form_name} has unknowns besides the displacement, which a body that moves by itself "
-                "or in a machine has not; it is loaded slowly, by flexmbd.continuum.slow_loading.static_path"
+                "or in a machine has not; it is loaded slowly, by flexmbd.continuum.follow"
             )
 
     def refuse_surface_energy(self, *, by: str) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.matrices.blocks import from_dense, inner, to_dense
 from flexmbd.continuum.matrices.near_null_space import near_null_space
+from flexmbd.continuum.matrices.saddle_point import negative_directions
 from flexmbd.errors import ConvergenceError, FormulationError
 from flexmbd.given import checked
 
@@ -129,6 +130,10 @@ class TangentSolver:
     def negative_pivots(self) -> int:
         """How many negative eigenvalues the tangent has that was factorised last; of a symmetric one."""
         return int(self._current_ksp().getPC().getFactorMatrix().getMumpsInfog(_NEGATIVE))
+
+    def negative_pivots_but_of(self, mask: NDArray[np.bool_]) -> int:
+        """Those of a symmetric tangent that it does not owe to the unknowns of a mask (owned dofs,). Collective."""
+        return self.negative_pivots - negative_directions(self._preconditioning_matrix, mask)
 
     @property
     def sign(self) -> float:

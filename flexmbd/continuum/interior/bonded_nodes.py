@@ -42,6 +42,7 @@ class BondedNodes:
         averaged: (n,) whether the frame moves as the mean of the nodes instead of holding them.
         mass: (n,) kg, what moves with the frame: of bonded nodes the lumped mass, of averaged ones a part of it.
         free_mass: kg, all other mass of nodes.
+        reach: m, the largest distance of a node from its frame's origin along one of the frame's axes.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class BondedNodes:
         self._axes = np.array([found.R for found in body.interfaces])
         offsets = body.layout.node_x[self.nodes] - self._origins[self.frame_of]
         self._arms = np.einsum("nba,nb->na", self._axes[self.frame_of], offsets)
+        self.reach = float(max(body.comm.allgather(abs(self._arms).max(initial=0.0))))
         self.frames = self._frames(body, parts)
 
     def arms(self, motion: FrameMotion) -> FloatArray:

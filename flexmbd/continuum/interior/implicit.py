@@ -26,6 +26,7 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.condensed_newton import CondensedNewton
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
@@ -139,11 +140,13 @@ class ImplicitContinuum:
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
         self._joint = CondensedNewton(body, self._frames, self._prescribed, solver)
+        self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `Interior.begin`. Collective."""
         body, bonds = self.body, self._bonds
         body.restore(self._undeformed)
+        self._halved = None
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
@@ -255,7 +258,8 @@ class ImplicitContinuum:
         if found.correction <= tolerance:
             self.body.check_increment(found.increment)
         self._iterated = equations, motion, found.increment
-        return InteriorIteration(found.wrenches, found.slopes, found.correction)
+        rounding = equations.step.round_off * np.repeat([1.0, self._bonds.reach], 3)
+        return InteriorIteration(found.wrenches, found.slopes, found.correction, rounding)
 
     def commit(self) -> None:
         """See `ImplicitInterior.commit`. Collective."""
@@ -264,6 +268,8 @@ class ImplicitContinuum:
         if self._trial is None:
             raise SceneError("a continuum body is to accept a step that was not tried")
         self.body.commit(self._trial.increment, dt=self._trial.dt)
+        if self._halved is not None:
+            self._halved.follow(self._trial.increment, self._trial.dt)
         before, self._state = self._current_state(), self._trial.state
         self._loads.accept(self._state.x - before.x, self._trial.load)
         self._state = replace(self._state, h=self._state.t - before.t)
@@ -295,10 +301,23 @@ class ImplicitContinuum:
         self._loads.work = float(arrays["load work"])
         self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
         self._state = NodalState(t=t, h=h, **nodal)
+        if self._halved is not None:
+            self._halved.begin_anew()
         self._forget()
 
+    def watch_updates(self) -> None:
+        """See `UpdatedInterior.watch_updates`: of forms whose stress depends on rates."""
+        self._halved = HalvedSteps(self.body) if self.body.is_rate_dependent else None
+
+    def update_error(self) -> float:
+        """See `UpdatedInterior.update_error`."""
+        return 0.0 if self._halved is None else self._halved.error
+
     def energies(self) -> Mapping[str, float]:
-        """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective."""
+        """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective.
+
+        "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
+        """
         own = self._own_energies()
         weight = weight_energy(self._frames, self._weight, self._gravity, self._current_state().x)
         return {"kinetic": own["kinetic"], "gravitational": weight, **own, **self._loads.energies()}

@@ -279,7 +279,7 @@ class BodyPathSpace:
         responses = self._responses(increment, factor, balance)
         if not self._body.comm.allreduce(bool(np.isfinite(responses).all()), op=MPI.LAND):
             raise ConvergenceError("the tangent stiffness is singular")
-        negative = self.solver.negative_pivots - self._constraints if self.solver.is_symmetric else None
+        negative = self.solver.negative_pivots_but_of(self._others) if self.solver.is_symmetric else None
         reactions = balance.residual[self._loads.prescribed]
         sign = self.solver.sign
         found = BodyPoint(before, increment, factor, iterations, responses[:, 1], reactions, negative, sign)
@@ -336,7 +336,8 @@ class BodyPathSpace:
         return None if self._body.comm.allreduce(turns, op=MPI.LOR) else self._body.mass()
 
     @cached_property
-    def _constraints(self) -> int:
-        """Dofs that are neither displacement nor rotation: each takes a negative pivot from a stable body."""
-        mine = np.count_nonzero(~self._body.layout.kinematic[: self._body.n_owned][self._free])
-        return int(self._body.comm.allreduce(int(mine)))
+    def _others(self) -> NDArray[np.bool_]:
+        """(owned dofs,) which are neither displacement nor rotation."""
+        others: NDArray[np.bool_] = np.zeros(self._body.n_owned, dtype=bool)
+        others[self._free] = ~self._body.layout.kinematic[: self._body.n_owned][self._free]
+        return others

@@ -34,7 +34,7 @@ FloatArray = NDArray[np.float64]
 
 _MAX_ITERATIONS = 20
 _SLOW = 0.25  # a contraction above it asks interiors for tangents of their own
-_STALLED = 1e-10  # a correction below which an iteration may stall: interiors are solved to a tolerance of their own
+_STALLED = 1e-10  # a correction below which an iteration may stall: trials are solved to a tolerance of their own
 
 
 @entry_kernel
@@ -71,6 +71,19 @@ def newton_iteration(plan, work, state, scratch, h):
 
 
 @entry_kernel
+def correction_beyond(plan, state, scratch, h, rounding):
+    """The size of the correction by what of the last equations exceeds ``rounding``, that of the equations of motion.
+
+    It is added to the unknowns, as ``correct`` does.
+    """
+    for j in range(rounding.shape[0]):
+        excess = max(abs(scratch.equation[j]) - rounding[j], 0.0)
+        scratch.equation[j] = excess if scratch.equation[j] > 0.0 else -excess
+    size, unbalanced = correct(plan, state, scratch, h)
+    return max(size, unbalanced)
+
+
+@entry_kernel
 def end_step(rule, plan, work, state, groups, scratch, record, h):
     """Accept or reject the step in ``scratch``, or its failure OUTCOME, by ``controller.accept_or_reject``."""
     if state.counts[st.OUTCOME] == st.DONE:
@@ -100,6 +113,7 @@ class ImplicitInteriors:
         self._plan, self._work, self._state, self._groups, self._scratch = plan, work, state, groups, scratch
         self._rows = interiors.rows
         self._motions = np.zeros((len(self._rows), N_MOTION))
+        self._rounding = np.zeros(len(plan.free))  # of the equations of motion, by that of the wrenches
         bodies = map(_implicit, interiors.bodies)
         self._iterated = [one if isinstance(one, IteratedInterior) else None for one in bodies]
         self._iterates = any(one is not None for one in self._iterated)
@@ -172,12 +186,23 @@ class ImplicitInteriors:
                 self._interiors.failure.append(reason)
                 return st.INTERIOR_FAILED
             size = max(float(newton_iteration(plan, work, state, s, h)), lacking)
-            if size <= tolerance or (size <= _STALLED and size > 0.5 * before):
+            if size <= tolerance:
+                return None
+            if size > 0.5 * before and (size <= _STALLED or self._is_rounding(h, tolerance, lacking)):
                 return None
             if not np.isfinite(size):
                 break
             slow, before = size > _SLOW * before, size
         return st.NOT_CONVERGED
+
+    def _is_rounding(self, h: float, tolerance: float, lacking: float) -> bool:
+        """Whether what is left of the equations is no more than the rounding of wrenches, however short the step."""
+        if lacking > tolerance or not self._rounding.any():
+            return False
+        unknown = self._scratch.unknown.copy()
+        left = correction_beyond(self._plan, self._state, self._scratch, h, self._rounding)
+        self._scratch.unknown[:] = unknown
+        return float(left) <= tolerance
 
     def _try_interiors(self, h: float, scheme: Scheme, *, tolerance: float, jointly: bool, renew: bool) -> float:
         """Apply the interiors' wrenches at the frames' trial motion, and put their derivatives into the matrix.
@@ -192,19 +217,20 @@ class ImplicitInteriors:
             iterated = self._iterated[k]
             if jointly and iterated is not None:
                 found = iterated.iterate(t + h, h, scheme, motions[k], tolerance=tolerance, renew=renew)
-                return found.wrenches, found.slopes, np.array(found.correction)
-            return *_implicit(body).trial(t + h, h, scheme, motions[k]), np.array(0.0)
+                return found.wrenches, found.slopes, np.array(found.correction), np.array(found.rounding)
+            return *_implicit(body).trial(t + h, h, scheme, motions[k]), np.array(0.0), np.array(0.0)
 
         answers = self._interiors.evaluate(answer, doing=f"in the step from t = {t:.6g} s to {t + h:.6g} s")
         self._interiors.apply_wrenches(plan, np.concatenate([wrenches.reshape(-1, 6) for wrenches, *_ in answers]))
         twists = self._interiors.twists(plan, self._work, scratch.x)[:, plan.free]
-        scratch.interior_stiffness[:] = 0.0
+        scratch.interior_stiffness[:] = self._rounding[:] = 0.0
         first = 0
-        for _, slopes, _ in answers:
+        for wrenches, slopes, _, rounding in answers:
             part = twists[first : first + len(slopes)]
             scratch.interior_stiffness[:] -= part.T @ slopes @ part
+            self._rounding += abs(part).T @ np.broadcast_to(rounding, wrenches.shape).reshape(-1)
             first += len(slopes)
-        return max(float(correction) for *_, correction in answers)
+        return max(float(correction) for _, _, correction, _ in answers)
 
     def _revert(self) -> None:
         """Revert the interiors' trials."""

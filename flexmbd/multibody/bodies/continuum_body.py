@@ -259,11 +259,14 @@ class InteriorIteration(NamedTuple):
         wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its
             unknowns would go with these frames, and with frames a little beside.
         correction: how far its unknowns are from that: the energy norm of their correction over what the body holds.
+        rounding: N and N m, what round-off makes of the wrenches, (k, 6) or what is broadcast to that: the machine's
+            equations are not solved more closely than these tell.
     """
 
     wrenches: FloatArray
     slopes: FloatArray
     correction: float
+    rounding: FloatArray | float = 0.0
 
 
 @runtime_checkable

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 
 from flexmbd.continuum.matrices.blocks import FloatArray
+from flexmbd.continuum.matrices.saddle_point import principal_part
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.modes.eigensolver import KrylovSchur, ModeSearch, SpectrumSlicing
 from flexmbd.reduction.modes.krylov_schur import KrylovSchurSearch, SlicingSearch
-from flexmbd.reduction.modes.sturm import principal_part
 from flexmbd.reduction.static_shapes.statics import Statics
 
 

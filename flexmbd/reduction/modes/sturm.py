@@ -1,8 +1,9 @@
 """How many modes lie below a frequency, by the signs of a factor's pivots, and whether all of them were found.
 
 By Sylvester's law of inertia K - sigma M has as many negative pivots as there are eigenvalues below sigma.  Unknowns
-without a rigid motion, as pressures, bring one each; averages that are held at zero, C u = 0, change the count to that
-of the bordered matrix [[K - sigma M, C^T], [C, 0]] less their number; a body that nothing holds has six rigid modes.
+without mass bring those of their own stiffness besides, as pressures do one each (`saddle_point`); averages that are
+held at zero, C u = 0, change the count to that of the bordered matrix [[K - sigma M, C^T], [C, 0]] less their number;
+a body that nothing holds has six rigid modes.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmbd.continuum.matrices.blocks import inner, multiply, symmetric
+from flexmbd.continuum.matrices.saddle_point import negative_directions, principal_part
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.reduction.modes.eigensolver import ModeSearch
 from flexmbd.reduction.modes.krylov_schur import shift_after
@@ -24,20 +25,6 @@ from flexmbd.reduction.static_shapes.statics import Statics
 _GAP, _MORE, _TIMES = 1e-3, 4, 4
 # Power iteration on 1 - B^-1 A: vectors, steps, and what is well below one.
 _COLUMNS, _POWERS, _NEAR = 4, 8, 0.5
-
-
-def principal_part(matrix: PETSc.Mat, mask: NDArray[np.bool_]) -> PETSc.Mat:
-    """Some rows of a square matrix and the same columns. Collective.
-
-    Args:
-        matrix: AIJ.
-        mask: (owned rows,).
-    """
-    first = matrix.getOwnershipRange()[0]
-    rows = PETSc.IS().createGeneral((np.flatnonzero(mask) + first).astype(PETSc.IntType), comm=matrix.comm)
-    part = matrix.createSubMatrix(rows, rows)
-    rows.destroy()
-    return part
 
 
 def count_below(statics: Statics, eigenvalue: float) -> int:
@@ -56,11 +43,12 @@ def count_below(statics: Statics, eigenvalue: float) -> int:
     shifted.axpy(-eigenvalue, statics.M, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     factor: Factor | None = None
     try:
+        # of unknowns without mass, for which K - sigma M is K
+        owed = negative_directions(shifted, statics.massless)
         factor = _indefinite_factor(statics, shifted)
         if statics.tolerance > 0.0:
             _check_nearness(factor, shifted)
-        others = int((~model.layout.kinematic[: model.n_owned])[statics.mask].sum())
-        count = factor.negative_pivots - model.comm.allreduce(others)
+        count = factor.negative_pivots - owed
         if columns is not None:
             small = symmetric(inner(model.comm, columns, factor.solve(columns)))
             size = np.sqrt(abs(np.diag(small)))

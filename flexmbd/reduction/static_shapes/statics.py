@@ -130,6 +130,11 @@ class Statics:
         return None if self._constraint is None else self._constraint.columns
 
     @property
+    def massless(self) -> NDArray[np.bool_]:
+        """(rows of `mask`,) the unknowns without mass."""
+        return np.asarray(self.M.getDiagonal().array_r == 0.0)
+
+    @property
     def size(self) -> int:
         """Number of independent deformations on all ranks when all interfaces are fixed."""
         held = len(averaged(self.interfaces)) if self.interfaces else int(self._supported)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.matrices.blocks import inner, symmetric
+from flexmbd.continuum.matrices.saddle_point import negative_directions, principal_part
 from flexmbd.errors import ReductionError
-from flexmbd.reduction.modes.sturm import principal_part
 from flexmbd.reduction.static_shapes.factor import Factor
 from flexmbd.reduction.static_shapes.statics import Statics
 
@@ -18,7 +18,7 @@ def is_stable(statics: Statics) -> bool:
     """Whether the stiffness of a body held at its frame is positive definite. Collective.
 
     By Sylvester's law: the signs of the pivots with all rigid interfaces fixed, then those of the condensed stiffness
-    of the interfaces. Each unknown without a rigid motion, as a pressure, brings a negative pivot of its own.
+    of the interfaces. Unknowns without a rigid motion, as pressures, bring pivots of their own.
     """
     model = statics.model
     shapes, forces = statics.moving
@@ -26,8 +26,8 @@ def is_stable(statics: Statics) -> bool:
     scale = np.sqrt(abs(np.diag(condensed)))
     if condensed.size and not np.linalg.eigvalsh(condensed / np.outer(scale, scale))[0] > 0.0:
         return False
-    others = int((~model.layout.kinematic[: model.n_owned])[statics.mask].sum())
-    return _negative_pivots(model.K, statics.mask) == model.comm.allreduce(others)
+    others = statics.mask & ~model.layout.kinematic[: model.n_owned]
+    return _negative_pivots(model.K, statics.mask) == negative_directions(model.K, others)
 
 
 def _negative_pivots(stiffness: PETSc.Mat, mask: NDArray[np.bool_]) -> int:
