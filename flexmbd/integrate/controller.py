@@ -145,6 +145,7 @@ def propose_step(rule, knots, state, groups):
     if passed:  # accelerations of a pulse of data are not the machine's rate
         for g in range(groups.acceleration.shape[0]):
             groups.acceleration[g] = 0.0
+            groups.newest[g, 1] = 0.0
     rate = st.machine_rate(state, groups)
     number[st.RATE] = rate
     fixed = count[st.FIXED_STEP] == 1
