@@ -58,8 +58,10 @@ _PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selecte
 
 # The least that a step leaves of a coordinate's own rate: its three instants may lie about a zero of the curvature.
 _FADE = 0.25
-_FADED = -math.pi * math.log(_FADE)  # rad of a vibration in a step after which that is left
-_LASTING_RADIANS = 2.0 * math.pi  # of a group's motion, in which one that lasts comes round
+_FADING = 2.0 / math.pi  # 1 / rad: over half a period it fades to e^-2
+_FADED = -math.log(_FADE) / _FADING  # rad of a vibration in a step after which that is left
+# Radians of a group's motion in which what lasts of its velocities comes round, and of its accelerations.
+_LASTING_VELOCITY, _LASTING_ACCELERATION = 4.0 * math.pi, 0.5 * math.pi
 _ONSET = 4.0  # times that of the step before, or the machine's
 
 #: Lower bound of relative tolerances.
@@ -98,7 +100,7 @@ class Groups(ArrayStruct):
         floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
         position: (ng,) the largest magnitudes met so far.
         velocity, acceleration: (ng,) the largest magnitudes of the motion that lasts, see ``_forget_past``.
-        newest: (ng, 2) those met since ``turned`` began; turned: (ng,) rad that the group's motion has made since.
+        newest: (ng, 2) those met in the present stretch of the motion; turned: (ng, 2) rad that these have lasted.
         stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
             derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
     """
@@ -240,7 +242,7 @@ def own_rate(rate, before, machine_rate, h):
     shown = min(rate, _ONSET * max(before, machine_rate))
     if shown >= before:
         return shown
-    faded = math.exp(-h * before / math.pi) if h * before < _FADED else _FADE
+    faded = math.exp(-_FADING * h * before) if h * before < _FADED else _FADE
     return max(shown, faded * before)
 
 
@@ -272,19 +274,24 @@ def function_time(numbers, t):
 def _forget_past(groups, h):
     """Let go of velocities and accelerations that a group's motion, going on by a step h, meets no more.
 
-    Each stretch of ``_LASTING_RADIANS`` of its own radians knows the largest of its own and of the stretch before, so
-    that a motion that comes round within one keeps its scales.  A start or a blow comes back no more, and would rule
-    tolerances and the longest step for ever.
+    Stretch by stretch of its own radians, of which each knows the largest of its own and of the one before: a motion
+    that comes round keeps its scales.  A start or a blow comes back no more, and would rule tolerances and the longest
+    step for ever.  Accelerations count as long as they may still become velocities.
     """
     for g in range(groups.velocity.shape[0]):
-        if groups.kind[g] != kinds.GROUP_STATE and groups.position[g] > 0.0:
-            groups.turned[g] += h * group_rate(groups, g)
-            if groups.turned[g] > _LASTING_RADIANS:
-                groups.turned[g] = 0.0
-                groups.velocity[g] = groups.newest[g, 0]
-                groups.acceleration[g] = groups.newest[g, 1]
-                groups.newest[g, 0] = 0.0
-                groups.newest[g, 1] = 0.0
+        if groups.kind[g] == kinds.GROUP_STATE or groups.position[g] == 0.0:
+            continue
+        angle = h * group_rate(groups, g)
+        groups.turned[g, 0] += angle
+        groups.turned[g, 1] += angle
+        if groups.turned[g, 0] > _LASTING_VELOCITY:
+            groups.turned[g, 0] = 0.0
+            groups.velocity[g] = groups.newest[g, 0]
+            groups.newest[g, 0] = 0.0
+        if groups.turned[g, 1] > _LASTING_ACCELERATION:
+            groups.turned[g, 1] = 0.0
+            groups.acceleration[g] = groups.newest[g, 1]
+            groups.newest[g, 1] = 0.0
 
 
 @kernel
