@@ -234,7 +234,7 @@ def _after_rejection(rule, state, h):
     if solved:
         why = st.INACCURATE if np.isfinite(ratio) else st.NOT_FINITE
     if count[st.FIXED_STEP] == 1:
-        if h <= rule.shortest * number[st.STEP]:
+        if h <= rule.shortest * number[st.STEP] or why == st.INTERIOR_FAILED:
             return why
         number[st.STEP_REMAINDER] = max(number[st.STEP_REMAINDER], h)
         number[st.STEP_PART] = 0.5 * h
