@@ -56,9 +56,9 @@ class CreepWatch:
         if steps > _LOST * self._explicit_steps * time and left > _LOST_LEFT:
             warn(
                 f"at t = {self._integration.t:.4g} s {self._integration.method.name}, chosen for vibrations that it "
-                f"could step over, takes steps of {time / steps:.1e} s, {left:.1e} of them up to t_end: the motion "
-                "keeps exciting them. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) is stable with steps "
-                f"of {1.0 / self._explicit_steps:.1e} s",
+                f"could step over, takes steps of {time / steps:.1e} s, {left:.1e} of them up to t_end: they "
+                "are excited all the same. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) takes cheaper steps, "
+                f"which were foreseen to be stable up to {1.0 / self._explicit_steps:.1e} s",
                 StepsWarning,
             )
             self._explicit_steps = math.inf
