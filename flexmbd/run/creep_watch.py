@@ -57,8 +57,8 @@ class CreepWatch:
             warn(
                 f"at t = {self._integration.t:.4g} s {self._integration.method.name}, chosen for vibrations that it "
                 f"could step over, takes steps of {time / steps:.1e} s, {left:.1e} of them up to t_end: they "
-                "are excited all the same. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) takes cheaper steps, "
-                f"which were foreseen to be stable up to {1.0 / self._explicit_steps:.1e} s",
+                "are excited all the same. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) takes cheaper "
+                f"steps, which were foreseen to be stable up to {1.0 / self._explicit_steps:.1e} s",
                 StepsWarning,
             )
             self._explicit_steps = math.inf
