@@ -273,7 +273,8 @@ class CompiledMachine:
         """Run a variant on the ranks of this machine's team, each of which steps."""
         refuse_false_rates(scene, settings.starts, settings.t_end)
         start = self.start_of(scene, settings.begun, settings.about)
-        method = settings.method(start)
+        choice = settings.choice(start)
+        method = choice.method
         if settings.restart is None:
             snapshot = new_snapshot(
                 start, method, t_start=settings.t_start, t_end=settings.t_end, rtol=settings.rtol, h=settings.h
@@ -283,7 +284,7 @@ class CompiledMachine:
         bodies = {body.name: body for body in self.bodies}
         return run(
             start, bodies, settings=settings, method=method, snapshot=snapshot, team=self.team,
-            controllers=self.controllers,
+            controllers=self.controllers, explicit_steps=choice.explicit_steps,
         )  # fmt: skip
 
     def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory | None:
@@ -312,7 +313,7 @@ class CompiledMachine:
             return None
         try:
             start = self.start_of(self.scene, settings.begun)
-            made = PreparedRuns(start, settings.method(start), settings)
+            made = PreparedRuns(start, settings.choice(start).method, settings)
         except FlexmbdError:
             return None
         return made if made.is_of_use else None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from flexmbd.multibody.kernels.reading.force_tables import force_elements
 from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
+_PAIRS = {Pair.DORMAND_PRINCE_5: ORDER_5, Pair.DORMAND_PRINCE_8: ORDER_8}
 _LARGE = 300  # velocities above which the machine's vibrations are not computed
 
 
@@ -32,18 +34,21 @@ class IntegratorChoice:
     Attributes:
         method: the integrator.
         why: the reason in words, for ``explain``.
+        explicit_steps: (1/s), what the stability of 8(5,3) asks for where Radau IIA was chosen against it; infinite
+            elsewhere.
     """
 
     method: Integrator
     why: str
+    explicit_steps: float = math.inf
 
 
 def choose(start: Start, *, t: float, rtol: float, h: float | None) -> IntegratorChoice:
     """Choose an integrator for a scene at its consistent start at time ``t`` (s).
 
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control: an explicit pair
-    where nothing in the scene can be stiff; with modes, springs, stops or friction the method that is predicted to
-    take least time (``predicted_cost``); Radau IIA where users' laws may be stiff, and for exact beams.
+    where nothing in the scene can be stiff; with modes, springs, exact beams, stops or friction the method that is
+    predicted to take least time (``predicted_cost``); Radau IIA where users' laws may be stiff.
     Bodies with history leave generalized-alpha, or central differences where an interior can step explicitly alone.
     """
     if start.scene.interiors is not None:
@@ -56,23 +61,24 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
         return IntegratorChoice(RadauIIA(), f"stiff: {unseen}")
     elastic = len(start.scene.plan.flex) > 0
     gripped = any(one.grip is not None for one in elements)
-    pair = Pair.DORMAND_PRINCE_8 if elastic or gripped or rtol <= _TIGHT else Pair.DORMAND_PRINCE_5
+    long = Pair.DORMAND_PRINCE_8
+    pairs = [long] if elastic or gripped or rtol <= _TIGHT else [Pair.DORMAND_PRINCE_5, long]
     if not elastic and not gripped and not any(one.stiffness is Stiffness.SEEN for one in elements):
-        return IntegratorChoice(ExplicitRungeKutta(pair), f"nothing stiff, rtol = {rtol:g}")
-    return _cheapest(start, pair, t=t, rtol=rtol)
+        return IntegratorChoice(ExplicitRungeKutta(pairs[0]), f"nothing stiff, rtol = {rtol:g}")
+    return _cheapest(start, pairs, t=t, rtol=rtol)
 
 
-def _cheapest(start: Start, pair: Pair, *, t: float, rtol: float) -> IntegratorChoice:
-    """The method that is predicted to take least time, of an explicit pair, Radau IIA and central differences.
+def _cheapest(start: Start, pairs: Sequence[Pair], *, t: float, rtol: float) -> IntegratorChoice:
+    """The method that is predicted to take least time, of explicit pairs, Radau IIA and central differences.
 
     These are weighed with elastic bodies alone: of rigid machines their order is too low.
     """
     plan = start.scene.plan
     rates, machine = machine_rates(start, t), counts(plan)
-    order = ORDER_8 if pair is Pair.DORMAND_PRINCE_8 else ORDER_5
     gripping = list(dict.fromkeys(one.name for one in force_elements(plan).behaviour if one.grip is not None))
     radau = RADAU_GRIPPED if gripping and not len(plan.flex) else RADAU
-    weighed: list[tuple[Integrator, StepModel]] = [(ExplicitRungeKutta(pair), order), (RadauIIA(), radau)]
+    weighed: list[tuple[Integrator, StepModel]] = [(ExplicitRungeKutta(pair), _PAIRS[pair]) for pair in pairs]
+    weighed.append((RadauIIA(), radau))
     if len(plan.flex):
         weighed.append((CentralDifference(), CENTRAL))
     costs = [1e-6 * model.steps(rates, rtol) * machine.step(model) for _, model in weighed]
@@ -84,7 +90,8 @@ def _cheapest(start: Start, pair: Pair, *, t: float, rtol: float) -> IntegratorC
     held = f", under the motion's load on {', '.join(gripping)}," if gripping else ""
     why = f"{fastest}{held} in a motion of {rates.motion:.3g} 1/s, rtol = {rtol:g}"
     said = f"{why}; predicted s a simulated second at equal errors: {told}; its steps are limited by {limited}"
-    return IntegratorChoice(method, said)
+    stepped_over = isinstance(method, RadauIIA) and rates.fastest > 0.0
+    return IntegratorChoice(method, said, rates.fastest / ORDER_8.reach if stepped_over else math.inf)
 
 
 def _with_history(interiors: Interiors) -> IntegratorChoice:

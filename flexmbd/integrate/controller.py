@@ -145,6 +145,7 @@ def propose_step(rule, knots, state, groups):
     if passed:  # accelerations of a pulse of data are not the machine's rate
         for g in range(groups.acceleration.shape[0]):
             groups.acceleration[g] = 0.0
+            groups.newest[g, 1] = 0.0
     rate = st.machine_rate(state, groups)
     number[st.RATE] = rate
     fixed = count[st.FIXED_STEP] == 1
@@ -233,7 +234,7 @@ def _after_rejection(rule, state, h):
     if solved:
         why = st.INACCURATE if np.isfinite(ratio) else st.NOT_FINITE
     if count[st.FIXED_STEP] == 1:
-        if h <= rule.shortest * number[st.STEP]:
+        if h <= rule.shortest * number[st.STEP] or why == st.INTERIOR_FAILED:
             return why
         number[st.STEP_REMAINDER] = max(number[st.STEP_REMAINDER], h)
         number[st.STEP_PART] = 0.5 * h

@@ -58,7 +58,10 @@ _PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selecte
 
 # The least that a step leaves of a coordinate's own rate: its three instants may lie about a zero of the curvature.
 _FADE = 0.25
-_FADED = -math.pi * math.log(_FADE)  # rad of a vibration in a step after which that is left
+_FADING = 2.0 / math.pi  # 1 / rad: over half a period it fades to e^-2
+_FADED = -math.log(_FADE) / _FADING  # rad of a vibration in a step after which that is left
+# Radians of a group's motion in which what lasts of its velocities comes round, and of its accelerations.
+_LASTING_VELOCITY, _LASTING_ACCELERATION = 4.0 * math.pi, 0.5 * math.pi
 _ONSET = 4.0  # times that of the step before, or the machine's
 
 #: Lower bound of relative tolerances.
@@ -95,7 +98,9 @@ class Groups(ArrayStruct):
         kind: (ng,) kinds.GROUP_*.
         full: (ng,) the machine's size in the group's unit (1 rad; its extent L; L sqrt(mass)).
         floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
-        position, velocity, acceleration: (ng,) the largest magnitudes met so far.
+        position: (ng,) the largest magnitudes met so far.
+        velocity, acceleration: (ng,) the largest magnitudes of the motion that lasts, see ``_forget_past``.
+        newest: (ng, 2) those met in the present stretch of the motion; turned: (ng, 2) rad that these have lasted.
         stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
             derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
     """
@@ -107,6 +112,8 @@ class Groups(ArrayStruct):
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    newest: FloatArray
+    turned: FloatArray
     stiffness: FloatArray
     softest: FloatArray
 
@@ -127,6 +134,13 @@ class Record(ArrayStruct):
 
 
 @kernel
+def group_rate(groups, g):
+    """The rate (1/s) of group g by its motion: its velocity, or what its acceleration gives, over its size."""
+    size = groups.position[g]
+    return max(groups.velocity[g] / size, math.sqrt(groups.acceleration[g] / size))
+
+
+@kernel
 def machine_rate(state, groups):
     """The machine's rate (1/s): the fastest group of joint coordinates, or of modes alone.
 
@@ -135,14 +149,15 @@ def machine_rate(state, groups):
     """
     for k in range(state.v.shape[0]):
         g = groups.of[k]
-        groups.velocity[g] = max(groups.velocity[g], abs(state.v[k]))
-        groups.acceleration[g] = max(groups.acceleration[g], abs(state.a[k]))
+        groups.newest[g, 0] = max(groups.newest[g, 0], abs(state.v[k]))
+        groups.newest[g, 1] = max(groups.newest[g, 1], abs(state.a[k]))
     joints = 0.0
     modes = 0.0
     for g in range(groups.floor.shape[0]):
         groups.position[g] = max(groups.position[g], groups.floor[g])
-        size = groups.position[g]
-        rate = max(groups.velocity[g] / size, np.sqrt(groups.acceleration[g] / size))
+        groups.velocity[g] = max(groups.velocity[g], groups.newest[g, 0])
+        groups.acceleration[g] = max(groups.acceleration[g], groups.newest[g, 1])
+        rate = group_rate(groups, g)
         if groups.kind[g] == kinds.GROUP_MODAL:
             modes = max(modes, rate)
         elif groups.kind[g] != kinds.GROUP_STATE:
@@ -227,7 +242,7 @@ def own_rate(rate, before, machine_rate, h):
     shown = min(rate, _ONSET * max(before, machine_rate))
     if shown >= before:
         return shown
-    faded = math.exp(-h * before / math.pi) if h * before < _FADED else _FADE
+    faded = math.exp(-_FADING * h * before) if h * before < _FADED else _FADE
     return max(shown, faded * before)
 
 
@@ -256,6 +271,30 @@ def function_time(numbers, t):
 
 
 @kernel
+def _forget_past(groups, h):
+    """Let go of velocities and accelerations that a group's motion, going on by a step h, meets no more.
+
+    Stretch by stretch of its own radians, of which each knows the largest of its own and of the one before: a motion
+    that comes round keeps its scales.  A start or a blow comes back no more, and would rule tolerances and the longest
+    step for ever.  Accelerations count as long as they may still become velocities.
+    """
+    for g in range(groups.velocity.shape[0]):
+        if groups.kind[g] == kinds.GROUP_STATE or groups.position[g] == 0.0:
+            continue
+        angle = h * group_rate(groups, g)
+        groups.turned[g, 0] += angle
+        groups.turned[g, 1] += angle
+        if groups.turned[g, 0] > _LASTING_VELOCITY:
+            groups.turned[g, 0] = 0.0
+            groups.velocity[g] = groups.newest[g, 0]
+            groups.newest[g, 0] = 0.0
+        if groups.turned[g, 1] > _LASTING_ACCELERATION:
+            groups.turned[g, 1] = 0.0
+            groups.acceleration[g] = groups.newest[g, 1]
+            groups.newest[g, 1] = 0.0
+
+
+@kernel
 def store(plan, state, groups, record, h):
     """Advance TIME to STEP_END by the step h, whose end x, v, a, multipliers hold; write a row of the record."""
     for i in range(plan.tree.shape[0]):
@@ -264,6 +303,7 @@ def store(plan, state, groups, record, h):
             g = groups.of[qv + k]
             size = abs(state.x[qx + k])
             groups.position[g] = max(groups.position[g], size)
+    _forget_past(groups, h)
     for i in range(groups.softest.shape[0]):
         for c in range(2):
             groups.softest[i, c] = min(groups.softest[i, c], groups.stiffness[i, c])

@@ -27,7 +27,7 @@ from flexmbd.run.snapshot import Snapshot, new_groups
 _VERSION = 9
 # Arrays of whole numbers; arrays (ne, 2).
 _WHOLE = ("state.counts", "groups.of", "groups.kind", "rows", "sample")
-_BY_ELEMENT = ("stiffness", "softest")
+_TABLES = ("newest", "turned", "stiffness", "softest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class Checkpoint:
         try:
             state = st.State(*(_part(file, f"state.{name}", 1) for name in names_of(st.State)))
             groups = st.Groups(
-                *(_part(file, f"groups.{name}", 2 if name in _BY_ELEMENT else 1) for name in names_of(st.Groups))
+                *(_part(file, f"groups.{name}", 2 if name in _TABLES else 1) for name in names_of(st.Groups))
             )
             t_start, first_step = file["times"]
             own = _memory(file, "method.")

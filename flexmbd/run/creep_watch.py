@@ -1,4 +1,8 @@
-"""Says once where an explicit run creeps: where something much faster than the motion rules its steps."""
+"""Says once where a run creeps: where something much faster than the motion rules its steps.
+
+An explicit method's, which an implicit one would step over; or those of an implicit one that was chosen to step over
+it, and follows it all the same.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +14,22 @@ from flexmbd.run.stepping import Integration
 
 # Steps of a stretch that is looked at; how many times what the tolerance asks for is too many; steps that must be left.
 _STRETCH, _MANY, _LEFT = 1000, 30.0, 1e5
+_LOST, _LOST_LEFT = 2.0, 1e4  # the same of an implicit method, over the steps at which an explicit one is stable
 
 
 class CreepWatch:
     """Looks at the steps of each stretch of a run."""
 
-    def __init__(self, integration: Integration, t_end: float) -> None:
+    def __init__(self, integration: Integration, t_end: float, *, explicit_steps: float) -> None:
         self._integration, self._t_end = integration, t_end
-        self._ask = integration.steps_a_radian
+        self._ask, self._explicit_steps = integration.steps_a_radian, explicit_steps
         self._begin()
 
     def look(self) -> None:
         """Warn where the steps of a stretch, a thousand or more, are far too many for the motion."""
+        if math.isinf(self._ask):
+            self._look_at_implicit()
+            return
         state = self._integration.state
         steps, time = int(state.counts[st.STEPS]) - self._steps, self._integration.t - self._t
         if steps < max(_STRETCH, _MANY * self._ask) or not time > 0.0:
@@ -37,6 +45,23 @@ class CreepWatch:
                 StepsWarning,
             )
             self._ask = math.inf
+        self._begin()
+
+    def _look_at_implicit(self) -> None:
+        """Warn where a stretch took more steps than the explicit pair would, which was taken to need more."""
+        steps, time = int(self._integration.state.counts[st.STEPS]) - self._steps, self._integration.t - self._t
+        if steps < _STRETCH or not time > 0.0:
+            return
+        left = steps * (self._t_end - self._integration.t) / time
+        if steps > _LOST * self._explicit_steps * time and left > _LOST_LEFT:
+            warn(
+                f"at t = {self._integration.t:.4g} s {self._integration.method.name}, chosen for vibrations that it "
+                f"could step over, takes steps of {time / steps:.1e} s, {left:.1e} of them up to t_end: they "
+                "are excited all the same. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) takes cheaper "
+                f"steps, which were foreseen to be stable up to {1.0 / self._explicit_steps:.1e} s",
+                StepsWarning,
+            )
+            self._explicit_steps = math.inf
         self._begin()
 
     def _begin(self) -> None:

@@ -110,7 +110,8 @@ class PreparedRuns:
         numbers[st.SAFETY] = SAFETY
         if settings.max_step is not None:
             numbers[st.STEP_CEILING] = min(numbers[st.STEP_CEILING], settings.max_step)
-        met = (groups.position, groups.velocity, groups.acceleration, groups.stiffness, groups.softest)
+        met = (groups.position, groups.velocity, groups.acceleration, groups.newest, groups.turned)
+        met += (groups.stiffness, groups.softest)
         self._fresh = [(part, part.copy()) for part in (*met, self._state.numbers, self._state.counts)]
         self._work = new_work(plan)
         self._stepper = method.stepper(self.scene, self._state, groups, self._work)
@@ -168,7 +169,7 @@ class PreparedRuns:
             return False
         if self._settings.h is None:
             s.numbers[st.STEP] = first_step(self.scene, s.numbers, s.v, s.a, self.method.order)
-        if self._settings.integrator == "auto" and self._settings.method(self.start()) != self.method:
+        if self._settings.integrator == "auto" and self._settings.choice(self.start()).method != self.method:
             return False
         self._stepper.begin()
         return True

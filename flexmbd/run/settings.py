@@ -14,7 +14,7 @@ import numpy as np
 
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.given import checked, is_number, numbers, refuse_no_truth, refuse_other
-from flexmbd.integrate.automatic import choose
+from flexmbd.integrate.automatic import IntegratorChoice, choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.start.consistent_start import Start
@@ -157,11 +157,11 @@ class RunSettings:
         """When the simulation began (s) of which this run is the whole, or the rest after a checkpoint."""
         return self.t_start if self.restart is None else self.restart.t_start
 
-    def method(self, start: Start) -> Integrator:
+    def choice(self, start: Start) -> IntegratorChoice:
         """The integrator asked for, or the one that suits this start."""
         if self.integrator == "auto":
-            return choose(start, t=self.begun, rtol=self.rtol, h=self.h).method
-        return self.integrator
+            return choose(start, t=self.begun, rtol=self.rtol, h=self.h)
+        return IntegratorChoice(self.integrator, "as asked")
 
 
 @dataclass(frozen=True)

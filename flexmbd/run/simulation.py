@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -55,8 +56,12 @@ def run(
     snapshot: Snapshot,
     team: Team,
     controllers: Sequence[Controller] = (),
+    explicit_steps: float = math.inf,
 ) -> Trajectory:
-    """Integrate from a snapshot by settings, of which those of the start have been heeded; see ``System.simulate``."""
+    """Integrate from a snapshot by settings, of which those of the start have been heeded; see ``System.simulate``.
+
+    ``explicit_steps``: (1/s), as of ``IntegratorChoice``.
+    """
     method.check(start.scene)
     start.scene.callbacks.reset()
     purpose = type(method).__name__
@@ -72,7 +77,10 @@ def run(
         integration.bound_steps(settings.max_step)
     with open_stream(start, settings, integration, team) as stream:
         search = EventSearch(integration, settings.events, bodies, team, snapshot.events) if settings.events else None
-        trajectory = _run(start, integration, bodies, settings, team, search=search, stream=stream, set_out=set_out)
+        creep = CreepWatch(integration, settings.t_end, explicit_steps=explicit_steps)
+        trajectory = _run(
+            start, integration, bodies, settings, team, search=search, stream=stream, creep=creep, set_out=set_out
+        )
         if stream is not None:
             stream.end(trajectory)
     return trajectory
@@ -87,6 +95,7 @@ def _run(
     *,
     search: EventSearch | None,
     stream: RunStream | None,
+    creep: CreepWatch,
     set_out: float,
 ) -> Trajectory:
     """Step to the end; ``set_out``: s, when the run began."""
@@ -101,7 +110,7 @@ def _run(
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
     watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, watched)
-    creep, updates = CreepWatch(integration, t_end), UpdateWatch(integration, start.scene.interiors)
+    updates = UpdateWatch(integration, start.scene.interiors)
     shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,

@@ -83,11 +83,12 @@ def bound_by_span(number: FloatArray, *, t_start: float, t_end: float) -> None:
 
 def new_groups(scene: CompiledScene) -> st.Groups:
     """The scales of a scene's error, of which nothing has been met yet."""
-    sizes = np.zeros((3, len(scene.group_floor)))
+    n = len(scene.group_floor)
     elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
     ne = len(scene.plan.elements) if _vibrates(scene) and stiffness_may_change(scene.plan) and not elastic else 0
+    met = (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros((n, 2)))
     softest = np.full((2, ne, 2), np.inf)
-    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *sizes, *softest)
+    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *met, *softest)
 
 
 def _vibrates(scene: CompiledScene) -> bool:

@@ -30,7 +30,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 ORDER = 2
 
 #: How its steps follow from their errors: they change seldom, for each change costs a factorisation.
-RULE = Rule(exponent=0.5)
+RULE = Rule(exponent=0.5, shortest=1.0 / 64.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,14 +42,15 @@ def _estimate(plan, state, groups, scratch, h):
         gap_x = state.v[k] / REAL
         gap_v = state.a[k] / REAL
         curve = 0.0
+        size = groups.acceleration[groups.of[k]]
         for i in range(3):
+            size = max(size, abs(scratch.a[i, k]))
             gap_x += ERROR_WEIGHTS[i] * scratch.local_rate[i, k]
             gap_v += ERROR_WEIGHTS[i] * scratch.a[i, k]
             curve += CURVATURE[i] * scratch.a[i, k]
         scratch.error_x[j] = h * gap_x
         scratch.error_v[j] = h * gap_v
         # the frequency of a vibration with that curvature of its acceleration
-        size = groups.acceleration[groups.of[k]]
         scratch.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
     put_imbalance(plan, scratch, step)
     for c in range(blocks.velocity.shape[0]):

@@ -34,7 +34,7 @@ _LOOSEST = 1e-6
 # and each change costs factors.
 _RULE = Rule(
     exponent=0.3, trend=1.0, least_before=1e-2, most=8.0, failed=0.4, tight=0.92, shrunk=1.0, hold=4, longest=1.0,
-    room=0.8,
+    room=0.8, shortest=1.0 / 64.0,
 )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from flexmbd.multibody.plan.plan_arrays import fill_plan, time_table
 from flexmbd.multibody.plan.plan_digest import plan_digest
 from flexmbd.multibody.plan.row_slopes import RowSweeps, row_sweeps
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
-from flexmbd.multibody.plan.sources import Sources, extent_of, reaches
+from flexmbd.multibody.plan.sources import Sources, beam_reach, body_size, reaches
 from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
@@ -296,8 +296,9 @@ def build(
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
-    reach = reaches(topology, masses, forces)
-    b = Numbering(ground, extent_of(reach), Callbacks(team))
+    reach, beams = reaches(topology, masses), beam_reach(forces)
+    extent = max([beams, *(body_size(one.rigid, [f.p_BF_B for f in one.frames]) for one in reach)]) or 1.0
+    b = Numbering(ground, extent, Callbacks(team))
     for branch, mass in zip(topology.branches, masses, strict=True):
         b.add_branch(branch, mass)
     rows = assemble_rows(b, topology, couplings)
@@ -330,7 +331,7 @@ def build(
         wrench_sources=tuple(table.wrench_sources),
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
         breaks=np.concatenate([np.zeros(0), *b.breaks]),
-        sources=Sources(tuple(b.markers), reach, tuple(rows.scaled), table.spans, tuple(axes), table.is_awaited),
+        sources=Sources(tuple(b.markers), reach, beams, tuple(rows.scaled), table.spans, tuple(axes), table.is_awaited),
     )
     table.call_hooks(scene)
     return scene

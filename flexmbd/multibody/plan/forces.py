@@ -155,7 +155,13 @@ class ForceTable:
         return self._numbering.add_state_function(function, what)
 
     def frame_law(
-        self, wrench: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike = (),
+        self,
+        wrench: Compiled,
+        what: str,
+        frame_F: Frame,
+        frame_G: Frame,
+        *,
+        numbers: ArrayLike = (),
         derivative: Compiled | None = None,
     ) -> None:
         """Let a law of one's own act between two frames."""
@@ -199,24 +205,47 @@ class ForceTable:
         return place
 
     def memory_law(
-        self, law: Compiled, what: str, connection: Connection, index: int, *, memory: Mapping[str, float],
-        numbers: ArrayLike = (), rest: float = 0.0,
+        self,
+        law: Compiled,
+        what: str,
+        connection: Connection,
+        index: int,
+        *,
+        memory: Mapping[str, float],
+        numbers: ArrayLike = (),
+        rest: float = 0.0,
     ) -> None:
         """Let a law with memory of one's own act on a joint's coordinate."""
         x, v = self.coordinate(connection, index)
         self._remember(MEMORY_LAW, law, what, memory, [rest, *_flat(numbers)], x=x, v=v)
 
     def memory_line(
-        self, law: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, memory: Mapping[str, float],
-        numbers: ArrayLike = (), length: float = 0.0,
+        self,
+        law: Compiled,
+        what: str,
+        frame_F: Frame,
+        frame_G: Frame,
+        *,
+        memory: Mapping[str, float],
+        numbers: ArrayLike = (),
+        length: float = 0.0,
     ) -> None:
         """Let a law with memory of one's own act along the line between two frames."""
         f, g = self.frame(frame_F), self.frame(frame_G)
         self._remember(MEMORY_LINE, law, what, memory, [length, *_flat(numbers)], f=f, g=g)
 
     def _remember(
-        self, element: ElementKind, law: Compiled, what: str, memory: Mapping[str, float], numbers: list[float], *,
-        f: int = -1, g: int = -1, x: int = -1, v: int = -1,
+        self,
+        element: ElementKind,
+        law: Compiled,
+        what: str,
+        memory: Mapping[str, float],
+        numbers: list[float],
+        *,
+        f: int = -1,
+        g: int = -1,
+        x: int = -1,
+        v: int = -1,
     ) -> None:
         """A row of a law with memory; the first of the numbers is where the deformation is zero."""
         law = _checked_law(self._note_breaks(law, what), what, Signature.MEMORY, "data, memory, begin, end, out")
@@ -350,8 +379,21 @@ class ForceTable:
         self.element(SOLVED_TOGETHER, what, data=self.numbers(_flat(speeds)), count=len(speeds), address=address)
 
     def element(
-        self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, acts: bool = True,
+        self,
+        element: ElementKind,
+        what: str,
+        *,
+        f: int = -1,
+        g: int = -1,
+        x: int = -1,
+        v: int = -1,
+        time: int = -1,
+        data: int = 0,
+        count: int = 0,
+        address: int = 0,
+        derivative: int = 0,
+        memory: int = -1,
+        acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``."""
         if not (acts or self._may_vary):

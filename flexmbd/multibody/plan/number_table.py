@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.bodies.body import Frame, RigidBody, moments_about_frame
+from flexmbd.multibody.bodies.body import Body, Frame, RigidBody, moments_about_frame
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.numbering import rigid_rows
 from flexmbd.multibody.plan.rotation_kinds import how_turning
-from flexmbd.multibody.plan.sources import place_reach, row_reach
 from flexmbd.multibody.plan.variation import group_sizes
 from flexmbd.multibody.scene_index import IdentityMap
 
@@ -51,7 +50,7 @@ class NumberTable:
         self._rigid: list[tuple[int, FloatArray]] = []
         self._turning: list[tuple[int, list[int]]] = []
         self._frames = [(row, p) for frame, p in places.items() for row in scene.sources.rows_of[frame]]
-        reaches: IdentityMap[object, list[float]] = IdentityMap()
+        numbered: IdentityMap[Body, FloatArray] = IdentityMap()
         for body, numbers in bodies.items():
             row, rows = scene.index.bodies[body], self._rows(scene.index.now(body), numbers, count)
             self._rigid.append((row, rows))
@@ -59,12 +58,10 @@ class NumberTable:
             if axis is not None and axis.any():
                 kinds = [how_turning(scene.plan.tree[row], axis, rigid) for rigid in rows]
                 self._turning.append((row, kinds))
-            good = zip(rows, self.possible, strict=True)
-            reaches[body] = [row_reach([*map(float, rigid)]) if possible else 0.0 for rigid, possible in good]
-        for frame, p in places.items():
+            numbered[body] = rows
+        for p in places.values():
             self.possible &= np.isfinite(p).all(axis=1)
-            reaches[frame] = [place_reach(place) for place in p]
-        extents = scene.sources.extents_with(reaches, count)
+        extents = scene.sources.extents_with(numbered, IdentityMap(places.items()), count)
         by_extent = {extent: group_sizes(scene, scene.index, extent) for extent in set(extents)}
         self._sizes = [by_extent[extent] for extent in extents]
 

@@ -50,9 +50,7 @@ def how_turning(row: IntArray, axis: FloatArray | None, rigid: FloatArray) -> in
     return kinds.BALANCED_ROTATION if _is_balanced(rigid, axis) else kinds.PLANAR_ROTATION
 
 
-def _axis(
-    row: IntArray, frames: FloatArray, frame_of: IntArray, axes: list[FloatArray | None]
-) -> FloatArray | None:
+def _axis(row: IntArray, frames: FloatArray, frame_of: IntArray, axes: list[FloatArray | None]) -> FloatArray | None:
     """The unit axis, in the body, about which its frame turns; zeros where it never does, None if about any."""
     f = row[at.FRAME_PARENT]
     parent = np.zeros(3) if row[at.PARENT] < 0 else axes[row[at.PARENT]]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot, sqrt
-from typing import TypeAlias
+from math import dist, hypot, isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,24 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.forces import ForceSpan
 from flexmbd.multibody.plan.numbering import Marker
 from flexmbd.multibody.plan.rows import ScaledRow
 from flexmbd.multibody.scene_index import IdentityMap
-from flexmbd.multibody.topology import Topology
+from flexmbd.multibody.topology import Branch, Topology
 
 FloatArray = NDArray[np.float64]
-Reaching: TypeAlias = Body | Frame | Force  # what the machine's extent is asked of
+_ROUND_OFF = 1e-14  # of the square of a distance
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """What tells how large a body is: its row of ``Plan.rigid`` (N_RIGID,), and its frames that joints hold."""
+
+    body: Body
+    rigid: tuple[float, ...]
+    frames: tuple[Frame, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +39,7 @@ class Sources:
 
     Attributes:
         markers: of each row of ``Plan.frames``; None of those that no marker gives.
-        reach: (m) of all bodies, of the frames of all joints and of beams, what the machine's extent is the largest of.
+        reach: of bodies that can move, and beams: (m), the largest beam: what the machine's extent is the largest of.
         scaled: numbers that the extent scales.
         forces: rows and parameters of each force element.
         axes: about which each link turns (see ``turning``).
@@ -38,7 +47,8 @@ class Sources:
     """
 
     markers: tuple[Marker | None, ...]
-    reach: tuple[tuple[Reaching, float], ...]
+    reach: tuple[Reach, ...]
+    beams: float
     scaled: tuple[ScaledRow, ...]
     forces: IdentityMap[Force, ForceSpan]
     axes: tuple[FloatArray | None, ...]
@@ -53,61 +63,74 @@ class Sources:
                 found.setdefault(marker.frame, []).append(row)
         return found
 
-    def extent_with(self, moved: IdentityMap[object, float]) -> float:
-        """The machine's size (m) where some bodies and frames have another reach (m)."""
-        still = (far for thing, far in self.reach if thing not in moved)
-        known = [far for thing, far in moved.items() if thing in self._reaching]
-        return max([*still, *known], default=0.0) or 1.0
+    def extents_with(
+        self, rigid: IdentityMap[Body, FloatArray], places: IdentityMap[Frame, FloatArray], count: int
+    ) -> list[float]:
+        """The machine's size (m) in ``count`` variants, of which some have other numbers.
 
-    def extents_with(self, moved: IdentityMap[object, list[float]], count: int) -> list[float]:
-        """As ``extent_with`` of ``count`` variants."""
-        still = max((far for thing, far in self.reach if thing not in moved), default=0.0)
-        known = [far for thing, far in moved.items() if thing in self._reaching]
-        return [max(still, *far) or 1.0 for far in zip(*known, strict=True)] if known else [still or 1.0] * count
-
-    @cached_property
-    def _reaching(self) -> IdentityMap[Reaching, None]:
-        """What the extent is asked of: frames of forces alone are not."""
-        return IdentityMap((thing, None) for thing, _ in self.reach)
+        Args:
+            rigid: (count, N_RIGID) rows of ``Plan.rigid`` of bodies.
+            places: (count, 3) m, of frames.
+            count: of variants.
+        """
+        largest = np.full(count, self.beams)
+        for reach in self.reach:
+            changed = reach.body in rigid or any(frame in places for frame in reach.frames)
+            for k in range(count if changed else 1):
+                row = rigid[reach.body][k] if reach.body in rigid else reach.rigid
+                at = [places[frame][k] if frame in places else frame.p_BF_B for frame in reach.frames]
+                every = slice(k, k + 1) if changed else slice(None)
+                largest[every] = np.maximum(largest[every], body_size(row, at))
+        return [float(one) or 1.0 for one in largest]
 
     def frames_of(self, body: Body) -> list[Frame]:
         """The interface frames of a body among the markers."""
         return [frame for frame in self.rows_of if frame.body is body and frame.interface is not None]
 
 
-def frame_reach(frame: Frame) -> float:
-    """How far (m) a frame lies from its body's origin."""
-    return place_reach(frame.p_BF_B)
+def body_size(rigid: Sequence[float] | FloatArray, places: Sequence[FloatArray]) -> float:
+    """How large (m) a body is: how far its mass, by its radius of gyration, and its frames lie from each other.
 
-
-def place_reach(p: FloatArray) -> float:
-    """How far (m) a place (3,) lies from a body's origin."""
-    return hypot(*map(float, p))
-
-
-def row_reach(rigid: Sequence[float]) -> float:
-    """How far (m) a body's mass lies from its origin: its centre's distance, or its radius of gyration.
-
-    ``rigid`` is the body's row of ``Plan.rigid``.
+    Wherever the body's own origin may be.  ``rigid`` is its row of ``Plan.rigid``, ``places`` (3,) m of its frames.
     """
-    mass, x, y, z, xx, _, _, yy, _, zz = rigid
-    return max(hypot(x, y, z) / mass, sqrt((xx + yy + zz) / mass))
+    mass, x, y, z, xx, _, _, yy, _, zz = map(float, rigid)
+    if not (mass > 0.0 and isfinite(mass)):
+        return 0.0
+    centre = (x / mass, y / mass, z / mass)
+    beside = (xx + yy + zz) / mass - hypot(*centre) ** 2
+    if not beside > _ROUND_OFF * hypot(*centre) ** 2:  # a mass at a point far from the origin
+        beside = 0.0
+    points = [centre, *(tuple(map(float, p)) for p in places)]
+    farthest = max(points, key=lambda p: dist(p, centre))
+    return max(hypot(sqrt(beside), dist(farthest, centre)), max(dist(p, farthest) for p in points))
 
 
-def reaches(
-    topology: Topology, masses: Sequence[Sequence[float]], forces: Sequence[Force]
-) -> tuple[tuple[Reaching, float], ...]:
-    """The reach (m) of the frames of all joints, of all bodies by their rows of ``Plan.rigid``, and of beams.
+def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[Reach, ...]:
+    """Of all bodies that can move, by their rows of ``Plan.rigid``, what the machine's extent is asked of.
+
+    Frames of joints alone; of the ground, and of what is fixed to it, they say nothing of what moves.
+    """
+    frames: IdentityMap[Body, list[Frame]] = IdentityMap()
+    for connection in (*topology.branches, *topology.closures):
+        for frame in _ends(connection):
+            frames.setdefault(frame.body, []).append(frame)
+    moving: IdentityMap[Body, None] = IdentityMap()
+    found: list[Reach] = []
+    for branch, mass in zip(topology.branches, masses, strict=True):
+        body, joint = branch.outer.body, branch.connection
+        if branch.inner.body in moving or joint is None or joint.joint.velocity_names:
+            moving[body] = None
+            found.append(Reach(body, tuple(mass), tuple(frames[body])))
+    return tuple(found)
+
+
+def _ends(joint: Branch | Connection) -> tuple[Frame, Frame]:
+    return (joint.inner, joint.outer) if isinstance(joint, Branch) else (joint.parent, joint.child)
+
+
+def beam_reach(forces: Sequence[Force]) -> float:
+    """How far (m) the longest beam reaches.
 
     The sections of an exact beam are small bodies of their own: how long it is its elements know.
     """
-    frames = [f for b in topology.branches for f in (b.inner, b.outer)]
-    frames += [f for c in topology.closures for f in (c.parent, c.child)]
-    bodies = [(b.outer.body, row_reach(row)) for b, row in zip(topology.branches, masses, strict=True)]
-    beams = [(force, force.reach) for force in forces if isinstance(force, BeamElement)]
-    return (*((frame, frame_reach(frame)) for frame in frames), *bodies, *beams)
-
-
-def extent_of(reach: tuple[tuple[Reaching, float], ...]) -> float:
-    """The machine's size (m): the farthest reach of any frame or centre of mass in its body, or of a beam."""
-    return max((far for _, far in reach), default=0.0) or 1.0
+    return max((force.reach for force in forces if isinstance(force, BeamElement)), default=0.0)

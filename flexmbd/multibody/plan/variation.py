@@ -28,7 +28,6 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import ForceSpan, ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
 from flexmbd.multibody.plan.rotation_kinds import how_turning, turning_axes
-from flexmbd.multibody.plan.sources import frame_reach, row_reach
 from flexmbd.multibody.plan.time_data import data_with_integrals
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex
 
@@ -182,12 +181,9 @@ class _Variation:
                 self._array("tree")[row, at.ROTATION] = turning
 
     def _write_extent(self, bodies: Sequence[Body], frames: Sequence[Frame]) -> None:
-        moved = IdentityMap[object, float]()
-        for body in bodies:
-            moved[body] = row_reach(self._now("rigid")[self._index.bodies[body]].tolist())
-        for frame in frames:
-            moved[frame] = frame_reach(self._index.frame_now(frame))
-        self._extent = self._scene.sources.extent_with(moved)
+        rigid = IdentityMap((body, self._now("rigid")[self._index.bodies[body]][None]) for body in bodies)
+        places = IdentityMap((frame, self._index.frame_now(frame).p_BF_B[None]) for frame in frames)
+        self._extent = self._scene.sources.extents_with(rigid, places, 1)[0]
         if self._extent == self._scene.extent:
             return
         for scaled in self._scene.sources.scaled:

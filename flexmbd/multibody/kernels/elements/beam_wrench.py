@@ -117,5 +117,5 @@ def _energy(plan, work, row, d, R, rate, spin):
 # Unseen: the rounding of places makes accelerations of a thin element, of whose noise no explicit step is short enough
 # to make less at a tight tolerance.
 BEAM_ELEMENT = FrameElement(
-    Behaviour("elements of beams, which may be stiff", Stiffness.UNSEEN, damper=(_C, 36)), _wrench, _variation, _energy
+    Behaviour("elements of beams", Stiffness.SEEN, damper=(_C, 36)), _wrench, _variation, _energy
 )

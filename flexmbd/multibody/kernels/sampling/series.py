@@ -144,12 +144,11 @@ def force_series(plan, work, t, x, v, a, multipliers, out):
 
 
 @entry_kernel
-def largest_residuals(plan, work, t, x, rest, scratch, out):
-    """out[i] (m or rad): largest residual of row i over configurations x (nt, nx) at t (nt,).
+def row_residuals(plan, work, t, x, rest, scratch, out):
+    """out (nt, rows), m or rad: the residual of each row, its magnitude, at each configuration x (nt, nx) at t (nt,).
 
     ``rest`` is (nv,) zeros, ``scratch`` (3, rows).
     """
-    out[:] = 0.0
     timed = False
     for i in range(plan.rows.shape[0]):
         timed = timed or plan.rows[i, at.ROW_TIME] >= 0
@@ -159,7 +158,7 @@ def largest_residuals(plan, work, t, x, rest, scratch, out):
         forward_kinematics(plan, work, x[k], rest, rest)
         constraints(plan, work, scratch[0], scratch[1], scratch[2])
         for i in range(scratch.shape[1]):
-            out[i] = max(out[i], abs(scratch[0, i]))
+            out[k, i] = abs(scratch[0, i])
 
 
 @entry_kernel
