@@ -173,9 +173,9 @@ class DamageWarning(UserWarning):
 
 
 class StepsWarning(UserWarning):
-    """An explicit method creeps: far more steps lie ahead of it than the machine's motion asks for.
+    """Steps do not suit the machine: far more of an explicit method than its motion asks for, or too long fixed ones.
 
-    Remedy: an implicit method, as ``integrator=fm.RadauIIA()``.
+    Remedy: an implicit method, as ``integrator=fm.RadauIIA()``; of fixed steps shorter ones, or ``rtol`` without h.
     """
 
 

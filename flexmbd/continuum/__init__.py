@@ -5,9 +5,11 @@ and the protocol of interiors alone.
 """
 
 from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
+from flexmbd.libraries import load_continuum as _load_continuum
 from flexmbd.libraries import require as _require
 
 _require("flexmbd.continuum", *_OF_THE_CONTINUUM)
+_load_continuum()
 
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
 from flexmbd.continuum.contract.entries import OptionalEntries as OptionalEntries

@@ -29,6 +29,7 @@ from flexmbd.run.creep_watch import CreepWatch
 from flexmbd.run.event import NO_EVENTS, Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.failures import interrupted, refuse_broken_off, refuse_stopped
+from flexmbd.run.fixed_step_watch import FixedStepWatch
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
@@ -101,16 +102,16 @@ def _run(
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
-    watch, ranges, creep = (
+    watch, ranges, creep, fixed = (
         StretchWatch(start.scene, bodies.values()),
         (RangeWatch(start.scene, watched), TurnWatch(start.scene, watched), SpinWatch(start.scene, watched)),
         CreepWatch(integration, t_end),
+        FixedStepWatch(start.scene.velocity_names, integration.state, method),
     )
-    shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
         interrupt_ends() as early,
-        _progress_bar(shown, t_end - integration.t) as bar,
+        _progress_bar(settings.progress and team.is_root, t_end - integration.t) as bar,
     ):
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
@@ -127,6 +128,7 @@ def _run(
             compiled = time.perf_counter() if compiled == began else compiled
             if team.is_root:
                 creep.look()
+                fixed.look(integration.fixed_errors)
             bar.update(integration.t - before)
             if code == st.DONE and stops and integration.t >= (stop := stops.pop(0)) and stops:
                 snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
