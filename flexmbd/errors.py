@@ -146,9 +146,30 @@ class PathWarning(UserWarning):
 
 
 class TableWarning(UserWarning):
-    """A table's cubics leave the range of its points by more than that range, as beside a jump.
+    """A table's cubics would leave the range of its points by more than that range, as beside a jump: it is monotone.
 
-    Remedy: more points beside the jump, or a table of straight lines.
+    Remedy: ``monotone=True`` if that is meant, else more points beside the jump.
+    """
+
+
+class PulseWarning(UserWarning):
+    """A Python function of time did something within a step of the run that no stage of the step saw.
+
+    Remedy: ``fm.Piecewise(function, breaks=[...])``, ``fm.compiled(function, breaks=[...])`` or a smaller ``max_step``.
+    """
+
+
+class LockingWarning(UserWarning):
+    """Cells of displacements alone may be too stiff: linear ones that bend, or a material that hardly changes volume.
+
+    Remedy: ``degree=2``, more cells through the thickness, or a form for nearly incompressible solids.
+    """
+
+
+class UnitWarning(UserWarning):
+    """A density, or the speed of waves in a material, is that of no material in SI units.
+
+    Remedy: m, kg, s, N and Pa throughout: 7850 kg/m^3 and 2.1e11 Pa for steel, lengths in m.
     """
 
 

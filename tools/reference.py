@@ -64,7 +64,8 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError PathError PictureError RecordError ReductionError SceneError VersionError "
-        "EventWarning DamageWarning ModesWarning PathWarning RangeWarning StartWarning StepsWarning TableWarning",
+        "EventWarning DamageWarning LockingWarning ModesWarning PathWarning PulseWarning RangeWarning StartWarning "
+        "StepsWarning TableWarning UnitWarning",
         "",
     ),
 }

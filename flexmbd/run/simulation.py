@@ -34,6 +34,7 @@ from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
 from flexmbd.run.recording_file import Recorder, open_recorder
+from flexmbd.run.pulse_watch import tell_missed_pulses
 from flexmbd.run.row_store import is_affordable
 from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
@@ -148,6 +149,8 @@ def _run(
             checkpoints=tuple(kept),
             recordings=() if recorder is None else recorder.recordings,
         )
+    if error is None and team.size == 1:
+        tell_missed_pulses(start.scene, trajectory.t, rtol=settings.rtol)
     error = error or (KeyboardInterrupt() if early.seen or late.seen else None)
     refuse_torn_loops(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
