@@ -131,7 +131,7 @@ class PictureError(FlexmbdError):
 
 
 class StartWarning(UserWarning):
-    """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies, or changes velocities.
+    """A machine's start is consistent, but hardly what was meant: closing loops bends bodies or changes velocities.
 
     Remedy: place the bodies so that the loops close, or mend the lengths of parts that do not meet; set no more
     velocities than the machine has freedoms.

@@ -33,8 +33,8 @@ from flexmbd.run.fixed_step_watch import FixedStepWatch
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
-from flexmbd.run.recording_file import Recorder, open_recorder
 from flexmbd.run.pulse_watch import tell_missed_pulses
+from flexmbd.run.recording_file import Recorder, open_recorder
 from flexmbd.run.row_store import is_affordable
 from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
@@ -153,11 +153,25 @@ def _run(
         tell_missed_pulses(start.scene, trajectory.t, rtol=settings.rtol)
     error = error or (KeyboardInterrupt() if early.seen or late.seen else None)
     refuse_torn_loops(start, trajectory)
+    _refuse_early_end(start, integration, trajectory, code=code, error=error, watch=watch, budget=budget)
+    return trajectory
+
+
+def _refuse_early_end(
+    start: Start,
+    integration: Integration,
+    trajectory: Trajectory,
+    *,
+    code: int,
+    error: FlexmbdError | KeyboardInterrupt | None,
+    watch: StretchWatch,
+    budget: _Budget,
+) -> None:
+    """Raise what a run did not reach its end for."""
     _refuse_flat(watch, integration, trajectory)
     refuse_broken_off(error, trajectory)
     budget.refuse_spent(trajectory)
     refuse_stopped(start.scene, integration, code, trajectory)
-    return trajectory
 
 
 class _Budget:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from petsc4py import PETSc
+
 import numpy as np
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.contract.dof_layout import DofLayout

@@ -100,7 +100,7 @@ class CentralDifference:
                 interiors.choose_step()
 
         m = method
-        parts = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
-        refuse_step = judge(scene, parts, state, groups, growth=central_difference_growth(corrected, self.name))
+        machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
+        refuse_step = judge(scene, machine, state, groups, growth=central_difference_growth(corrected, self.name))
         forward = drive if interiors is None else interiors.advance
         return Stepper(forward, begin, no_factors, memory, refuse_step=refuse_step)

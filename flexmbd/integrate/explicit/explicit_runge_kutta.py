@@ -152,8 +152,8 @@ class ExplicitRungeKutta:
         ask = 1.0 if fixed else float(state.numbers[st.TOLERANCE] ** (-1.0 / self.order))
         steps_a_radian = np.inf if fixed else ask
         m = method
-        parts = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
-        refuse_step = judge(scene, parts, state, groups, growth=runge_kutta_growth(self.pair, self.name))
+        machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
+        refuse_step = judge(scene, machine, state, groups, growth=runge_kutta_growth(self.pair, self.name))
         errors = method.scratch.errors
         return Stepper(loop, begin, no_factors, memory, refit_method, steps_a_radian, refuse_step, errors)
 

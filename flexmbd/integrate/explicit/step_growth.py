@@ -60,7 +60,8 @@ def runge_kutta_growth(pair: Pair, name: str) -> StepGrowth:
 def _stability_polynomial(pair: Pair) -> FloatArray:
     """Factors of R(z) = 1 + z b^T (I - z A)^-1 1, the highest power first (Hairer & Wanner 1996, eq. IV.2.4)."""
     a = pair.tableau.a
-    stages, factors = np.ones(a.shape[1]), [1.0]
+    stages: FloatArray = np.ones(a.shape[1])
+    factors = [1.0]
     for _ in range(a.shape[1]):
         factors.append(float(a[-1] @ stages))
         stages = a[:-1] @ stages

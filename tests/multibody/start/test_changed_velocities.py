@@ -1,4 +1,4 @@
-"""Velocities that the loops forbid are told where they change by more than a tenth: a parallelogram's cranks turn alike."""
+"""Velocities that loops forbid are told where they change by more than a tenth: a parallelogram's cranks turn alike."""
 
 import warnings
 
