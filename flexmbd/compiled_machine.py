@@ -39,6 +39,7 @@ from flexmbd.multibody.start.energy_check import refuse_false_energies
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
+from flexmbd.multibody.start.report import changed_velocities
 from flexmbd.multibody.team import Alone, Team, on_every_rank
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.controller import Controller
@@ -169,8 +170,10 @@ class CompiledMachine:
         mark_compiled(STARTING)
         refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         refuse_false_energies(scene, work, start.x)
-        if start.strain.warning is not None and self.team.is_root:
-            warn(start.strain.warning, StartWarning)
+        forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held_v)
+        for complaint in (start.strain.warning, forbidden):
+            if complaint and self.team.is_root:
+                warn(complaint, StartWarning)
         return start
 
     def simulate(

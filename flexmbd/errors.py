@@ -138,9 +138,10 @@ class PictureError(FlexmbdError):
 
 
 class StartWarning(UserWarning):
-    """A machine's start is consistent, but hardly what was meant: closing its loops bends bodies.
+    """A machine's start is consistent, but hardly what was meant: closing loops bends bodies or changes velocities.
 
-    Remedy: place the bodies so that the loops close, or mend the lengths of parts that do not meet.
+    Remedy: place the bodies so that the loops close, or mend the lengths of parts that do not meet; set no more
+    velocities than the machine has freedoms.
     """
 
 
@@ -152,9 +153,30 @@ class PathWarning(UserWarning):
 
 
 class TableWarning(UserWarning):
-    """A table's cubics leave the range of its points by more than that range, as beside a jump.
+    """A table's cubics would leave the range of its points by more than that range, as beside a jump: it is monotone.
 
-    Remedy: more points beside the jump, or a table of straight lines.
+    Remedy: ``monotone=True`` if that is meant, else more points beside the jump.
+    """
+
+
+class PulseWarning(UserWarning):
+    """A Python function of time did something within a step of the run that no stage of the step saw.
+
+    Remedy: ``fm.Piecewise(function, breaks=[...])``, ``fm.compiled(function, breaks=[...])`` or a smaller ``max_step``.
+    """
+
+
+class LockingWarning(UserWarning):
+    """Cells of displacements alone may be too stiff: linear ones that bend, or a material that hardly changes volume.
+
+    Remedy: ``degree=2``, more cells through the thickness, or a form for nearly incompressible solids.
+    """
+
+
+class UnitWarning(UserWarning):
+    """A density, or the speed of waves in a material, is that of no material in SI units.
+
+    Remedy: m, kg, s, N and Pa throughout: 7850 kg/m^3 and 2.1e11 Pa for steel, lengths in m.
     """
 
 
@@ -180,9 +202,9 @@ class DamageWarning(UserWarning):
 
 
 class StepsWarning(UserWarning):
-    """An explicit method creeps: far more steps lie ahead of it than the machine's motion asks for.
+    """Steps do not suit the machine: far more of an explicit method than its motion asks for, or too long fixed ones.
 
-    Remedy: an implicit method, as ``integrator=fm.RadauIIA()``.
+    Remedy: an implicit method, as ``integrator=fm.RadauIIA()``; of fixed steps shorter ones, or ``rtol`` without h.
     """
 
 

@@ -5,7 +5,11 @@ Numpy-free leaf, as the errors: every room may import it.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
+import logging
+import sys
+import warnings
 
 from flexmbd.errors import MissingLibraryError
 
@@ -29,3 +33,19 @@ def require(room: str, *libraries: str) -> None:
             f"{room} needs {', '.join(missing)}, which pip does not bring: use ./run, or conda with environment.yml "
             "(docs/install.md); machines, records and exports run without"
         )
+
+
+def load_continuum() -> None:
+    """Load ffcx, which sends all of Python's warnings to a log that nobody reads, and have them shown as before.
+
+    Who asked logging for them, or reads that log, keeps what was asked for.
+    """
+    shown, loaded = warnings.showwarning, "ffcx" in sys.modules
+    importlib.import_module("ffcx")
+    if loaded:
+        readers = [*logging.getLogger("py.warnings").handlers, *logging.getLogger().handlers]
+        diverted = all(isinstance(one, logging.NullHandler) for one in readers)
+    else:
+        diverted = warnings.showwarning is not shown
+    if diverted:
+        logging.captureWarnings(False)

@@ -14,6 +14,7 @@ from flexmbd.errors import ExportError as ExportError
 from flexmbd.errors import FlexmbdError as FlexmbdError
 from flexmbd.errors import FormulationError as FormulationError
 from flexmbd.errors import InterfaceError as InterfaceError
+from flexmbd.errors import LockingWarning as LockingWarning
 from flexmbd.errors import MeshError as MeshError
 from flexmbd.errors import MissingLibraryError as MissingLibraryError
 from flexmbd.errors import ModesWarning as ModesWarning
@@ -21,6 +22,7 @@ from flexmbd.errors import OutOfMemoryError as OutOfMemoryError
 from flexmbd.errors import PathError as PathError
 from flexmbd.errors import PathWarning as PathWarning
 from flexmbd.errors import PictureError as PictureError
+from flexmbd.errors import PulseWarning as PulseWarning
 from flexmbd.errors import RangeWarning as RangeWarning
 from flexmbd.errors import RecordError as RecordError
 from flexmbd.errors import ReductionError as ReductionError
@@ -29,6 +31,7 @@ from flexmbd.errors import StartWarning as StartWarning
 from flexmbd.errors import StepsWarning as StepsWarning
 from flexmbd.errors import TableWarning as TableWarning
 from flexmbd.errors import ToleranceWarning as ToleranceWarning
+from flexmbd.errors import UnitWarning as UnitWarning
 from flexmbd.errors import VersionError as VersionError
 from flexmbd.files.result_table import ResultTable as ResultTable
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha

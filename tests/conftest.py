@@ -36,6 +36,18 @@ PATIENCE_AFTER_FAILURE = 20.0
 PATIENCE = 400.0
 
 
+# What tells a user of an error: a right scene, as those of the documents, hears nothing of it.
+TOLD = ("Locking", "Pulse", "Range", "Start", "Steps", "Table", "Unit")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let warnings of a user's errors be errors where the documents' examples run."""
+    for item in items:
+        if item.path.name.endswith("docs.py"):
+            for kind in TOLD:
+                item.add_marker(pytest.mark.filterwarnings(f"error::flexmbd.errors.{kind}Warning"))
+
+
 @pytest.fixture
 def shared_path(tmp_path: Path) -> Path:
     """An empty folder that is the same on all ranks, where `tmp_path` is another one on each. Collective."""

@@ -5,10 +5,12 @@ and the protocol of interiors alone.
 """
 
 from flexmbd.libraries import OF_THE_CONTINUUM as _OF_THE_CONTINUUM
+from flexmbd.libraries import load_continuum as _load_continuum
 from flexmbd.libraries import require as _require
 from flexmbd.room import public_names as _public_names
 
 _require("flexmbd.continuum", *_OF_THE_CONTINUUM)
+_load_continuum()
 
 from petsc4py import PETSc as _PETSc  # noqa: F401  (starts PETSc)
 

@@ -87,6 +87,8 @@ class Stepper(NamedTuple):
     where it cannot, so that a new stepper is needed.
     steps_a_radian: about how many steps the tolerance asks for in a radian of smooth motion; infinite where nothing but
     the motion makes steps shorter, or they are given.
+    refuse_step: raises SceneError where the given step is beyond the method's stability; after ``begin``, at a start.
+    fixed_errors: (N_ERRORS,) what the method estimates of the errors of given steps, see ``explicit/step_errors``.
     """
 
     advance: Callable[[st.Record, FloatArray], int]
@@ -95,6 +97,8 @@ class Stepper(NamedTuple):
     memory: ArrayStruct
     refit: Callable[[], bool] = lambda: False
     steps_a_radian: float = np.inf
+    refuse_step: Callable[[], None] = lambda: None
+    fixed_errors: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

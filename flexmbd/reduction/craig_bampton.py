@@ -8,6 +8,7 @@ from pathlib import Path
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
+from flexmbd.continuum.finite_elements.locking import tell_locking
 from flexmbd.continuum.matrices import eigen
 from flexmbd.errors import ReductionError
 from flexmbd.files.tree_file import check_destination
@@ -136,6 +137,7 @@ def craig_bampton(
         raise ReductionError("nonlinear= goes with fixed-interface modes and interfaces that keep their six shapes")
     if interface_modes is not None:
         check_interface_modes(interface_modes, model, frame=frame)
+    tell_locking(model)
     with stages(model.comm, shown=progress) as stage:
         basis, count, notes = craig_bampton_basis(
             model,

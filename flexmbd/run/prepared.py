@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import FlexmbdError
+from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import NO_KNOTS, SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
@@ -30,6 +30,7 @@ from flexmbd.multibody.plan.misplaced_elements import misplaced_elements, placed
 from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.start.consistent_start import Start, is_dense_tree
 from flexmbd.multibody.start.energy_check import gives_energies
+from flexmbd.run.fixed_step_watch import FixedStepWatch
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.snapshot import first_step, new_snapshot
@@ -156,6 +157,8 @@ class PreparedRuns:
             part[...] = kept
         for part in self._memory:
             part[...] = 0
+        if self._stepper.fixed_errors is not None:
+            self._stepper.fixed_errors[:] = 0.0
         plan.flag[0] = 0
         try:
             evaluate_inputs(self.scene, self._work, self._settings.t_start)
@@ -172,6 +175,10 @@ class PreparedRuns:
         if self._settings.integrator == "auto" and self._settings.choice(self.start()).method != self.method:
             return False
         self._stepper.begin()
+        try:
+            self._stepper.refuse_step()
+        except SceneError:
+            return False
         return True
 
     def start(self) -> Start:
@@ -204,6 +211,7 @@ class PreparedRuns:
         found = [np.concatenate(parts) for parts in zip(*blocks, strict=True)] or [part[rows] for part in self._series]
         t, x, v, a = found
         self._ranges.judge(t, x, v)
+        FixedStepWatch(self.scene.velocity_names, s, self.method).look(self._stepper.fixed_errors)
         return SteppedRows(t, x, v, a, time.perf_counter() - began, interrupt)
 
 

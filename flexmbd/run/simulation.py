@@ -28,9 +28,11 @@ from flexmbd.run.creep_watch import CreepWatch
 from flexmbd.run.event import NO_EVENTS, Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.failures import interrupted, refuse_broken_off, refuse_stopped
+from flexmbd.run.fixed_step_watch import FixedStepWatch
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
+from flexmbd.run.pulse_watch import tell_missed_pulses
 from flexmbd.run.recording_file import Recorder, open_recorder
 from flexmbd.run.row_store import is_affordable
 from flexmbd.run.run_stream import RunStream, open_stream
@@ -111,11 +113,12 @@ def _run(
     watched = bodies.values() if team.is_root else ()
     watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, watched)
     updates = UpdateWatch(integration, start.scene.interiors)
+    fixed = FixedStepWatch(start.scene.velocity_names, integration.state, method)
     shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
         interrupt_ends() as early,
-        _progress_bar(shown, t_end - integration.t) as bar,
+        _progress_bar(settings.progress and team.is_root, t_end - integration.t) as bar,
     ):
         while stops and code in (st.OUTPUT, st.DONE) and watch.sees_nothing(integration.stored) and budget.lasts():
             before = integration.t
@@ -132,6 +135,7 @@ def _run(
             compiled = time.perf_counter() if compiled == began else compiled
             if team.is_root:
                 creep.look()
+                fixed.look(integration.fixed_errors)
             bar.update(integration.t - before)
             stop = stops.pop(0) if code == st.DONE and stops else np.inf
             if integration.t >= stop and (stops or stop in settings.checkpoints):
@@ -153,14 +157,30 @@ def _run(
             checkpoints=tuple(kept),
             recordings=() if recorder is None else recorder.recordings,
         )
+    if error is None and team.size == 1:
+        tell_missed_pulses(start.scene, trajectory.t, rtol=settings.rtol)
     error = error or (KeyboardInterrupt() if early.seen or late.seen else None)
     ranges.look(integration.stored, last=True)
     refuse_torn_loops(start, trajectory)
+    _refuse_early_end(start, integration, trajectory, code=code, error=error, watch=watch, budget=budget)
+    return trajectory
+
+
+def _refuse_early_end(
+    start: Start,
+    integration: Integration,
+    trajectory: Trajectory,
+    *,
+    code: int,
+    error: FlexmbdError | KeyboardInterrupt | None,
+    watch: StretchWatch,
+    budget: _Budget,
+) -> None:
+    """Raise what a run did not reach its end for."""
     _refuse_flat(watch, integration, trajectory)
     refuse_broken_off(error, trajectory)
     budget.refuse_spent(trajectory)
     refuse_stopped(start.scene, integration, code, trajectory)
-    return trajectory
 
 
 class _Budget:

@@ -28,7 +28,7 @@ from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_ju
 from flexmbd.multibody.start.independent_rows import better_rows
 from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
-from flexmbd.multibody.team import Team
+from flexmbd.multibody.team import Team, on_every_rank
 from flexmbd.run.controller import Controller
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
@@ -98,6 +98,7 @@ class Integration:
         if self.state.counts[st.STEPS] == 0:
             evaluate_inputs(scene, self.work, self.t)
             self._begin()
+            on_every_rank(team, self._stepper.refuse_step)
         rows = 1 if one_by_one else MOST_ROWS
         m = len(scene.plan.rows)
         sizes = (scene.nx, scene.nv, scene.nv, m)
@@ -134,6 +135,11 @@ class Integration:
     def steps_a_radian(self) -> float:
         """About how many steps the tolerance asks for in a radian of smooth motion; see ``controller.Stepper``."""
         return self._stepper.steps_a_radian
+
+    @property
+    def fixed_errors(self) -> FloatArray | None:
+        """What the method estimates of the errors of given steps; see ``controller.Stepper``."""
+        return self._stepper.fixed_errors
 
     @property
     def rows(self) -> int:

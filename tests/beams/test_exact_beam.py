@@ -515,7 +515,7 @@ def test_variants_that_wind_up_are_told_in_the_arrays_of_runs_before():
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             machine.simulate(0.55, h=2e-3, integrator=fm.ExplicitRungeKutta(), inertia=np.full(3, inertia))
-        found.append([str(one.message) for one in told])
+        found.append([str(one.message) for one in told if one.category is fm.RangeWarning])
     assert [len(texts) for texts in found] == [0, 0, 1]
     assert "half a revolution apart at t = 0." in found[-1][0]
 

@@ -151,7 +151,7 @@ def test_a_function_is_called_once_for_all_elements():
     asked = []
     for n in (1, 4):
         calls.clear()
-        clamped(n, (0.0, 0.0, 0.0, 0.0, 0.0, counted))[0].simulate(0.1, h=0.05, integrator=fm.CentralDifference())
+        clamped(n, (0.0, 0.0, 0.0, 0.0, 0.0, counted))[0].simulate(1e-3, h=5e-4, integrator=fm.CentralDifference())
         asked.append(len(calls))
     assert asked[0] == asked[1]
 

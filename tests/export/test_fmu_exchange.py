@@ -48,7 +48,7 @@ class Cart:
 def cart(tmp_path_factory):
     """The unit of the cart."""
     folder, there = tmp_path_factory.mktemp("cart"), Cart()
-    fm.export.fmu_machine(there.scene, folder / "cart.fmu", h=1e-4, model_exchange=True, **there.ports())
+    fm.export.fmu_machine(there.scene, folder / "cart.fmu", h=5e-5, model_exchange=True, **there.ports())
     return Unit(folder / "cart.fmu", folder / "unzipped")
 
 
@@ -118,7 +118,7 @@ def test_steps_in_co_simulation_are_the_same_as_ever(cart):
     there, one = Cart(), cart.instance()
     there.scene.add_force(there.torque)
     there.scene.add_force(there.pull)
-    run = there.scene.simulate(0.02, h=1e-4, integrator=fm.ExplicitRungeKutta())
+    run = there.scene.simulate(0.02, h=5e-5, integrator=fm.ExplicitRungeKutta())
     for _ in range(20):
         one.step(1e-3)
     expected = run.position(there.tip)[-1]

@@ -14,6 +14,7 @@ from dolfinx import fem
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
+from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums, tell_units
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -85,6 +86,8 @@ class ContinuumModel(LinearModel):
             "mass": assembly.derivatives_at_rest(momentum, u),
         }
         stiffness, mass = assembly.assemble(integrals, forms.groups, forms.space)
+        if not forms.surfaces:
+            tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
         super().__init__(
             forms,
             parameters,

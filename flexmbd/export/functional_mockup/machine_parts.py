@@ -39,6 +39,8 @@ Method = ExplicitRungeKutta | GeneralizedAlpha
 #: The relative tolerance that rules Newton's iteration.
 NEWTON = 1e-9
 
+_SOME_STEPS = 1e4  # of a run whose length the host alone knows
+
 #: One stage at the step's beginning, which moves nothing.
 _STANDSTILL = Tableau(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)))
 
@@ -149,6 +151,16 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     histories = memory.auxiliary, memory.before, memory.earlier, memory.earliest
     behind = ((scratch.kernels, stepped),)
     return Parts(run, resting, state, plan, own, histories, behind, breaks=breaks.jumps, impulses=impulses)
+
+
+def refuse_unstable_step(start: Start, method: Method, h: float) -> None:
+    """Raise SceneError where steps h (s) are beyond the method's stability in a run of some length."""
+    snapshot = new_snapshot(start, method, t_start=0.0, t_end=_SOME_STEPS * h, rtol=NEWTON, h=h)
+    work = new_work(start.scene.plan)
+    evaluate_inputs(start.scene, work, 0.0)
+    stepper = method.stepper(start.scene, snapshot.state, snapshot.groups, work)
+    stepper.begin()
+    stepper.refuse_step()
 
 
 def with_tangents(parts: Parts, scene: CompiledScene) -> Parts:

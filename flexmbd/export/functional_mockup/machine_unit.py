@@ -12,7 +12,14 @@ import numpy as np
 from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.kernel_code import SYMBOLS, MemoryImage, bind_deferred, c_call, c_names, lay_out
 from flexmbd.export.functional_mockup.machine_build import kernel_sources, linked
-from flexmbd.export.functional_mockup.machine_parts import Method, Parts, parts_of, refuse_functions, with_tangents
+from flexmbd.export.functional_mockup.machine_parts import (
+    Method,
+    Parts,
+    parts_of,
+    refuse_functions,
+    refuse_unstable_step,
+    with_tangents,
+)
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
     Given,
@@ -100,7 +107,7 @@ def fmu_machine(
         ExportError: a body with history, or a function that is not a number, table or sine; an input or output that
             does not fit; names that FMI does not carry; no compiler; a kernel that has no C; the destination cannot be
             written.
-        SceneError, AssemblyError: as `System.start`.
+        SceneError, AssemblyError: as `System.start`; h is beyond the stability of explicit steps.
     """
     version = version_of(fmi)
     integrator = integrator or ExplicitRungeKutta()
@@ -125,6 +132,7 @@ def fmu_machine(
     parts = with_tangents(parts, start.scene) if model_exchange else parts
     observed = [one for name, output in named(outputs) for one in observed_by(start.scene, output, name, parts)]
     states = states_of(start.scene) if model_exchange else ()
+    refuse_unstable_step(start, integrator, h)
     variables = (*(drive.variable for drive in drives), *(one.variable for one in observed), *states)
     further = [*(one.call.arguments for one in parts.frames), *(one.arguments for one in parts.tangents)]
     memory = lay_out([parts.run.arguments, parts.refresh.arguments, *further])

@@ -9,6 +9,7 @@ reach; it damps nothing.  Sources: Verlet 1967; Newmark 1959 (beta = 0, gamma = 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -24,8 +25,11 @@ from flexmbd.integrate.explicit.central_step import (
     advance,
 )
 from flexmbd.integrate.explicit.explicit_interiors import ExplicitInteriors
+from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine
 from flexmbd.integrate.explicit.fastest_vibration import new_vibration_memory
+from flexmbd.integrate.explicit.fixed_step import judge
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, new_loops, set_row_scales
+from flexmbd.integrate.explicit.step_growth import central_difference_growth
 from flexmbd.integrate.interior_support import refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work
@@ -95,4 +99,8 @@ class CentralDifference:
             if interiors is not None:
                 interiors.choose_step()
 
-        return Stepper(drive if interiors is None else interiors.advance, begin, no_factors, memory)
+        m = method
+        machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
+        refuse_step = judge(scene, machine, state, groups, growth=central_difference_growth(corrected, self.name))
+        forward = drive if interiors is None else interiors.advance
+        return Stepper(forward, begin, no_factors, memory, refuse_step=refuse_step)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, no_factors
+from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine
+from flexmbd.integrate.explicit.fixed_step import judge
 from flexmbd.integrate.explicit.force_noise import (
     ForceNoise,
     new_force_noise,
@@ -39,6 +42,9 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     set_row_scales,
     update_row_scales,
 )
+from flexmbd.integrate.explicit.runge_kutta_workspace import RungeKuttaWorkspace, new_workspace
+from flexmbd.integrate.explicit.step_errors import is_looked_at, take_error
+from flexmbd.integrate.explicit.step_growth import runge_kutta_growth
 from flexmbd.integrate.explicit.tableau import Pair, Tableau
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.multibody.kernels.algebra import rotation_update
@@ -82,30 +88,6 @@ class Rotations(IntEnum):
     EXPONENTIAL = rotation_update.EXPONENTIAL
     CAYLEY = rotation_update.CAYLEY
     QUATERNION = rotation_update.QUATERNION
-
-
-@dataclass(frozen=True, eq=False)
-class RungeKuttaWorkspace(ArrayStruct):
-    """Work arrays of a step: the stage at hand and the derivatives of all stages.
-
-    rate_x, rate_v: (s + 1, nv) du/dt and dv/dt.  error_x, error_v: (2, nv).
-    noise: what is remembered of rounding.  noise_v: (2, nv) what it makes of the errors, or (2, 0).
-    axes, spins (k, 3): see ``round_bodies``; no rows where no body is round.
-    """
-
-    x: FloatArray
-    v: FloatArray
-    a: FloatArray
-    u: FloatArray
-    multipliers: FloatArray
-    rate_x: FloatArray
-    rate_v: FloatArray
-    error_x: FloatArray
-    error_v: FloatArray
-    noise: ForceNoise
-    noise_v: FloatArray
-    axes: FloatArray
-    spins: FloatArray
 
 
 @checked()
@@ -168,7 +150,12 @@ class ExplicitRungeKutta:
 
         loop = make_advance(advance, method, self.rule, state, groups)
         ask = 1.0 if fixed else float(state.numbers[st.TOLERANCE] ** (-1.0 / self.order))
-        return Stepper(loop, begin, no_factors, memory, refit_method, steps_a_radian=np.inf if fixed else ask)
+        steps_a_radian = np.inf if fixed else ask
+        m = method
+        machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
+        refuse_step = judge(scene, machine, state, groups, growth=runge_kutta_growth(self.pair, self.name))
+        errors = method.scratch.errors
+        return Stepper(loop, begin, no_factors, memory, refit_method, steps_a_radian, refuse_step, errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,33 +186,11 @@ def new_method(
 ) -> RungeKuttaMethod:
     """Allocate the arguments of an attempt with a tableau."""
     plain, quaternions = coordinate_slots(scene.plan)
-    scratch = _new_workspace(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions), memory.noise)
+    scratch = new_workspace(scene, tableau.a.shape[1], round_axes(scene.plan, quaternions), memory.noise)
     return RungeKuttaMethod(
         scene.plan, work, new_articulated_work(scene.plan), new_loops(scene.plan, memory.loops, scene.nv),
         plain, quaternions, int(choice.rotations), tableau, scratch,
     )  # fmt: skip
-
-
-def _new_workspace(scene: CompiledScene, stages: int, axes: FloatArray, noise: ForceNoise) -> RungeKuttaWorkspace:
-    nv = scene.nv
-    if not axes.any():
-        axes = axes[:0]
-    zeros = np.zeros
-    return RungeKuttaWorkspace(
-        x=zeros(scene.nx),
-        v=zeros(nv),
-        a=zeros(nv),
-        u=zeros(nv),
-        multipliers=zeros(len(scene.plan.rows)),
-        rate_x=zeros((stages + 1, nv)),
-        rate_v=zeros((stages + 1, nv)),
-        error_x=zeros((2, nv)),
-        error_v=zeros((2, nv)),
-        noise=noise,
-        noise_v=zeros((2, len(noise.acceleration))),
-        axes=axes,
-        spins=zeros((len(axes), 3)),
-    )
 
 
 @kernel
@@ -306,6 +271,14 @@ def _finite(scratch):
 
 
 @kernel
+def _meets_piece(plan, work, tableau, state, scratch):
+    """Whether a step with an estimate leads onto another piece of a law."""
+    if plan.elements.shape[0] == 0 or tableau.estimates[0, 0] == 0.0:
+        return False
+    return changes_piece(plan, work, state.x, scratch.x, scratch.v)
+
+
+@kernel
 def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups, scratch, h, rate):
     """Take the step h, or find that its error is too large.
 
@@ -314,6 +287,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     """
     stages = tableau.a.shape[1]
     fixed = state.counts[st.FIXED_STEP] == 1
+    looks = not fixed or (tableau.estimates[0, 0] != 0.0 and is_looked_at(state, scratch.errors))
     uses_end = tableau.estimates[0, stages] != 0.0
     ratio = 0.0
     for k in range(scratch.v.shape[0]):
@@ -335,9 +309,10 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         if plan.flag[0] != 0:
             return np.inf
         drive(plan, work, scratch.x, scratch.v, scratch.a)
-        if end and not uses_end and not fixed:
+        looks = looks or (end and _meets_piece(plan, work, tableau, state, scratch))
+        if end and not uses_end and looks:
             ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
-            if not ratio <= 1.0:
+            if not fixed and not ratio <= 1.0:
                 return ratio
         for attempt in range(2):
             if plan.rows.shape[0] > 0 and (end or attempt == 1):
@@ -355,8 +330,10 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         despun_rates(quaternions, scratch.axes, scratch.spins, scratch.rate_x[i], scratch.rate_v[i])
         if quaternions.shape[0] > 0:
             to_local_rates(quaternions, way, scratch.u, scratch.rate_x[i])
-    if uses_end and not fixed:
+    if uses_end and looks:
         ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+    if fixed:
+        ratio = take_error(state, scratch.errors, ratio, h, rate, looks)
     return ratio if _finite(scratch) else np.inf
 
 

@@ -37,8 +37,8 @@ class Beyond(Enum):
 class Table:
     """A cubic spline through the points (t, y); t in s, ascending.
 
-    A spline's second derivative is continuous, as a motion's should be, but beside a jump or a pulse it swings over; a
-    ``TableWarning`` tells where it does so by more than the points' whole range.
+    A spline's second derivative is continuous, as a motion's should be, but beside a jump or a pulse it swings over.
+    Where it would do so by more than the points' whole range the table is monotone, which a ``TableWarning`` tells.
 
     Attributes:
         t: (n,) s.
@@ -64,7 +64,8 @@ def is_polynomial(function: Any) -> TypeGuard[PPoly]:
 def spline(table: Table, what: str) -> PPoly:
     """A table as a piecewise cubic whose end pieces go on as the table is to.
 
-    Warns with a TableWarning where the cubics leave the range of the points by more than that range.
+    Warns with a TableWarning where cubics would leave the range of the points by more than that range, and takes
+    monotone ones there.
 
     Raises:
         SceneError: the table is none.
@@ -81,8 +82,9 @@ def spline(table: Table, what: str) -> PPoly:
     refuse_no_truth(monotone=table.monotone)
     from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly  # on need: 0.2 s
 
-    inner = PchipInterpolator(t, y) if table.monotone else CubicSpline(t, y)
-    _warn_of_swings(inner, t, y, what)
+    inner = None if table.monotone else CubicSpline(t, y)
+    if inner is None or _swings(inner, y, what):
+        inner = PchipInterpolator(t, y)
     if table.beyond is Beyond.EXTRAPOLATE:
         return inner
     # straight pieces at both ends, as wide as the table; the first begins where the line from its end is there
@@ -95,20 +97,24 @@ def spline(table: Table, what: str) -> PPoly:
     return PPoly(np.column_stack([ends[:, 0], inner.c, ends[:, 1]]), x)
 
 
-def _warn_of_swings(inner: PPoly, t: FloatArray, y: FloatArray, what: str) -> None:
+def _swings(inner: PPoly, y: FloatArray, what: str) -> bool:
+    """Whether cubics leave the range of the points by more than that range, which is told."""
     turns = inner.derivative().roots(discontinuity=False, extrapolate=False)
     turns = turns[np.isfinite(turns)]  # a piece that is constant has them everywhere
     if len(turns) == 0:
-        return
+        return False
     values = inner(turns)
     low, high = y.min(), y.max()
     beyond = np.maximum(values - high, low - values)
     worst = int(np.argmax(beyond))
     # by less than the points' own range a smooth function's true extremes may lie outside of them; by more, the cubics
     # make more of the curve than the points do
-    if beyond[worst] > high - low:
-        warn(
-            f"{what}: the cubic spline through its points, which lie between {low:.6g} and {high:.6g}, swings to "
-            f"{values[worst]:.6g} at {turns[worst]:.6g}; fm.Table(t, y, monotone=True) stays between neighbours",
-            TableWarning,
-        )
+    if not beyond[worst] > high - low:
+        return False
+    warn(
+        f"{what}: the cubic spline through its points, which lie between {low:.6g} and {high:.6g}, swings to "
+        f"{values[worst]:.6g} at {turns[worst]:.6g}; it is taken as fm.Table(t, y, monotone=True), which stays between "
+        "neighbours and says nothing; for a smooth curve give more points where it is steep, or a scipy CubicSpline",
+        TableWarning,
+    )
+    return True

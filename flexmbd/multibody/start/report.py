@@ -21,6 +21,7 @@ _SET = 1e-12  # of a coordinate's size: how far one that the user set may move u
 # Of the machine's energy: what closing the loops may put into the bodies untold.  Energies go with the squares of
 # speeds, so bodies let go from there vibrate at some 3 % of the machine's own speeds.
 _SMALL = 1e-3
+_CHANGED = 0.1  # of a velocity that the user set: how much of it may change untold
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,26 @@ def moved_coordinates(
         rate = max(rate, own_rate(scene, work, x_new))
     told += [(f"rate of {scene.velocity_names[k]}", k, v, v_new) for k in np.flatnonzero(changes > _SET * rate)]
     return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
+
+
+def changed_velocities(scene: CompiledScene, wanted: FloatArray, v: FloatArray, *, held: Mask) -> str:
+    """A complaint where velocities (nv,) that the user set were changed by more than a tenth; empty without.
+
+    One that was set to zero counts beside the machine's largest rate.
+    """
+    size = coordinate_sizes(scene)
+    rate = float(np.abs(v / size).max(initial=0.0))
+    allowed = _CHANGED * np.where(wanted == 0.0, rate * size, np.abs(wanted))
+    changed = np.flatnonzero(held & (np.abs(v - wanted) > allowed))
+    if not len(changed):
+        return ""
+    worst = changed[np.argsort(-np.abs(v - wanted)[changed] / size[changed], kind="stable")]
+    told = [f"{scene.velocity_names[k]!r} was set to {wanted[k]:.4g} and begins with {v[k]:.4g}" for k in worst[:3]]
+    more = f", and {len(worst) - 3} more" if len(worst) > 3 else ""
+    return (
+        f"the loops forbid the velocities that were set: {', '.join(told)}{more} (m/s, rad/s, or modal); set as many "
+        "as the machine has freedoms and leave the others None, or set such as go together"
+    )
 
 
 def coordinate_values(scene: CompiledScene, x: FloatArray) -> FloatArray:

@@ -91,6 +91,19 @@ def test_swings_beside_a_jump_are_told():
     assert abs(swing) == pytest.approx(abs(sampled).max(), rel=1e-5)
 
 
+@pytest.mark.parametrize("width", [1e-2, 1e-4, 1e-6])
+def test_a_steep_pulse_gives_its_impulse(width):
+    """100 N for 10 ms between far points: a spline swings to 1e7 N.  The ramps are S-shaped, of half their width."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)))
+    rail = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), body.frame())
+    t = [0.0, 1.0 - width, 1.0, 1.01, 1.01 + width, 3.0]
+    scene.add_force(fm.force.JointForce(rail, fm.Table(t, [0.0, 0.0, 100.0, 100.0, 0.0, 0.0])))
+    with pytest.warns(TableWarning, match="it is taken as"):
+        run = scene.simulate(3.0, rtol=1e-6, max_steps=2000)
+    assert run.beta_rate(rail).ravel()[-1] == pytest.approx(100.0 * (0.01 + width), rel=1e-5)
+
+
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("monotone", [False, True])
 def test_points_of_a_smooth_function_and_monotone_tables_are_not_told(monotone, unit, recwarn):

@@ -54,6 +54,14 @@ def gripping(plan: Plan) -> Mask:
     return np.array([one.grip is not None for one in behaviours(plan)], bool)
 
 
+def reversing(plan: Plan) -> Mask:
+    """(k,) whether each force element grips by its reversal alone and without a stiffness, as friction does."""
+    found = np.zeros(len(plan.elements), bool)
+    for k, (row, one) in enumerate(zip(plan.elements, behaviours(plan), strict=True)):
+        found[k] = one.grip is not None and one.grip(plan.data[row[at.EL_DATA] :], 1.0)[0] == 0.0
+    return found
+
+
 def gripped_velocities(plan: Plan) -> IntArray:
     """(g,) the velocity on which each of those acts."""
     return plan.elements[gripping(plan), at.EL_V]

@@ -1,0 +1,117 @@
+"""Sums over a body that tell what it is made of: its mass, its volume, and its stiffness under uniform strains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuum.compat import cell_nodes
+from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.errors import UnitWarning, warn
+
+FloatArray = NDArray[np.float64]
+
+# What solids there are: aerogels to osmium, by a factor or two; waves in diamond; lead, which is soft and heavy.
+_LIGHTEST, _HEAVIEST = 0.5, 3e4  # kg/m^3
+_FASTEST, _SLOWEST_OF_HEAVY, _HEAVY = 2e4, 100.0, 2000.0  # m/s, m/s, kg/m^3
+
+_VERTICES = {"tetrahedron": (0, 1, 2, 3), "hexahedron": (0, 1, 2, 4)}  # one and its three neighbours
+
+
+@dataclass(frozen=True)
+class ElasticSums:
+    """Of a body at rest that nothing holds.
+
+    Attributes:
+        mass: kg.
+        volume: m^3, of cells with straight edges; 0 of surfaces and lines.
+        shear: N m, the mean shear modulus times the volume, of the six simple shears.
+        bulk: N m, the mean bulk modulus times the volume, of a uniform expansion.
+    """
+
+    mass: float
+    volume: float
+    shear: float
+    bulk: float
+
+    @property
+    def wave_speed(self) -> float:
+        """m/s, about that of a stretch along a bar; of a beam or plate within a factor of two."""
+        return float(np.sqrt(2.6 * max(self.shear, 0.0) / self.mass))
+
+    @property
+    def poisson(self) -> float:
+        """Poisson's ratio of a solid."""
+        return (3.0 * self.bulk - 2.0 * self.shear) / (2.0 * (3.0 * self.bulk + self.shear))
+
+
+def elastic_sums(mesh: TaggedMesh, layout: DofLayout, stiffness: PETSc.Mat, mass: PETSc.Mat) -> ElasticSums:
+    """Of the body with these matrices. Collective."""
+    x = layout.node_x[: layout.n_owned_nodes]
+    own = layout.displacement_dofs[: layout.n_owned_nodes]
+    u, force = stiffness.createVecRight(), stiffness.createVecLeft()
+
+    def energy(matrix: PETSc.Mat, field: FloatArray) -> float:
+        """u^T A u of displacements (owned nodes, 3)."""
+        values = np.zeros(layout.n_owned)
+        values[own] = field
+        u.array[:] = values
+        matrix.mult(u, force)
+        return float(u.dot(force))
+
+    axes = np.eye(3)
+    total = sum(energy(mass, np.tile(axis, (len(x), 1))) for axis in axes) / 3.0
+    shears = [energy(stiffness, x[:, [j]] * axes[i]) for i in range(3) for j in range(3) if i != j]
+    expansion = energy(stiffness, x)
+    u.destroy()
+    force.destroy()
+    occupied = float(mesh.comm.allreduce(float(cell_volumes(mesh).sum())))
+    return ElasticSums(total, occupied, sum(shears) / 6.0, expansion / 9.0)
+
+
+def cell_edges(mesh: TaggedMesh) -> FloatArray:
+    """(owned cells, 3, 3) m: three edges of each solid cell from its first vertex; none of surfaces and lines."""
+    corners = _VERTICES.get(mesh.mesh.topology.cell_name())
+    if corners is None:
+        return np.zeros((0, 3, 3))
+    owned = mesh.mesh.topology.index_map(3).size_local
+    points = mesh.mesh.geometry.x[cell_nodes(mesh.mesh)[:owned, corners]]
+    edges: FloatArray = points[:, 1:] - points[:, :1]
+    return edges
+
+
+def cell_volumes(mesh: TaggedMesh) -> FloatArray:
+    """(owned cells,) m^3, of cells with straight parallel edges."""
+    share = 1.0 / 6.0 if mesh.mesh.topology.cell_name() == "tetrahedron" else 1.0
+    volumes: FloatArray = share * np.abs(np.linalg.det(cell_edges(mesh)))
+    return volumes
+
+
+def tell_units(sums: ElasticSums, rank: int) -> None:
+    """Say on rank 0 where no material has such numbers in SI units; not collective.
+
+    Warns:
+        UnitWarning: the density, or the speed of waves.
+    """
+    density = sums.mass / sums.volume if sums.volume > 0.0 else np.nan
+    speed = sums.wave_speed
+    if density < _LIGHTEST or density > _HEAVIEST:
+        odd = f"the body's density is {density:.3g} kg/m^3 ({sums.mass:.3g} kg in {sums.volume:.3g} m^3)"
+    elif speed > _FASTEST:
+        odd = f"waves run through the body with some {speed:.2g} m/s, faster than through diamond"
+    elif density > _HEAVY and speed < _SLOWEST_OF_HEAVY:
+        odd = f"waves run through the body with some {speed:.2g} m/s at a density of {density:.3g} kg/m^3"
+    else:
+        return
+    if rank == 0:
+        warn(
+            f"{odd}, which no material does in SI units: lengths are m, rho kg/m^3 (steel 7850), E Pa (steel 2.1e11). "
+            "In consistent other units all results are in these units, but for gravity and what knows its own; a "
+            "material made soft on purpose is computed as it is",
+            UnitWarning,
+        )
