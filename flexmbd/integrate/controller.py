@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.jumps import leave_or_approach_jump, shortest_step
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -152,8 +153,9 @@ def propose_step(rule, knots, state, groups):
         number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING], number[st.STABLE_STEP])
         if number[st.STEP] * rate > rule.longest:
             number[st.STEP] = rule.room * rule.longest / rate
-        if not number[st.STEP] >= number[st.STEP_FLOOR_SIZE]:  # a rate beyond all steps: the shortest one, which fails
-            number[st.STEP] = number[st.STEP_FLOOR_SIZE]
+        least = shortest_step(state)
+        if not number[st.STEP] >= least:  # a rate beyond all steps: the shortest one, which fails
+            number[st.STEP] = least
     h = number[st.STEP]
     if number[st.STEP_REMAINDER] > 0.0:
         h = number[st.STEP_REMAINDER]
@@ -208,7 +210,9 @@ def _after_acceptance(rule, state, h):
         return
     ratio = number[st.ERROR_RATIO]
     growth = _step_ratio(rule, number, count, h, ratio)
-    if h < number[st.WHOLE_STEP]:
+    if count[st.JUMP_AHEAD] == 1:
+        leave_or_approach_jump(state, h)
+    elif h < number[st.WHOLE_STEP]:
         number[st.STEP] = number[st.WHOLE_STEP]  # it was cut short by its end alone
     elif growth > rule.worth and count[st.NO_GROWTH] == 0:
         number[st.STEP] = min(number[st.STEP_CEILING], h * growth)
@@ -238,8 +242,12 @@ def _after_rejection(rule, state, h):
         number[st.STEP_REMAINDER] = max(number[st.STEP_REMAINDER], h)
         number[st.STEP_PART] = 0.5 * h
         return st.DONE
-    if h <= number[st.STEP_FLOOR_SIZE]:
+    if h <= shortest_step(state):
         return why
+    count[st.JUMPED] = 0
+    if count[st.JUMP_AHEAD] == 1:
+        number[st.STEP] = 0.5 * h
+        return st.DONE
     count[st.NO_GROWTH] = rule.hold
     shrink = rule.failed
     if solved:
@@ -269,7 +277,7 @@ def next_step(plan, rule, knots, state, groups, record, h):
     if h > 0.0:
         code = accept_or_reject(plan, rule, state, groups, record, h)
     count[st.OUTCOME] = code
-    if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END]:
+    if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END] or count[st.AT_BREAK] == 1:
         return 0.0
     if count[st.STORED] >= min(record.t.shape[0], count[st.MOST_STORED]):
         count[st.OUTCOME] = st.OUTPUT

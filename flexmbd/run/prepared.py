@@ -199,7 +199,7 @@ class PreparedRuns:
             rows = slice(1 if blocks else 0, 1 + int(s.counts[st.STORED]))
             if code == st.OUTPUT or blocks:
                 blocks.append([part[rows].copy() for part in self._series])
-        if code != st.DONE:
+        if code != st.DONE or s.counts[st.AT_BREAK] == 1:
             return None
         found = [np.concatenate(parts) for parts in zip(*blocks, strict=True)] or [part[rows] for part in self._series]
         t, x, v, a = found

@@ -34,7 +34,7 @@ from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
 from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, with_own_signals
 from flexmbd.run.series.departure import Departure
-from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, kept_interiors
+from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, first_step, kept_interiors
 
 FloatArray = NDArray[np.float64]
 
@@ -247,6 +247,8 @@ class Integration:
         elif not is_driven(scene.plan):
             s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
         self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
+        if s.counts[st.JUMPED] == 1:
+            s.numbers[st.STEP] = min(s.numbers[st.STEP], first_step(scene, s.numbers, s.v, s.a, self.method.order))
         self._forget()
 
     def _refuse_impulse_on_history(self, jump: FloatArray) -> None:
@@ -266,7 +268,7 @@ class Integration:
     def _forget(self) -> None:
         """Let the method begin where the state stands; ``work.time`` is up to date."""
         count, number = self.state.counts, self.state.numbers
-        count[st.AT_BREAK] = 0
+        count[[st.AT_BREAK, st.JUMPED]] = 0
         count[st.NO_GROWTH :] = 0
         number[st.RATIO_BEFORE :] = 0.0
         number[st.STABLE_STEP] = np.inf

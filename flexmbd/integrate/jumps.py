@@ -1,0 +1,122 @@
+"""Jumps of accelerations that nobody declared: how attempts tell them, and how a step passes one.
+
+In a smooth motion accelerations change over a step in proportion to it.  Where they change as much in an attempt of a
+sixteenth, they jump in it, and no step that contains the jump has an error in proportion to its length, as ``rtol``
+asks.  The jump is then bracketed by halves until an attempt of h that contains it is as good as one of order 1: with
+da, how far accelerations at its instants are from those at its start, h da is a bound of the error of velocities, and
+h^2 da / 2 of positions.  That is taken where it is at most a tenth of what is left of rtol, which is there once for each
+radian of the machine's motion.  So jumps add at most rtol a radian, however many there are; a law that jumps
+endlessly asks for ever shorter steps and ends the run at the shortest.  Behind a jump the method begins anew.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+
+from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
+
+_SHARE = 0.1  # of what is left of rtol that one jump may cost
+_ROUND_OFF = 16.0 * sys.float_info.epsilon  # of a time: the length of the shortest step there
+_EVIDENCE = 16.0  # times shorter than an attempt in which accelerations changed as much
+
+
+@kernel
+def shortest_step(state):
+    """The shortest step (s) to try: where a jump is looked for, as short as rounding of the time allows.
+
+    Not where many have followed each other, which would not end.
+    """
+    number = state.numbers
+    least = number[st.STEP_FLOOR_SIZE]
+    if state.counts[st.JUMP_AHEAD] == 0 or number[st.JUMP_SPENT] > 0.5:
+        return least
+    return min(least, _ROUND_OFF * max(abs(number[st.TIME]), abs(number[st.TIME_END])))
+
+
+@kernel
+def _changes(free, state, groups, begin, found, h):
+    """Largest change (1/s) of accelerations from those at the start, relative to speeds; what it costs.
+
+    The cost is the error that it bounds, relative to sizes and speeds.
+    """
+    rate = state.numbers[st.RATE]
+    change = 0.0
+    cost = 0.0
+    for j in range(free.shape[0]):
+        k = free[j]
+        g = groups.of[k]
+        jump = abs(found[k] - begin[k])
+        speed = st.group_speed(groups, g, rate)
+        change = max(change, jump / speed) if jump < np.inf else np.inf
+        cost = max(cost, h * jump / speed)
+        if groups.kind[g] != kinds.GROUP_STATE:
+            cost = max(cost, 0.5 * h * h * jump / groups.position[g])
+    return change, cost
+
+
+@deferred_kernel(FLAG)
+def take_jump(free, state, groups, begin, found, gain, h):
+    """Whether an attempt whose error is too large is taken, for accelerations jump within it; sets JUMPED then.
+
+    Else notes what it shows, for the next attempts.
+
+    ``begin``: (nv,) accelerations at its start; ``found``: (nv,) those of each coordinate that differ most from it at
+    the attempt's instants; ``gain``: how many times that the method's weights sum up.
+    """
+    number = state.numbers
+    count = state.counts
+    if count[st.FIXED_STEP] == 1 or count[st.OUTCOME] != st.DONE:
+        return False
+    change, cost = _changes(free, state, groups, begin, found, h)
+    if not (change > 0.0 and change < np.inf):
+        return False
+    t = number[st.TIME]
+    known = number[st.REJECTED_STEP] > 0.0 and number[st.REJECTED_END] > t
+    if not known:
+        number[st.REJECTED_FIRST] = h
+    number[st.REJECTED_END] = t + h
+    step = number[st.REJECTED_STEP]
+    if not known or h >= step or change < number[st.REJECTED_CHANGE] * math.sqrt(h / step):
+        number[st.REJECTED_STEP] = h
+        number[st.REJECTED_CHANGE] = change
+        count[st.JUMP_AHEAD] = 0
+        return False
+    count[st.JUMP_AHEAD] = 1
+    number[st.JUMP_END] = t + h
+    spent = max(0.0, number[st.JUMP_SPENT] - number[st.RATE] * (t - number[st.JUMP_LAST]))
+    allowed = max(0.0, 1.0 - spent)
+    if h > 2.0 * shortest_step(state):
+        allowed *= _SHARE
+    cost *= gain / number[st.TOLERANCE]
+    if _EVIDENCE * h <= step and cost <= allowed:
+        number[st.JUMP_SPENT] = spent + cost
+        number[st.JUMP_LAST] = t
+        count[st.JUMPED] = 1
+        return True
+    number[st.JUMP_STEP] = min(h * _SHARE * allowed / cost, step / _EVIDENCE)
+    return False
+
+
+@kernel
+def leave_or_approach_jump(state, h):
+    """Set the step after an accepted one of h where a jump is looked for: behind it, or halfway to where it is at most."""
+    number = state.numbers
+    count = state.counts
+    left = number[st.JUMP_END] - number[st.TIME]
+    if count[st.JUMPED] == 1:
+        count[st.JUMPS] += 1
+        count[st.AT_BREAK] = 1
+        number[st.STEP] = number[st.REJECTED_FIRST]
+    elif left > shortest_step(state):
+        number[st.STEP] = left if left <= number[st.JUMP_STEP] else 0.5 * left
+        return
+    else:  # there was none
+        number[st.STEP] = h
+    count[st.JUMP_AHEAD] = 0
+    number[st.REJECTED_STEP] = 0.0
