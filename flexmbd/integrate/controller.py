@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.jumps import leave_or_approach_jump, shortest_step
+from flexmbd.integrate.jumps import count_shortest, leave_or_approach_jump, shortest_step
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -210,7 +210,7 @@ def _after_acceptance(rule, state, h):
         return
     ratio = number[st.ERROR_RATIO]
     growth = _step_ratio(rule, number, count, h, ratio)
-    if count[st.JUMP_AHEAD] == 1:
+    if count[st.JUMP_AHEAD] > 0:
         leave_or_approach_jump(state, h)
     elif h < number[st.WHOLE_STEP]:
         number[st.STEP] = number[st.WHOLE_STEP]  # it was cut short by its end alone
@@ -245,7 +245,7 @@ def _after_rejection(rule, state, h):
     if h <= shortest_step(state):
         return why
     count[st.JUMPED] = 0
-    if count[st.JUMP_AHEAD] == 1:
+    if count[st.JUMP_AHEAD] > 0:
         number[st.STEP] = 0.5 * h
         return st.DONE
     count[st.NO_GROWTH] = rule.hold
@@ -260,12 +260,12 @@ def _after_rejection(rule, state, h):
 def accept_or_reject(plan, rule, state, groups, record, h):
     """Accept the attempt at h and store its end, or set a shorter step; DONE to go on, else the code to stop with."""
     outcome = state.counts[st.OUTCOME]
-    if outcome == st.CALLBACK_FAILED:
+    if outcome in (st.CALLBACK_FAILED, st.ENDLESS_JUMPS):
         return outcome
     if outcome == st.DONE and state.numbers[st.ERROR_RATIO] <= 1.0:
         st.store(plan, state, groups, record, h)
         _after_acceptance(rule, state, h)
-        return st.DONE
+        return count_shortest(state, h)
     return _after_rejection(rule, state, h)
 
 

@@ -5,8 +5,8 @@ sixteenth, they jump in it, and no step that contains the jump has an error in p
 asks.  The jump is then bracketed by halves until an attempt of h that contains it is as good as one of order 1: with
 da, how far accelerations at its instants are from those at its start, h da is a bound of the error of velocities, and
 h^2 da / 2 of positions.  That is taken where it is at most a tenth of what is left of rtol, which is there once for each
-radian of the machine's motion.  So jumps add at most rtol a radian, however many there are; a law that jumps
-endlessly asks for ever shorter steps and ends the run at the shortest.  Behind a jump the method begins anew.
+radian of the machine's motion.  So jumps add at most rtol a radian, however many there are; what jumps
+endlessly, as dry friction at rest does, uses it up and ends the run.  Behind a jump the method begins anew.
 """
 
 from __future__ import annotations
@@ -23,7 +23,12 @@ from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 
 _SHARE = 0.1  # of what is left of rtol that one jump may cost
 _ROUND_OFF = 16.0 * sys.float_info.epsilon  # of a time: the length of the shortest step there
-_EVIDENCE = 16.0  # times shorter than an attempt in which accelerations changed as much
+# Times shorter than an attempt in which accelerations changed as much: where a jump is looked for, and where it is one.
+_SUSPICION, _EVIDENCE = 4.0, 16.0
+_ENDLESS = 1e-3  # of rtol: less is left by seventy jumps without a thousandth of a radian of motion between them
+_MUCH = 0.5  # of rtol
+_CREEP = 0.02  # of what is left of rtol that one of the shortest steps costs
+_HALVES = 3  # accepted in a row, after which there may be no jump
 
 
 @kernel
@@ -34,7 +39,7 @@ def shortest_step(state):
     """
     number = state.numbers
     least = number[st.STEP_FLOOR_SIZE]
-    if state.counts[st.JUMP_AHEAD] == 0 or number[st.JUMP_SPENT] > 0.5:
+    if state.counts[st.JUMP_AHEAD] == 0 or number[st.JUMP_SPENT] > _MUCH:
         return least
     return min(least, _ROUND_OFF * max(abs(number[st.TIME]), abs(number[st.TIME_END])))
 
@@ -60,6 +65,29 @@ def _changes(free, state, groups, begin, found, h):
     return change, cost
 
 
+@kernel
+def _spent(number):
+    """What jumps have cost of rtol, that of radians gone by left out."""
+    return max(0.0, number[st.JUMP_SPENT] - number[st.RATE] * (number[st.TIME] - number[st.JUMP_LAST]))
+
+
+@kernel
+def count_shortest(state, h):
+    """Let a step as short as the shortest cost a little, where jumps have cost much: it jumps below what rounding shows.
+
+    DONE, or that jumps are endless.
+    """
+    number = state.numbers
+    if number[st.JUMP_SPENT] < _MUCH or h > 2.0 * number[st.STEP_FLOOR_SIZE] or h < number[st.WHOLE_STEP]:
+        return st.DONE
+    spent = _spent(number)
+    if spent < _MUCH:
+        return st.DONE
+    number[st.JUMP_SPENT] = spent + _CREEP * max(0.0, 1.0 - spent)
+    number[st.JUMP_LAST] = number[st.TIME]
+    return st.ENDLESS_JUMPS if number[st.JUMP_SPENT] > 1.0 - _ENDLESS else st.DONE
+
+
 @deferred_kernel(FLAG)
 def take_jump(free, state, groups, begin, found, gain, h):
     """Whether an attempt whose error is too large is taken, for accelerations jump within it; sets JUMPED then.
@@ -82,15 +110,22 @@ def take_jump(free, state, groups, begin, found, gain, h):
         number[st.REJECTED_FIRST] = h
     number[st.REJECTED_END] = t + h
     step = number[st.REJECTED_STEP]
-    if not known or h >= step or change < number[st.REJECTED_CHANGE] * math.sqrt(h / step):
+    before = number[st.REJECTED_CHANGE]
+    # a longer attempt may have missed turns of a smooth motion
+    if not known or h >= step or change > 2.0 * before or change < before * math.sqrt(h / step):
         number[st.REJECTED_STEP] = h
         number[st.REJECTED_CHANGE] = change
         count[st.JUMP_AHEAD] = 0
         return False
+    if _SUSPICION * h > step:
+        return False
     count[st.JUMP_AHEAD] = 1
     number[st.JUMP_END] = t + h
-    spent = max(0.0, number[st.JUMP_SPENT] - number[st.RATE] * (t - number[st.JUMP_LAST]))
+    spent = _spent(number)
     allowed = max(0.0, 1.0 - spent)
+    if allowed < _ENDLESS:
+        count[st.OUTCOME] = st.ENDLESS_JUMPS
+        return False
     if h > 2.0 * shortest_step(state):
         allowed *= _SHARE
     cost *= gain / number[st.TOLERANCE]
@@ -114,7 +149,9 @@ def leave_or_approach_jump(state, h):
         count[st.AT_BREAK] = 1
         number[st.STEP] = number[st.REJECTED_FIRST]
     elif left > shortest_step(state):
-        number[st.STEP] = left if left <= number[st.JUMP_STEP] else 0.5 * left
+        count[st.JUMP_AHEAD] += 1
+        whole = left <= number[st.JUMP_STEP] or count[st.JUMP_AHEAD] > _HALVES
+        number[st.STEP] = left if whole else 0.5 * left
         return
     else:  # there was none
         number[st.STEP] = h

@@ -21,9 +21,9 @@ IntArray = NDArray[np.int64]
 # Codes that a stepper returns.  DONE: the end is reached.  OUTPUT: the record is full.  The others are the failure of a
 # step that cannot be made shorter: a user's function; an interior; Newton's iteration; constraint rows that are
 # dependent, or a singular matrix; loops that do not close; a result that is not finite; an error above tolerance; rows
-# that an augmented Lagrangian does not close.
+# that an augmented Lagrangian does not close; jumps that follow each other endlessly.
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
-NOT_ENFORCED = 9
+NOT_ENFORCED, ENDLESS_JUMPS = 9, 10
 
 # Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
@@ -58,7 +58,8 @@ FIXED_STEP, WORST, STORED = 5, 6, 7
 # whether other constraint rows may become better conditioned than those kept.  RESELECT_ROWS: why rows are to be
 # selected anew before the next step, PIVOT_FELL or the code of a step's failure.  JUMPS: undeclared jumps that were
 # passed, SWITCHES of laws.  JUMPED: whether the attempt at hand, or that which led to TIME, passes a jump.  JUMP_AHEAD:
-# whether one is looked for.  NO_GROWTH: steps that may not grow.
+# 0 where none is looked for, else one more than the steps since the last rejected attempt.  NO_GROWTH: steps that may
+# not grow.
 OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS = range(8, 14)
 JUMPS, SWITCHES, JUMPED, JUMP_AHEAD, NO_GROWTH, N_COUNT = range(14, 20)
 PIVOT_FELL = 1

@@ -71,6 +71,7 @@ def can_be_prepared(scene: CompiledScene, settings: RunSettings) -> bool:
         and not gives_energies(scene.plan)
         and not any(row.has_pieces or (row.motion and row.is_users) for row in scene.time_rows)
         and not len(scene.declared_breaks())
+        and not scene.switches
         and not any(isinstance(body, PseudoRigidBody) or _is_watched(body) for body in scene.index.bodies)
         and not any(j.motion is not None and (j.position is not None or j.velocity is not None) for j in joints)
     )

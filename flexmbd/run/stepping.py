@@ -144,6 +144,12 @@ class Integration:
         ceiling = self.state.numbers[st.STEP_CEILING]
         self.state.numbers[st.STEP_CEILING] = min(ceiling, longest)
 
+    def bound_step(self, longest: float) -> None:
+        """Let the next step of error control be no longer (s); the shortest there is, at least."""
+        number = self.state.numbers
+        if self.state.counts[st.FIXED_STEP] == 0:
+            number[st.STEP] = min(number[st.STEP], max(longest, number[st.STEP_FLOOR_SIZE]))
+
     def begin_anew(self) -> None:
         """Forget what the method remembers of earlier steps, for the state was changed by hand."""
         if self.state.counts[st.FIXED_STEP] == 0:
@@ -151,6 +157,20 @@ class Integration:
         self.state.numbers[[st.STEP_REMAINDER, st.STEP_PART]] = 0.0
         evaluate_inputs(self.scene, self.work, self.t)
         self._forget()
+
+    def take_sides(self, places: Sequence[int], sides: FloatArray) -> None:
+        """Let laws go on by other sides, which stand at these places of x, in a row of their own."""
+        scene, s = self.scene, self.state
+        s.x[list(places)] = sides
+        s.counts[st.SWITCHES] += len(places)
+        evaluate_inputs(scene, self.work, self.t)
+        if self._interiors is None:
+            s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
+        else:
+            machine = scene, self._interiors, self.work, s.x, s.v
+            s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
+        self.begin_anew()
+        self.keep_state()
 
     def advance(self, t_end: float) -> int:
         """Step until ``t_end`` (s), a full buffer, rows to be chosen anew or a failure; rank 0's outcome on every rank.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.signal import Signal
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
@@ -23,6 +24,8 @@ from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 FloatArray = NDArray[np.float64]
+#: The number of a switch by its side, t (s), x (nx,), v (nv,).
+SwitchValue: TypeAlias = Callable[[float, float, FloatArray, FloatArray], Any]
 
 
 class StateEquations(Protocol):
@@ -138,6 +141,9 @@ class ElementTable(Protocol):
     def memory(self, names: Mapping[str, float]) -> int:
         """Place in x of a memory that begins with these values, behind what every element with memory notes."""
 
+    def side(self, switched: Switched, what: str, value: SwitchValue) -> int:
+        """Place in x of the side of a switch, whose number is ``value``."""
+
     def when_built(self, hook: Callable[[Machine], None]) -> None:
         """Call ``hook`` with the compiled scene once it is there."""
 
@@ -158,12 +164,14 @@ class ElementTable(Protocol):
 
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, acts: bool = True,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, side: int = -1,
+        acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.
 
         Where its numbers are such that it never exerts anything, ``acts`` is False, and there is no row unless these
-        numbers are to vary.
+        numbers are to vary.  Where it has a ``side``, ``address`` is of the function on the positive side of its switch,
+        ``derivative`` of that on the negative one.
         """
 
 

@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
-from flexmbd.multibody.force.protocol import Force, StateEquations
+from flexmbd.multibody.force.protocol import Force, StateEquations, SwitchValue
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.signal import Signal
+from flexmbd.multibody.functions.switched import Switch, Switched
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
@@ -64,6 +65,7 @@ class ForceTable:
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
         idle: names of elements that never exert anything, and have no rows.
+        switches: of laws that jump with the state.
     """
 
     def __init__(self, numbering: Numbering, ground: Body, varied: Iterable[object] = ()) -> None:
@@ -81,6 +83,7 @@ class ForceTable:
         self._given_bodies: list[UserBody] = []
         self._frames: IdentityMap[Frame, int] = IdentityMap()
         self._origin: int | None = None
+        self.switches: list[Switch] = []
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
@@ -95,9 +98,10 @@ class ForceTable:
         force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
         self.spans[force] = ForceSpan(data, times, tuple(self._asked), tuple(place for place, _ in self._memories))
-        if self._memories:
+        remembered = [(first, names) for first, names in self._memories if names]
+        if remembered:
             self._numbering.index.memories[force] = {
-                name: place for first, names in self._memories for name, place in memory_places(first, names).items()
+                name: place for first, names in remembered for name, place in memory_places(first, names).items()
             }
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
@@ -191,6 +195,14 @@ class ForceTable:
             slots, states.scales, states.first, states.what, tuple(states.inputs)
         )
         self._states.append((states, slots.start, address, tuple(quantities), whole))
+
+    def side(self, switched: Switched, what: str, value: SwitchValue) -> int:
+        """Place in x of a switch's side."""
+        self._numbering.callbacks.codes.append(switched.code)
+        place = self._numbering.add_side()
+        self._memories.append((place, ()))
+        self.switches.append(Switch(what, place, value, f"switch {what} {switched.code}"))
+        return place
 
     def memory(self, names: Mapping[str, float]) -> int:
         """Place in x of a memory that begins with these values."""
@@ -350,13 +362,14 @@ class ForceTable:
 
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, acts: bool = True,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, side: int = -1,
+        acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``."""
         if not (acts or self._may_vary):
             self.idle.append(what)
             return
-        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements), memory]
+        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements), memory, side]
         self.elements.append(row)
         self.names.append(what)
 
