@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.jumps import count_shortest, leave_or_approach_jump, shortest_step
+from flexmbd.integrate.jumps import count_shortest, leave_jump, shortest_step
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -210,8 +210,8 @@ def _after_acceptance(rule, state, h):
         return
     ratio = number[st.ERROR_RATIO]
     growth = _step_ratio(rule, number, count, h, ratio)
-    if count[st.JUMP_AHEAD] > 0:
-        leave_or_approach_jump(state, h)
+    if count[st.JUMPED] == 1:
+        leave_jump(state)
     elif h < number[st.WHOLE_STEP]:
         number[st.STEP] = number[st.WHOLE_STEP]  # it was cut short by its end alone
     elif growth > rule.worth and count[st.NO_GROWTH] == 0:
@@ -220,6 +220,8 @@ def _after_acceptance(rule, state, h):
         number[st.STEP] = h
     else:
         number[st.STEP] = h * min(growth, rule.shrunk)
+    if count[st.JUMP_AHEAD] == 1 and number[st.REJECTED_END] > number[st.TIME]:
+        number[st.STEP] = min(number[st.STEP], number[st.REJECTED_END] - number[st.TIME])
     number[st.RATIO_BEFORE] = max(ratio, rule.least_before)
     number[st.STEP_ACCEPTED] = h
     count[st.NO_GROWTH] = max(0, count[st.NO_GROWTH] - 1)
@@ -245,9 +247,6 @@ def _after_rejection(rule, state, h):
     if h <= shortest_step(state):
         return why
     count[st.JUMPED] = 0
-    if count[st.JUMP_AHEAD] > 0:
-        number[st.STEP] = 0.5 * h
-        return st.DONE
     count[st.NO_GROWTH] = rule.hold
     shrink = rule.failed
     if solved:

@@ -2,11 +2,11 @@
 
 In a smooth motion accelerations change over a step in proportion to it.  Where they change as much in an attempt of a
 sixteenth, they jump in it, and no step that contains the jump has an error in proportion to its length, as ``rtol``
-asks.  The jump is then bracketed by halves until an attempt of h that contains it is as good as one of order 1: with
-da, how far accelerations at its instants are from those at its start, h da is a bound of the error of velocities, and
-h^2 da / 2 of positions.  That is taken where it is at most a tenth of what is left of rtol, which is there once for each
-radian of the machine's motion.  So jumps add at most rtol a radian, however many there are; what jumps
-endlessly, as dry friction at rest does, uses it up and ends the run.  Behind a jump the method begins anew.
+asks: attempts become ever shorter.  But with da, how far accelerations at an attempt's instants are from those at its
+start, h da is a bound of the error of velocities, and h^2 da / 2 of positions.  An attempt is taken where that is at
+most a tenth of what is left of rtol, which is there once for each radian of the machine's motion.  So jumps add at most
+rtol a radian, however many there are; what jumps endlessly, as dry friction at rest does, uses it up and ends the run.
+Behind a jump the method begins anew.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ _SUSPICION, _EVIDENCE = 4.0, 16.0
 _ENDLESS = 1e-3  # of rtol: less is left by seventy jumps without a thousandth of a radian of motion between them
 _MUCH = 0.5  # of rtol
 _CREEP = 0.02  # of what is left of rtol that one of the shortest steps costs
-_HALVES = 3  # accepted in a row, after which there may be no jump
 
 
 @kernel
@@ -39,7 +38,8 @@ def shortest_step(state):
     """
     number = state.numbers
     least = number[st.STEP_FLOOR_SIZE]
-    if state.counts[st.JUMP_AHEAD] == 0 or number[st.JUMP_SPENT] > _MUCH:
+    ahead = state.counts[st.JUMP_AHEAD] == 1 and number[st.REJECTED_END] > number[st.TIME]
+    if not ahead or number[st.JUMP_SPENT] > _MUCH:
         return least
     return min(least, _ROUND_OFF * max(abs(number[st.TIME]), abs(number[st.TIME_END])))
 
@@ -48,16 +48,18 @@ def shortest_step(state):
 def _changes(free, state, groups, begin, found, h):
     """Largest change (1/s) of accelerations from those at the start, relative to speeds; what it costs.
 
-    The cost is the error that it bounds, relative to sizes and speeds.
+    The cost is the error that it bounds, relative to sizes and speeds.  Speeds are those met, or what the machine's
+    size makes of the whole time: those that follow from accelerations are far larger where something hits hard.
     """
-    rate = state.numbers[st.RATE]
     change = 0.0
     cost = 0.0
     for j in range(free.shape[0]):
         k = free[j]
         g = groups.of[k]
         jump = abs(found[k] - begin[k])
-        speed = st.group_speed(groups, g, rate)
+        speed = max(groups.velocity[g], groups.full[g] * state.numbers[st.LEAST_RATE])
+        if groups.kind[g] == kinds.GROUP_STATE:
+            speed = max(speed, groups.full[g])
         change = max(change, jump / speed) if jump < np.inf else np.inf
         cost = max(cost, h * jump / speed)
         if groups.kind[g] != kinds.GROUP_STATE:
@@ -73,7 +75,7 @@ def _spent(number):
 
 @kernel
 def count_shortest(state, h):
-    """Let a step as short as the shortest cost a little, where jumps have cost much: it jumps below what rounding shows.
+    """Let a step as short as the shortest cost a little, where jumps have cost much: these are below rounding then.
 
     DONE, or that jumps are endless.
     """
@@ -120,7 +122,6 @@ def take_jump(free, state, groups, begin, found, gain, h):
     if _SUSPICION * h > step:
         return False
     count[st.JUMP_AHEAD] = 1
-    number[st.JUMP_END] = t + h
     spent = _spent(number)
     allowed = max(0.0, 1.0 - spent)
     if allowed < _ENDLESS:
@@ -134,26 +135,35 @@ def take_jump(free, state, groups, begin, found, gain, h):
         number[st.JUMP_LAST] = t
         count[st.JUMPED] = 1
         return True
-    number[st.JUMP_STEP] = min(h * _SHARE * allowed / cost, step / _EVIDENCE)
     return False
 
 
 @kernel
-def leave_or_approach_jump(state, h):
-    """Set the step after an accepted one of h where a jump is looked for: behind it, or halfway to where it is at most."""
+def put_widest(begin, found, out):
+    """Write accelerations (nv,) that differ from those at the start by as much as those at any instant, ``found``."""
+    for k in range(begin.shape[0]):
+        most = 0.0
+        for i in range(found.shape[0]):
+            most = max(most, abs(found[i, k] - begin[k]))
+        out[k] = begin[k] + most
+
+
+@kernel
+def sum_of_sizes(weights):
+    """Of a method's weights: how many times a change of accelerations it may sum up."""
+    total = 0.0
+    for j in range(weights.shape[0]):
+        total += abs(weights[j])
+    return total
+
+
+@kernel
+def leave_jump(state):
+    """Set the step behind a jump, where the method begins anew."""
     number = state.numbers
     count = state.counts
-    left = number[st.JUMP_END] - number[st.TIME]
-    if count[st.JUMPED] == 1:
-        count[st.JUMPS] += 1
-        count[st.AT_BREAK] = 1
-        number[st.STEP] = number[st.REJECTED_FIRST]
-    elif left > shortest_step(state):
-        count[st.JUMP_AHEAD] += 1
-        whole = left <= number[st.JUMP_STEP] or count[st.JUMP_AHEAD] > _HALVES
-        number[st.STEP] = left if whole else 0.5 * left
-        return
-    else:  # there was none
-        number[st.STEP] = h
+    count[st.JUMPS] += 1
+    count[st.AT_BREAK] = 1
     count[st.JUMP_AHEAD] = 0
+    number[st.STEP] = number[st.REJECTED_FIRST]
     number[st.REJECTED_STEP] = 0.0

@@ -46,9 +46,8 @@ RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 21, 22, 23
 # The longest step (s) that an explicit method knows to be stable.
 LARGEST_PIVOT, STABLE_STEP = 24, 25
 # Of rejected attempts (see ``jumps``): up to when (s) they reach, the length of the first, and that of one (0: none)
-# with the change of accelerations (1/s) in it; up to when (s) a jump is looked for, and the length (s) of an attempt
-# that may pass it.
-REJECTED_END, REJECTED_FIRST, REJECTED_STEP, REJECTED_CHANGE, JUMP_END, JUMP_STEP, N_NUMBER = range(26, 33)
+# with the change of accelerations (1/s) in it.
+REJECTED_END, REJECTED_FIRST, REJECTED_STEP, REJECTED_CHANGE, N_NUMBER = range(26, 31)
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
@@ -58,8 +57,7 @@ FIXED_STEP, WORST, STORED = 5, 6, 7
 # whether other constraint rows may become better conditioned than those kept.  RESELECT_ROWS: why rows are to be
 # selected anew before the next step, PIVOT_FELL or the code of a step's failure.  JUMPS: undeclared jumps that were
 # passed, SWITCHES of laws.  JUMPED: whether the attempt at hand, or that which led to TIME, passes a jump.  JUMP_AHEAD:
-# 0 where none is looked for, else one more than the steps since the last rejected attempt.  NO_GROWTH: steps that may
-# not grow.
+# whether rejected attempts show one.  NO_GROWTH: steps that may not grow.
 OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS = range(8, 14)
 JUMPS, SWITCHES, JUMPED, JUMP_AHEAD, NO_GROWTH, N_COUNT = range(14, 20)
 PIVOT_FELL = 1

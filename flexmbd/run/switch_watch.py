@@ -52,7 +52,7 @@ class SwitchWatch:
             SceneError: one of them is thrown back from both sides, or endlessly.
         """
         integration = self._integration
-        scene, s, t = integration.scene, integration.state, integration.t
+        s, t = integration.state, integration.t
         before, numbers = self._changes(), self.numbers(t, s.x, s.v)
         integration.take_sides([self.switches[k].place for k in changed], sides)
         after, same = self._changes(), self.numbers(t, s.x, s.v) == numbers
@@ -66,8 +66,8 @@ class SwitchWatch:
             if same[k] and side * before[k] > 0.0 and side * after[k] < 0.0:
                 raise SceneError(
                     f"{what}: on both sides the motion leads back to where it switches, along which the machine would "
-                    "slide or stick; let a law hold it there (fm.force.JointFriction and JointStop are regularised), or "
-                    "end the run there (an event with stop=True)"
+                    "slide or stick; let a smooth law hold it there (as fm.force.JointFriction), or end the run there "
+                    "(an event with stop=True)"
                 )
             soon = between <= float(s.numbers[st.STEP_FLOOR_SIZE])
             self._hurried[k] = self._hurried[k] + 1 if soon else 0

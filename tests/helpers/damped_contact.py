@@ -1,4 +1,4 @@
-"""A ball that falls on a spring with a damper, whose force jumps where they touch: the motion by closed forms, in pieces."""
+"""A ball that falls on a spring with a damper, whose force jumps where they touch: the motion by closed forms."""
 
 from __future__ import annotations
 

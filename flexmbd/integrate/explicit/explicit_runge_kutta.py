@@ -41,7 +41,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
 )
 from flexmbd.integrate.explicit.tableau import Pair, Tableau
 from flexmbd.integrate.interior_support import refuse_interiors
-from flexmbd.integrate.jumps import take_jump
+from flexmbd.integrate.jumps import put_widest, sum_of_sizes, take_jump
 from flexmbd.multibody.kernels.algebra import rotation_update
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, from_local_coordinates, to_local_rates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -286,19 +286,16 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
 
 
 @kernel
-def _take_jump(plan, tableau, state, groups, scratch, h):
-    """Whether the step passes a jump all the same, see ``jumps``, by the accelerations of all stages before its end."""
+def _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate):
+    """The ratio of the step's error to the tolerance, 1 where it passes a jump all the same (see ``jumps``)."""
+    ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+    if ratio <= 1.0:
+        return ratio
     stages = tableau.a.shape[1]
-    gain = 0.0
-    for j in range(stages):
-        gain += abs(tableau.a[stages, j])
-    begin = scratch.rate_v[0]
-    for k in range(begin.shape[0]):
-        most = 0.0
-        for i in range(1, stages):
-            most = max(most, abs(scratch.rate_v[i, k] - begin[k]))
-        scratch.error_v[0, k] = begin[k] + most
-    return take_jump(plan.free, state, groups, begin, scratch.error_v[0], gain, h)
+    begin, widest = scratch.rate_v[0], scratch.error_v[0]
+    put_widest(begin, scratch.rate_v[1:stages], widest)
+    taken = take_jump(plan.free, state, groups, begin, widest, sum_of_sizes(tableau.a[stages]), h)
+    return 1.0 if taken else ratio
 
 
 @kernel
@@ -353,11 +350,9 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
             return np.inf
         drive(plan, work, scratch.x, scratch.v, scratch.a)
         if end and not uses_end and not fixed:
-            ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+            ratio = _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
             if not ratio <= 1.0:
-                if not _take_jump(plan, tableau, state, groups, scratch, h):
-                    return ratio
-                ratio = 1.0
+                return ratio
         for attempt in range(2):
             if plan.rows.shape[0] > 0 and (end or attempt == 1):
                 closed = project(plan, work, aw, plain, quaternions, state, groups, loops, rate, scratch.x, scratch.v)
@@ -375,9 +370,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         if quaternions.shape[0] > 0:
             to_local_rates(quaternions, way, scratch.u, scratch.rate_x[i])
     if uses_end and not fixed:
-        ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
-        if not ratio <= 1.0 and _take_jump(plan, tableau, state, groups, scratch, h):
-            ratio = 1.0
+        ratio = _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
     return ratio if _finite(scratch) else np.inf
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.interior_support import refuse_interiors
-from flexmbd.integrate.jumps import take_jump
+from flexmbd.integrate.jumps import put_widest, take_jump
 from flexmbd.integrate.radau.coefficients import ORDER, STAGES
 from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_vibration_scales
 from flexmbd.integrate.radau.newton import solve_step
@@ -104,17 +104,6 @@ def _accept(state, scratch, h):
 
 
 @kernel
-def _take_jump(plan, state, groups, scratch, h):
-    """Whether the step passes a jump all the same, see ``jumps``, by the accelerations of all stages."""
-    for k in range(state.a.shape[0]):
-        most = 0.0
-        for i in range(STAGES):
-            most = max(most, abs(scratch.a[i, k] - state.a[k]))
-        scratch.residual[k] = state.a[k] + most
-    return take_jump(plan.free, state, groups, state.a, scratch.residual, 1.0, h)
-
-
-@kernel
 def _attempt(method, state, groups, h):
     """An attempt at a step, see ``controller``."""
     plan = method.plan
@@ -138,8 +127,10 @@ def _attempt(method, state, groups, h):
     elif solved:
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, work, state, groups, s, h, rate)
-        if not ratio <= 1.0 and _take_jump(plan, state, groups, s, h):
-            ratio = 1.0
+        if not ratio <= 1.0:
+            put_widest(state.a, s.a, s.residual)
+            if take_jump(plan.free, state, groups, state.a, s.residual, 1.0, h):
+                ratio = 1.0
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(state, s, h)

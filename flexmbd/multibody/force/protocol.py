@@ -170,7 +170,7 @@ class ElementTable(Protocol):
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.
 
         Where its numbers are such that it never exerts anything, ``acts`` is False, and there is no row unless these
-        numbers are to vary.  Where it has a ``side``, ``address`` is of the function on the positive side of its switch,
+        numbers are to vary.  Where it has a ``side``, ``address`` is of the function on the positive side, and
         ``derivative`` of that on the negative one.
         """
 

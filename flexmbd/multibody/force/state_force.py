@@ -22,8 +22,8 @@ class StateForce(OnState):
     places of coordinates.  Called at every evaluation of the equations, several times a step: compile what is slow.
 
     Attributes:
-        function: f(t, x (nx,), v (nv,)) -> (nv,) in Python, or ``flexmbd.compiled`` f(t, x, v, out); or ``flexmbd.Switched``, of
-            forces that jump.
+        function: f(t, x (nx,), v (nv,)) -> (nv,) in Python, or ``flexmbd.compiled`` f(t, x, v, out); or
+            ``flexmbd.Switched``, of forces that jump.
         name: in messages.
     """
 

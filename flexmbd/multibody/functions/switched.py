@@ -46,11 +46,11 @@ class Switched:
         what = "fm.Switched"
         if isinstance(self.law, Compiled):
             if self.law.signature not in _COMPILED:
-                raise SceneError(f"{what}: {self.law.name} must take `side` as its last argument, f(t, beta, rate, side)")
+                raise SceneError(f"{what}: {self.law.name} must take `side` as its last argument")
             wanted = (self.law.signature, Signature(-self.law.signature.value))
         else:
             if not callable(self.law) or not takes_side(self.law):
-                raise SceneError(f"{what}: the law must be a function whose last argument is `side`, got {self.law!r:.60}")
+                raise SceneError(f"{what}: the last argument of the law must be `side`, as f(t, beta, rate, side)")
             wanted = (*_COMPILED, *(Signature(-one.value) for one in _COMPILED))
         if isinstance(self.when, Compiled):
             if self.when.signature not in wanted:
