@@ -272,3 +272,31 @@ def test_explain_and_refusals(tmp_path) -> None:
     bad, _ = CONTACT.scene(fm.Switched(contact, when=lambda t, y, v: np.nan))
     with pytest.raises(fm.SceneError, match="the switch of JointLaw on joint 'drop 0'"):
         bad.simulate(0.1)
+
+
+@pytest.mark.parametrize("form", ["compiled", "plain", "frame"])
+def test_states_that_switch(form: str) -> None:
+    """A sink fills at one rate and drains at another, by where a mass that swings is: integrals of known times."""
+
+    def plain(t, z, u, side):
+        return [2.0 if side > 0.0 else -1.0]
+
+    @fm.compiled
+    def rates(t, z, u, out, side):
+        out[0] = 2.0 if side > 0.0 else -1.0
+
+    @fm.compiled
+    def place(t, z, u, out):
+        out[0] = u[0]
+
+    scene, joint = slider(lambda t, x, v: -4.0 * x, velocity=1.0)
+    followed = (lambda now: now.position(joint.child)[:1]) if form == "frame" else fm.output.Position(joint)
+    when = place if form == "compiled" else lambda t, z, u: u[0]
+    states = scene.add_states(
+        fm.Switched(rates if form == "compiled" else plain, when=when), initial=[0.5], scale=1.0, measurements=[followed]
+    )
+    half = np.pi / 2.0
+    run = scene.simulate(2.5 * half, rtol=1e-8, integrator=METHODS["8(5,3)"])
+    assert run.states(states)[-1, 0] == pytest.approx(0.5 + 2.0 * half - half + 2.0 * 0.5 * half, abs=1e-6)
+    assert run.stats.switches == 2
+    assert "its switch is located" in scene.explain()

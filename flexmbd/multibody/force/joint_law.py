@@ -47,7 +47,7 @@ class JointLaw(OnCoordinate):
         if isinstance(self.law, Switched):
             law = self.law
             up, down = (table.law(law.at(side), self.what) for side in (1.0, -1.0))
-            side = table.side(law, self.what, lambda side, t, every, rates: law.number(side, t, every[x], rates[v]))
+            side = table.side(law, lambda side, t, every, rates: law.number(side, t, every[x], rates[v]), self.what)
             table.element(USER_LAW, self.what, x=x, v=v, address=up, derivative=down, side=side)
             return
         table.element(USER_LAW, self.what, x=x, v=v, address=table.law(self.law, self.what))

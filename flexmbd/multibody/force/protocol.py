@@ -130,10 +130,12 @@ class ElementTable(Protocol):
         """Address of state equations in Python, which give rates and outputs (size,) in one."""
 
     def states(
-        self, states: StateEquations, address: int, quantities: Sequence[tuple[int, int, int]], *, whole: bool
-    ) -> None:
-        """Add a link for each state, and the row of their equations.
+        self, states: StateEquations, addresses: tuple[int, int], quantities: Sequence[tuple[int, int, int]], *,
+        whole: bool, switch: tuple[Switched, SwitchValue] | None = None,
+    ) -> slice:
+        """Add a link for each state, and the row of their equations; the states' places in v.
 
+        ``addresses``: of the equations, and of those on the negative side of their ``switch``, 0 where they have none.
         ``quantities``: of each number that they follow its kind (``kernels.elements.state_rates``), its place and the
         velocity that goes with it; ``whole``: whether the equations take x and v of the machine in their place.
         """
@@ -141,7 +143,7 @@ class ElementTable(Protocol):
     def memory(self, names: Mapping[str, float]) -> int:
         """Place in x of a memory that begins with these values, behind what every element with memory notes."""
 
-    def side(self, switched: Switched, what: str, value: SwitchValue) -> int:
+    def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """Place in x of the side of a switch, whose number is ``value``."""
 
     def when_built(self, hook: Callable[[Machine], None]) -> None:

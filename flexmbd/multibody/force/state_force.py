@@ -52,7 +52,7 @@ class StateForce(OnState):
         if isinstance(self.function, Switched):
             function = self.function
             up, down = (table.state_function(function.at(side), self.what) for side in (1.0, -1.0))
-            side = table.side(function, self.what, function.number)
+            side = table.side(function, function.number, self.what)
             table.element(STATE_FORCE, self.what, address=up, derivative=down, side=side)
             return
         table.element(STATE_FORCE, self.what, address=table.state_function(self.function, self.what))

@@ -16,7 +16,6 @@ from flexmbd.multibody.force.protocol import Force, StateEquations, SwitchValue
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
-from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.switched import Switch, Switched
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
@@ -28,11 +27,12 @@ from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
 from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
-from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
+from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.plan.state_loads import Quantities, followed_times, refuse_set_twice, set_loads
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, StatePlaces
 
 FloatArray = NDArray[np.float64]
@@ -53,6 +53,18 @@ class ForceSpan:
     times: range
     frames: tuple[int, ...]
     memories: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """State equations, as ``ForceTable.states`` takes them; ``first``: their first place in v."""
+
+    states: StateEquations
+    first: int
+    addresses: tuple[int, int]
+    quantities: Quantities
+    whole: bool
+    switch: tuple[Switched, SwitchValue] | None
 
 
 class ForceTable:
@@ -87,7 +99,7 @@ class ForceTable:
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
-        self._states: list[tuple[StateEquations, int, int, tuple[tuple[int, int, int], ...], bool]] = []
+        self._states: list[_Equations] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
@@ -186,17 +198,19 @@ class ForceTable:
         return self._numbering.callbacks.of_states(equations, what, size)
 
     def states(
-        self, states: StateEquations, address: int, quantities: Sequence[tuple[int, int, int]], *, whole: bool
-    ) -> None:
+        self, states: StateEquations, addresses: tuple[int, int], quantities: Quantities, *, whole: bool,
+        switch: tuple[Switched, SwitchValue] | None = None,
+    ) -> slice:
         """Add a link for each state; the row of their equations comes last, when all loads are known."""
         self._numbering.callbacks.codes.append(states.code)
         slots = self._numbering.add_states(states.state_names)
         self._numbering.index.states[states] = StatePlaces(
             slots, states.scales, states.first, states.what, tuple(states.inputs)
         )
-        self._states.append((states, slots.start, address, tuple(quantities), whole))
+        self._states.append(_Equations(states, slots.start, addresses, tuple(quantities), whole, switch))
+        return slots
 
-    def side(self, switched: Switched, what: str, value: SwitchValue) -> int:
+    def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """Place in x of a switch's side."""
         self._numbering.callbacks.codes.append(switched.code)
         place = self._numbering.add_side()
@@ -323,36 +337,19 @@ class ForceTable:
         Raises:
             SceneError: two set one signal, one follows what states set, or a signal does not load a joint's coordinate.
         """
-        set_by: IdentityMap[Signal, str] = IdentityMap()
-        for states, *_ in self._states:
-            for signal in states.inputs:
-                if signal in set_by:
-                    raise SceneError(f"{states.what}: {set_by[signal]} set the signal {signal.name!r} already")
-                set_by[signal] = states.what
-        followed = {row[1] for _, _, _, rows, _ in self._states for row in rows if row[0] == OF_TIME}
-        loading = {row[at.FORCE_TIME] for row in self.forces}
-        for states, first, address, rows, whole in self._states:
-            loads = []
-            for j, signal in enumerate(states.inputs):
-                places = [k for k, row in enumerate(self._numbering.times) if row.signal is signal]
-                for k in places:
-                    if k in followed:
-                        raise SceneError(
-                            f"{states.what}: states follow the signal {signal.name!r}, which they set; write the "
-                            "equations of both as one"
-                        )
-                    if k not in loading or any(row[at.EL_TIME] == k for row in self.elements):
-                        raise SceneError(
-                            f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque or "
-                            "JointForce on a joint that has a coordinate (way=fm.Way.COORDINATES)"
-                        )
-                if not places:
-                    raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")
-                loads += [(j, k) for k in places]
+        refuse_set_twice(one.states for one in self._states)
+        followed = followed_times(one.quantities for one in self._states)
+        for one in self._states:
+            states, rows = one.states, one.quantities
+            loads = set_loads(states, self._numbering.times, self.forces, self.elements, followed)
             n, m, k = len(states.scales), len(rows), len(states.inputs)
-            head = [n, m, k, whole, len(loads), *states.scales]
+            head = [n, m, k, one.whole, len(loads), *states.scales]
             data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
-            self.element(STATES, states.what, v=first, data=data, count=2 * n + m + k, address=address)
+            side = -1 if one.switch is None else self.side(*one.switch, one.states.what)
+            self.element(
+                STATES, states.what, v=one.first, data=data, count=2 * n + m + k, address=one.addresses[0],
+                derivative=one.addresses[1], side=side,
+            )  # fmt: skip
 
     def _solve_together(self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]) -> None:
         """``speeds``: velocities by their places, and over how much of each the forces change as they do at rest."""

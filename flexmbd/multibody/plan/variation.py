@@ -295,7 +295,7 @@ class _Replay(ForceTable):
         same = place >= 0 and self._start[first : first + len(names)].tolist() == [*names.values()]
         return place if same else -1
 
-    def side(self, switched: Switched, what: str, value: SwitchValue) -> int:
+    def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """The place that it got before."""
         return next(self._places, -1)
 
