@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -72,7 +73,7 @@ class DampedContact:
 
 
 CONTACT = DampedContact()
-METHODS = {
+METHODS: dict[str, Any] = {
     "5(4)": fm.ExplicitRungeKutta(), "8(5,3)": fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8), "Radau": fm.RadauIIA(),
     "alpha": fm.GeneralizedAlpha(), "energy-momentum": fm.EnergyMomentum(), "central": fm.CentralDifference(),
 }  # fmt: skip

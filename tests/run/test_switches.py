@@ -290,13 +290,33 @@ def test_states_that_switch(form: str) -> None:
         out[0] = u[0]
 
     scene, joint = slider(lambda t, x, v: -4.0 * x, velocity=1.0)
-    followed = (lambda now: now.position(joint.child)[:1]) if form == "frame" else fm.output.Position(joint)
+    followed = fm.output.Position(joint)
+    if form == "frame":
+        followed = lambda now: now.position(joint.child)[:1]  # noqa: E731
     when = place if form == "compiled" else lambda t, z, u: u[0]
-    states = scene.add_states(
-        fm.Switched(rates if form == "compiled" else plain, when=when), initial=[0.5], scale=1.0, measurements=[followed]
-    )
+    law = fm.Switched(rates if form == "compiled" else plain, when=when)
+    states = scene.add_states(law, initial=[0.5], scale=1.0, measurements=[followed])
     half = np.pi / 2.0
     run = scene.simulate(2.5 * half, rtol=1e-8, integrator=METHODS["8(5,3)"])
     assert run.states(states)[-1, 0] == pytest.approx(0.5 + 2.0 * half - half + 2.0 * 0.5 * half, abs=1e-6)
     assert run.stats.switches == 2
     assert "its switch is located" in scene.explain()
+
+
+def test_equilibria_are_of_the_side_that_they_begin_on() -> None:
+    """A ball that lies on its contact is found from within; what lies beyond a switch is refused by name."""
+    scene, joints = CONTACT.scene(SWITCHED)
+    joints[0].position = RADIUS - 1e-4
+    point = scene.equilibrium()
+    assert point.beta(joints[0]) == pytest.approx(RADIUS - CONTACT.mass * 9.81 / STIFFNESS, rel=1e-9)
+    law = fm.Switched(lambda t, x, v, side: -4.0 * x - (2.0 if side > 0.0 else 0.0), when=lambda t, x, v: x)
+    scene, _ = slider(law, position=0.3)
+    with pytest.raises(fm.SceneError, match="beyond the switch of JointLaw on joint 'slide'"):
+        scene.equilibrium()
+
+
+def test_an_fmu_takes_no_switches(tmp_path) -> None:
+    """Users' functions cannot leave: told by the element's name."""
+    scene, _ = CONTACT.scene(SWITCHED)
+    with pytest.raises(fm.FlexmbdError, match="JointLaw on joint 'drop 0'"):
+        fm.export.fmu_machine(scene, tmp_path / "ball.fmu", h=1e-3)

@@ -33,8 +33,10 @@ class StateForce(OnState):
     @property
     def what(self) -> str:
         """Its name in messages."""
-        named = isinstance(self.function, (Compiled, Switched))
-        own = self.function.name if named else getattr(self.function, "__name__", "")
+        if isinstance(self.function, (Compiled, Switched)):
+            own = self.function.name
+        else:
+            own = getattr(self.function, "__name__", "")
         return f"StateForce {self.name or own!r}"
 
     def check(self) -> None:

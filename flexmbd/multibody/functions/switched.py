@@ -44,6 +44,7 @@ class Switched:
 
     def __post_init__(self) -> None:
         what = "fm.Switched"
+        wanted: tuple[Signature, ...] = (*_COMPILED, *(Signature(-one.value) for one in _COMPILED))
         if isinstance(self.law, Compiled):
             if self.law.signature not in _COMPILED:
                 raise SceneError(f"{what}: {self.law.name} must take `side` as its last argument")
@@ -51,7 +52,6 @@ class Switched:
         else:
             if not callable(self.law) or not takes_side(self.law):
                 raise SceneError(f"{what}: the last argument of the law must be `side`, as f(t, beta, rate, side)")
-            wanted = (*_COMPILED, *(Signature(-one.value) for one in _COMPILED))
         if isinstance(self.when, Compiled):
             if self.when.signature not in wanted:
                 raise SceneError(f"{what}: when = {self.when.name} must take the arguments of the law but its side")

@@ -73,3 +73,16 @@ def begin_sides(
         a, _ = accelerations(scene, work, x, v)
         change = changes_of_switches(scene, t, x, v, a)
         x[places] = np.where((numbers == 0.0) & (change < 0.0), -1.0, x[places])
+
+
+def refuse_other_sides(scene: CompiledScene, t: float, x: FloatArray, v: FloatArray) -> None:
+    """Raise SceneError where x (nx,), v (nv,) lie beyond a switch for the side that x tells.  Collective."""
+    if not scene.switches:
+        return
+    numbers = switch_numbers(scene, scene.switches, t, x, v)
+    for switch, number in zip(scene.switches, numbers, strict=True):
+        if number * x[switch.place] < 0.0:
+            raise SceneError(
+                f"the equilibrium found lies beyond the switch of {switch.name}, where its law is another; there may "
+                "be one on the other side: start there"
+            )
