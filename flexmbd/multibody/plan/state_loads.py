@@ -1,18 +1,33 @@
-"""Which loads the outputs of users' state equations set."""
+"""Rows of users' state equations, and which loads their outputs set."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.force.protocol import StateEquations
+from flexmbd.multibody.force.protocol import StateEquations, SwitchValue
 from flexmbd.multibody.functions.signal import Signal
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME
 from flexmbd.multibody.scene_index import IdentityMap
 
-Quantities = Sequence[tuple[int, int, int]]
+Quantities: TypeAlias = Sequence[tuple[int, int, int]]
+
+
+@dataclass(frozen=True)
+class StateRows:
+    """State equations, as ``ForceTable.states`` takes them; ``first``: their first place in v."""
+
+    states: StateEquations
+    first: int
+    addresses: tuple[int, int]
+    quantities: Quantities
+    whole: bool
+    switch: tuple[Switched, SwitchValue] | None
 
 
 def refuse_set_twice(every: Iterable[StateEquations]) -> None:
