@@ -83,6 +83,7 @@ from flexmbd.multibody.functions.compiled_function import compiled as compiled
 from flexmbd.multibody.functions.signal import Signal as Signal
 from flexmbd.multibody.functions.spline_table import Beyond as Beyond
 from flexmbd.multibody.functions.spline_table import Table as Table
+from flexmbd.multibody.functions.switched import Switched as Switched
 from flexmbd.multibody.functions.time_function import Motion as Motion
 from flexmbd.multibody.functions.time_function import Piecewise as Piecewise
 from flexmbd.multibody.functions.time_function import Sine as Sine

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.jumps import count_shortest, leave_jump, shortest_step
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -157,8 +158,9 @@ def propose_step(rule, knots, state, groups):
         number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING], number[st.STABLE_STEP])
         if number[st.STEP] * rate > rule.longest:
             number[st.STEP] = rule.room * rule.longest / rate
-        if not number[st.STEP] >= number[st.STEP_FLOOR_SIZE]:  # a rate beyond all steps: the shortest one, which fails
-            number[st.STEP] = number[st.STEP_FLOOR_SIZE]
+        least = shortest_step(state)
+        if not number[st.STEP] >= least:  # a rate beyond all steps: the shortest one, which fails
+            number[st.STEP] = least
     h = number[st.STEP]
     if number[st.STEP_REMAINDER] > 0.0:
         h = number[st.STEP_REMAINDER]
@@ -213,7 +215,9 @@ def _after_acceptance(rule, state, h):
         return
     ratio = number[st.ERROR_RATIO]
     growth = _step_ratio(rule, number, count, h, ratio)
-    if h < number[st.WHOLE_STEP]:
+    if count[st.JUMPED] == 1:
+        leave_jump(state)
+    elif h < number[st.WHOLE_STEP]:
         number[st.STEP] = number[st.WHOLE_STEP]  # it was cut short by its end alone
     elif growth > rule.worth and count[st.NO_GROWTH] == 0:
         number[st.STEP] = min(number[st.STEP_CEILING], h * growth)
@@ -221,6 +225,8 @@ def _after_acceptance(rule, state, h):
         number[st.STEP] = h
     else:
         number[st.STEP] = h * min(growth, rule.shrunk)
+    if count[st.JUMP_AHEAD] == 1 and number[st.REJECTED_END] > number[st.TIME]:
+        number[st.STEP] = min(number[st.STEP], number[st.REJECTED_END] - number[st.TIME])
     number[st.RATIO_BEFORE] = max(ratio, rule.least_before)
     number[st.STEP_ACCEPTED] = h
     count[st.NO_GROWTH] = max(0, count[st.NO_GROWTH] - 1)
@@ -243,8 +249,9 @@ def _after_rejection(rule, state, h):
         number[st.STEP_REMAINDER] = max(number[st.STEP_REMAINDER], h)
         number[st.STEP_PART] = 0.5 * h
         return st.DONE
-    if h <= number[st.STEP_FLOOR_SIZE]:
+    if h <= shortest_step(state):
         return why
+    count[st.JUMPED] = 0
     count[st.NO_GROWTH] = rule.hold
     shrink = rule.failed
     if solved:
@@ -257,12 +264,12 @@ def _after_rejection(rule, state, h):
 def accept_or_reject(plan, rule, state, groups, record, h):
     """Accept the attempt at h and store its end, or set a shorter step; DONE to go on, else the code to stop with."""
     outcome = state.counts[st.OUTCOME]
-    if outcome == st.CALLBACK_FAILED:
+    if outcome in (st.CALLBACK_FAILED, st.ENDLESS_JUMPS):
         return outcome
     if outcome == st.DONE and state.numbers[st.ERROR_RATIO] <= 1.0:
         st.store(plan, state, groups, record, h)
         _after_acceptance(rule, state, h)
-        return st.DONE
+        return count_shortest(state, h)
     return _after_rejection(rule, state, h)
 
 
@@ -274,7 +281,7 @@ def next_step(plan, rule, knots, state, groups, record, h):
     if h > 0.0:
         code = accept_or_reject(plan, rule, state, groups, record, h)
     count[st.OUTCOME] = code
-    if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END]:
+    if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END] or count[st.AT_BREAK] == 1:
         return 0.0
     if count[st.STORED] >= min(record.t.shape[0], count[st.MOST_STORED]):
         count[st.OUTCOME] = st.OUTPUT

@@ -21,9 +21,9 @@ IntArray = NDArray[np.int64]
 # Codes that a stepper returns.  DONE: the end is reached.  OUTPUT: the record is full.  The others are the failure of a
 # step that cannot be made shorter: a user's function; an interior; Newton's iteration; constraint rows that are
 # dependent, or a singular matrix; loops that do not close; a result that is not finite; an error above tolerance; rows
-# that an augmented Lagrangian does not close.
+# that an augmented Lagrangian does not close; jumps that follow each other endlessly.
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
-NOT_ENFORCED = 9
+NOT_ENFORCED, ENDLESS_JUMPS = 9, 10
 
 # Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
@@ -37,12 +37,17 @@ STEP_REMAINDER, STEP_PART = 13, 14
 # Share of joints' own rates that is sure to last (see ``lasting``): at TIME and a step before; at the end of the step
 # at hand; over these three, whose accelerations show a rate.
 LASTING, LASTING_BEFORE, LASTING_AT_END, STEP_LASTING = range(15, 19)
+# What undeclared jumps cost, in parts of rtol, and when (s) the last was passed (see ``jumps``).
+JUMP_SPENT, JUMP_LAST = 19, 20
 # Error and size of the last step that error control accepted, a safety of the next; these are forgotten where the
 # machine begins anew.
-RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 19, 20, 21
+RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 21, 22, 23
 # The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
 # The longest step (s) that an explicit method knows to be stable.
-LARGEST_PIVOT, STABLE_STEP, N_NUMBER = 22, 23, 24
+LARGEST_PIVOT, STABLE_STEP = 24, 25
+# Of rejected attempts (see ``jumps``): up to when (s) they reach, the length of the first, and that of one (0: none)
+# with the change of accelerations (1/s) in it.
+REJECTED_END, REJECTED_FIRST, REJECTED_STEP, REJECTED_CHANGE, N_NUMBER = range(26, 31)
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
@@ -50,8 +55,11 @@ FIXED_STEP, WORST, STORED = 5, 6, 7
 # OUTCOME: of the last attempt, DONE or the code of its failure.  MOST_STORED: rows to store before a stepper returns.
 # AT_BREAK: whether TIME is a break that the machine has not left yet.  KNOT: the first knot after TIME.  WATCH_ROWS:
 # whether other constraint rows may become better conditioned than those kept.  RESELECT_ROWS: why rows are to be
-# selected anew before the next step, PIVOT_FELL or the code of a step's failure.  NO_GROWTH: steps that may not grow.
-OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS, NO_GROWTH, N_COUNT = range(8, 16)
+# selected anew before the next step, PIVOT_FELL or the code of a step's failure.  JUMPS: undeclared jumps that were
+# passed, SWITCHES of laws.  JUMPED: whether the attempt at hand, or that which led to TIME, passes a jump.  JUMP_AHEAD:
+# whether rejected attempts show one.  NO_GROWTH: steps that may not grow.
+OUTCOME, MOST_STORED, AT_BREAK, KNOT, WATCH_ROWS, RESELECT_ROWS = range(8, 14)
+JUMPS, SWITCHES, JUMPED, JUMP_AHEAD, NO_GROWTH, N_COUNT = range(14, 20)
 PIVOT_FELL = 1
 
 _PIVOT_FALL = 1.0 / 16.0  # fall of the smallest pivot at which rows are selected anew

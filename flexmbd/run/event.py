@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.brief import brief
 from flexmbd.errors import SceneError, described
 from flexmbd.given import numbers, refuse_no_function, refuse_no_name, refuse_no_truth, refuse_other
+from flexmbd.multibody.functions.switched import Switch
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.fingerprint import fingerprint
 from flexmbd.multibody.motion.instant import Instant
@@ -177,9 +178,10 @@ class EventMemory:
 NO_EVENTS = EventMemory((), np.zeros((5, 0)), True)
 
 
-def codes_of(events: Sequence[Event]) -> tuple[str, ...]:
-    """Digests of events by name, direction and function, no two alike."""
+def codes_of(events: Sequence[Event], switches: Sequence[Switch] = ()) -> tuple[str, ...]:
+    """Digests of events by name, direction and function, then of switches, no two alike."""
     codes = [f"{event.name} {event.direction.name} {fingerprint(event.function)}" for event in events]
+    codes += [switch.code for switch in switches]
     return tuple(f"{code} {codes[:k].count(code)}" for k, code in enumerate(codes))
 
 

@@ -1,4 +1,8 @@
-"""Stepping from event to event: each located by steps of the method itself, to its own accuracy."""
+"""Stepping from event to event: each located by steps of the method itself, to its own accuracy.
+
+Switches of laws are located alike; what an event does besides is up to its action, what a switch does is change its
+law's side.  They are counted behind the events here.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,7 @@ from flexmbd.multibody.team import Team
 from flexmbd.run.event import NO_EVENTS, Event, EventMemory, Moment, Occurrence, codes_of
 from flexmbd.run.snapshot import Snapshot
 from flexmbd.run.stepping import Integration, evaluate_inputs
+from flexmbd.run.switch_watch import SwitchWatch
 
 FloatArray = NDArray[np.float64]
 
@@ -64,8 +69,9 @@ class EventSearch:
         self.occurred: list[Occurrence] = []
         self.stopped = False
         self._coordinates = interpolated_coordinates(integration.start.scene.plan)
-        self._codes = codes_of(events)
-        n = len(events)
+        self._watch = SwitchWatch(integration)
+        self._codes = codes_of(events, self._watch.switches)
+        n = len(self._codes)
         # of each function: its side of zero; from which side (-1, 1) an action has thrown it back, until it is off
         # zero; when it passed through zero last, and how long that was after the time before; its value where the last
         # step ended, NaN where an event took place there
@@ -76,6 +82,7 @@ class EventSearch:
         self._new_pace = at.new_pace or not here.all()  # whether a function may pass at another pace than before
         followed[:, here] = at.followed[:, known[here]]
         self._signs, self._thrown_back, self._last_passage, self._spacing, self._values = followed
+        self._signs[len(events) :] = self._watch.sides
         self._warned: set[int] = set()
         # functions that begin on zero, until they are off it
         self._begins_on_zero = (self._signs == 0.0) & ~here
@@ -105,11 +112,7 @@ class EventSearch:
             values = self._values_now()
             signs = np.sign(values)
         self._thrown_back[signs != 0.0] = 0.0
-        passed = [
-            k
-            for k, event in enumerate(self._events)
-            if event.passes(self._signs[k], signs[k], begins=self._begins_on_zero[k])
-        ]
+        passed = [k for k in range(len(signs)) if self._passes(k, signs[k])]
         self._begins_on_zero &= signs == 0.0
         if not passed:
             self._note_passages(signs * self._signs < 0.0)
@@ -119,8 +122,14 @@ class EventSearch:
             self._values = values
             integration.keep_rows()
             return code
-        self._values = np.full(len(self._events), np.nan)
+        self._values = np.full(len(signs), np.nan)
         return self._take_place(passed, before, signs, t_end)
+
+    def _passes(self, k: int, sign: float) -> bool:
+        """Whether function k has passed to a sign."""
+        if k < len(self._events):
+            return self._events[k].passes(self._signs[k], sign, begins=self._begins_on_zero[k])
+        return bool(sign * self._signs[k] < 0.0)
 
     def _note_passages(self, passed: NDArray[np.bool_]) -> None:
         """Take note of when functions passed, about now, and of the time since they did before."""
@@ -151,7 +160,7 @@ class EventSearch:
             rows = zip(instants, *self._motion_since(before, instants), strict=True)
             told = np.array([self._values, *(self._values_at(t, x, v, a) for t, x, v, a in rows), values])
             seen = np.vstack([self._signs, np.sign(told[1:])])
-            changes = [_changes(np.array([row[k] for row in seen])) for k in range(len(self._events))]
+            changes = [_changes(np.array([row[k] for row in seen])) for k in range(told.shape[1])]
             resolved = _hides_none(np.array([begin, *instants, end]), told)
             none = all(len(one) <= most for one, most in zip(changes, allowed, strict=True))
             if none and (resolved.all() or looks >= _CLOSE_LOOKS):
@@ -203,10 +212,15 @@ class EventSearch:
         if (code := self._step_to(before, first, keep=True)) != st.DONE:
             return code
         now = [k for k, t in instants.items() if t - first <= 1e-12 * max(abs(end), end - begin)]
-        self._note_passages(np.isin(np.arange(len(self._events)), now))
+        self._note_passages(np.isin(np.arange(len(signs)), now))
         row = integration.rows - 1
-        self._signs = np.where(self._signs_now() == 0.0, self._signs, self._signs_now())
+        here, n = self._signs_now(), len(self._events)
+        self._signs = np.where(here == 0.0, self._signs, here)
+        self._signs[n:] = self._watch.sides
+        switched, thrown = {k - n: float(signs[k]) for k in now if k >= n}, set()
         for k in now:
+            if k >= n:
+                continue
             event = self._events[k]
             self._signs[k] = signs[k]
             self.occurred.append(Occurrence(event, integration.t, row))
@@ -217,6 +231,12 @@ class EventSearch:
                 self._change_rates(moment)
                 self._signs[k] = 0.0  # an impact may throw the function back
                 self._thrown_back[k] = signs[k]
+                here = self._signs_now()[n:]  # the rates that are set may lead to other sides
+                thrown = {int(j) for j in np.flatnonzero(self._signs[n:] * here < 0.0)} - switched.keys()
+                switched |= {j: float(here[j]) for j in thrown}
+        if switched and not self.stopped:
+            self._watch.change([*switched], np.array([*switched.values()]), thrown=thrown)
+            self._signs[n:] = self._watch.sides
         return st.DONE if self.stopped or integration.t >= t_end else st.OUTPUT
 
     def _follow_throw(self, before: Snapshot, fallen: NDArray[np.int64]) -> int:
@@ -261,14 +281,16 @@ class EventSearch:
         Raises:
             _NotReached: a step towards it failed.
         """
-        event = self._events[k]
+        events = self._events
 
         def value(t: float) -> float:
             if t <= begin:  # where it may have just passed, and what it leaves there is round-off of either sign
                 return float(self._signs[k])
             if (code := self._step_to(before, t)) != st.DONE:
                 raise _NotReached(code)
-            return event.value(self._moment(), self._team)
+            if k < len(events):
+                return events[k].value(self._moment(), self._team)
+            return self._watch.number_now(k - len(events))
 
         from scipy.optimize import brentq  # on need: 0.1 s
 
@@ -306,12 +328,17 @@ class EventSearch:
         return np.sign(self._values_now())
 
     def _values_at(self, t: float, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        moment = Moment(self._integration.scene, t, x, v, a)
-        return np.array([event.value(moment, self._team) for event in self._events])
+        if not self._events:
+            return self._watch.numbers(t, x, v)
+        return self._values_of(Moment(self._integration.scene, t, x, v, a))
 
     def _values_now(self) -> NDArray[np.float64]:
-        moment = self._moment()
-        return np.array([event.value(moment, self._team) for event in self._events])
+        s = self._integration.state
+        return self._values_at(self._integration.t, s.x, s.v, s.a)
+
+    def _values_of(self, moment: Moment) -> NDArray[np.float64]:
+        values = [event.value(moment, self._team) for event in self._events]
+        return np.concatenate([values, self._watch.numbers(moment.t, moment.x, moment.v)])
 
 
 def _hides_none(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:

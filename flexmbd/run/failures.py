@@ -33,8 +33,13 @@ _CAUSES = {
     ),
     st.INACCURATE: (
         "left an error above rtol",
-        "look for a jump: of a force with time (declare it: breaks=), or with position or velocity (smooth it, or set "
-        "the velocities by an event); or for a force that grows without bound",
+        "look for a jump: of a force with time (declare it: breaks=), or with position or velocity (declare it: "
+        "fm.Switched, smooth it, or set the velocities by an event); or for a force that grows without bound",
+    ),
+    st.ENDLESS_JUMPS: (
+        "met one jump of accelerations after the other",
+        "look for a law that jumps and holds the machine where it does, as dry friction at rest: smooth it (as "
+        "fm.force.JointFriction is), or end the run there by an event with stop=True",
     ),
 }
 

@@ -71,6 +71,7 @@ def can_be_prepared(scene: CompiledScene, settings: RunSettings) -> bool:
         and not gives_energies(scene.plan)
         and not any(row.has_pieces or (row.motion and row.is_users) for row in scene.time_rows)
         and not len(scene.declared_breaks())
+        and not scene.switches
         and not any(isinstance(body, PseudoRigidBody) or _is_watched(body) for body in scene.index.bodies)
         and not any(j.motion is not None and (j.position is not None or j.velocity is not None) for j in joints)
     )
@@ -206,7 +207,7 @@ class PreparedRuns:
             rows = slice(1 if blocks else 0, 1 + int(s.counts[st.STORED]))
             if code == st.OUTPUT or blocks:
                 blocks.append([part[rows].copy() for part in self._series])
-        if code != st.DONE:
+        if code != st.DONE or s.counts[st.AT_BREAK] == 1:
             return None
         found = [np.concatenate(parts) for parts in zip(*blocks, strict=True)] or [part[rows] for part in self._series]
         t, x, v, a = found

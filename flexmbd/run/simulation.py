@@ -70,15 +70,16 @@ def run(
     if team.is_root:
         announce_compilation(purpose)
     set_out = time.perf_counter()
+    searches = len(settings.events) > 0 or len(start.scene.switches) > 0
     integration = Integration(
         start, method, team, snapshot,
-        one_by_one=len(settings.events) > 0, controllers=controllers, begun=settings.begun,
+        one_by_one=searches, controllers=controllers, begun=settings.begun,
     )  # fmt: skip
     bound_by_span(integration.state.numbers, t_start=settings.begun, t_end=settings.t_end)
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     with open_stream(start, settings, integration, team) as stream:
-        search = EventSearch(integration, settings.events, bodies, team, snapshot.events) if settings.events else None
+        search = EventSearch(integration, settings.events, bodies, team, snapshot.events) if searches else None
         creep = CreepWatch(integration, settings.t_end, explicit_steps=explicit_steps)
         trajectory = _run(
             start, integration, bodies, settings, team, search=search, stream=stream, creep=creep, set_out=set_out

@@ -28,6 +28,8 @@ class Stats:
         start_residual: largest constraint residual at the start (m or rad).
         constraint_residual: largest constraint residual over the run, redundant rows included.
         start_elastic: elastic energy of the start (J).
+        jumps: jumps of accelerations that nobody declared, each passed by a short step of order 1.
+        switches: changes of side of laws that jump with the state (``flexmbd.Switched``).
     """
 
     integrator: str
@@ -42,6 +44,8 @@ class Stats:
     start_residual: float
     constraint_residual: float
     start_elastic: float = 0.0
+    jumps: int = 0
+    switches: int = 0
 
 
 NOTHING_SPENT = Stats("", 0, 0, 0, 0, 0, 0.0, 0.0, (), 0.0, 0.0)
@@ -61,4 +65,6 @@ def spent(integrator: str, counts: NDArray[np.int64], *, seconds: float, compile
         start_moved=(),
         start_residual=0.0,
         constraint_residual=0.0,
+        jumps=int(counts[st.JUMPS]),
+        switches=int(counts[st.SWITCHES]),
     )

@@ -34,7 +34,7 @@ from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
 from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, with_own_signals
 from flexmbd.run.series.departure import Departure
-from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, kept_interiors
+from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, first_step, kept_interiors
 
 FloatArray = NDArray[np.float64]
 
@@ -151,6 +151,12 @@ class Integration:
         ceiling = self.state.numbers[st.STEP_CEILING]
         self.state.numbers[st.STEP_CEILING] = min(ceiling, longest)
 
+    def bound_step(self, longest: float) -> None:
+        """Let the next step of error control be no longer (s); the shortest there is, at least."""
+        number = self.state.numbers
+        if self.state.counts[st.FIXED_STEP] == 0:
+            number[st.STEP] = min(number[st.STEP], max(longest, number[st.STEP_FLOOR_SIZE]))
+
     def begin_anew(self) -> None:
         """Forget what the method remembers of earlier steps, for the state was changed by hand."""
         if self.state.counts[st.FIXED_STEP] == 0:
@@ -158,6 +164,20 @@ class Integration:
         self.state.numbers[[st.STEP_REMAINDER, st.STEP_PART]] = 0.0
         evaluate_inputs(self.scene, self.work, self.t)
         self._forget()
+
+    def take_sides(self, places: Sequence[int], sides: FloatArray) -> None:
+        """Let laws go on by other sides, which stand at these places of x, in a row of their own."""
+        scene, s = self.scene, self.state
+        s.x[list(places)] = sides
+        s.counts[st.SWITCHES] += len(places)
+        evaluate_inputs(scene, self.work, self.t)
+        if self._interiors is None:
+            s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
+        else:
+            machine = scene, self._interiors, self.work, s.x, s.v
+            s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
+        self.begin_anew()
+        self.keep_state()
 
     def advance(self, t_end: float) -> int:
         """Step until ``t_end`` (s), a full buffer, rows to be chosen anew or a failure; rank 0's outcome on every rank.
@@ -254,6 +274,8 @@ class Integration:
         elif not is_driven(scene.plan):
             s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
         self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
+        if s.counts[st.JUMPED] == 1:
+            s.numbers[st.STEP] = min(s.numbers[st.STEP], first_step(scene, s.numbers, s.v, s.a, self.method.order))
         self._forget()
 
     def _refuse_impulse_on_history(self, jump: FloatArray) -> None:
@@ -273,7 +295,7 @@ class Integration:
     def _forget(self) -> None:
         """Let the method begin where the state stands; ``work.time`` is up to date."""
         count, number = self.state.counts, self.state.numbers
-        count[st.AT_BREAK] = 0
+        count[[st.AT_BREAK, st.JUMPED]] = 0
         count[st.NO_GROWTH :] = 0
         number[st.RATIO_BEFORE :] = 0.0
         number[st.STABLE_STEP] = np.inf

@@ -21,6 +21,7 @@ from flexmbd.integrate.alpha.step_history import accept, prepare_step
 from flexmbd.integrate.alpha.workspace import AlphaWorkspace, new_workspace
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.interior_support import refuse_explicit_only, refuse_passes
+from flexmbd.integrate.jumps import take_jump
 from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -154,6 +155,8 @@ def _attempt(method, state, groups, h):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
+            if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a, 1.0, h):
+                ratio = 1.0
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             accept(state, scratch, h)

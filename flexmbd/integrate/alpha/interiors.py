@@ -24,6 +24,7 @@ from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.matrix import linearise
 from flexmbd.integrate.alpha.step import correct, evaluate_step, predict, update_end
 from flexmbd.integrate.alpha.workspace import AlphaWorkspace
+from flexmbd.integrate.jumps import take_jump
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ImplicitInterior, IteratedInterior, Scheme
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -90,6 +91,8 @@ def end_step(rule, plan, work, state, groups, scratch, record, h):
         ratio = 0.0
         if state.counts[st.FIXED_STEP] == 0:
             ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
+            if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a, 1.0, h):
+                ratio = 1.0
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             step_history.accept(state, scratch, h)
@@ -142,7 +145,7 @@ class ImplicitInteriors:
                 for body in self._interiors.bodies:
                     _implicit(body).commit()
                 self._interiors.buffer.append(self._interiors.row(self._plan))
-            if code != st.DONE:
+            if code != st.DONE or count[st.AT_BREAK] == 1:
                 return code
         return st.DONE
 

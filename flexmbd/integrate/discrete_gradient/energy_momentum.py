@@ -29,6 +29,7 @@ from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspac
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
 from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.interior_support import refuse_interiors
+from flexmbd.integrate.jumps import take_jump
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -388,6 +389,8 @@ def _attempt(method, state, groups, h):
         if count[st.FIXED_STEP] == 0:
             noise = max(newton, scratch.round_off_floor[0])
             ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
+            if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a_end, 1.0, h):
+                ratio = 1.0
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(plan, loops, state, scratch, scratch.a_end, h)

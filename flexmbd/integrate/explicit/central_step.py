@@ -22,6 +22,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     update_row_scales,
 )
 from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.jumps import take_jump
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -260,6 +261,8 @@ def attempt(method, state, groups, h):
         state.counts[st.OUTCOME] = st.CALLBACK_FAILED
     elif found:
         ratio = 0.0 if fixed else _error(plan, work, aw, loops, state, groups, scratch, h, rate)
+        if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a, 1.0, h):
+            ratio = 1.0
         if ratio <= 1.0:
             _accept(state, scratch, h)
             if plan.rows.shape[0] > 0:

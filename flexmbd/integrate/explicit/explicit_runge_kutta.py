@@ -47,6 +47,7 @@ from flexmbd.integrate.explicit.step_errors import is_looked_at, take_error
 from flexmbd.integrate.explicit.step_growth import runge_kutta_growth
 from flexmbd.integrate.explicit.tableau import Pair, Tableau
 from flexmbd.integrate.interior_support import refuse_interiors
+from flexmbd.integrate.jumps import put_widest, sum_of_sizes, take_jump
 from flexmbd.multibody.kernels.algebra import rotation_update
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots, from_local_coordinates, to_local_rates
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -250,6 +251,19 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
 
 
 @kernel
+def _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate):
+    """The ratio of the step's error to the tolerance, 1 where it passes a jump all the same (see ``jumps``)."""
+    ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+    if ratio <= 1.0:
+        return ratio
+    stages = tableau.a.shape[1]
+    begin, widest = scratch.rate_v[0], scratch.error_v[0]
+    put_widest(begin, scratch.rate_v[1:stages], widest)
+    taken = take_jump(plan.free, state, groups, begin, widest, sum_of_sizes(tableau.a[stages]), h)
+    return 1.0 if taken else ratio
+
+
+@kernel
 def _accept(state, scratch):
     """Make the step's end the current state."""
     for k in range(state.v.shape[0]):
@@ -311,7 +325,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         drive(plan, work, scratch.x, scratch.v, scratch.a)
         looks = looks or (end and _meets_piece(plan, work, tableau, state, scratch))
         if end and not uses_end and looks:
-            ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+            ratio = _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
             if not fixed and not ratio <= 1.0:
                 return ratio
         for attempt in range(2):
@@ -331,7 +345,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
         if quaternions.shape[0] > 0:
             to_local_rates(quaternions, way, scratch.u, scratch.rate_x[i])
     if uses_end and looks:
-        ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+        ratio = _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
     if fixed:
         ratio = take_error(state, scratch.errors, ratio, h, rate, looks)
     return ratio if _finite(scratch) else np.inf

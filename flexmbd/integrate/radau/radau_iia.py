@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
 from flexmbd.integrate.interior_support import refuse_interiors
+from flexmbd.integrate.jumps import put_widest, take_jump
 from flexmbd.integrate.radau.coefficients import ORDER, STAGES
 from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_vibration_scales
 from flexmbd.integrate.radau.newton import solve_step
@@ -126,6 +127,10 @@ def _attempt(method, state, groups, h):
     elif solved:
         count[st.OUTCOME] = st.DONE  # whatever failed on the way
         ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, work, state, groups, s, h, rate)
+        if not ratio <= 1.0:
+            put_widest(state.a, s.a, s.residual)
+            if take_jump(plan.free, state, groups, state.a, s.residual, 1.0, h):
+                ratio = 1.0
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(state, s, h)

@@ -8,6 +8,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate
 from flexmbd.multibody.functions.callback import Law
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 
@@ -21,18 +22,20 @@ class JointLaw(OnCoordinate):
     Attributes:
         connection: a joint with coordinates that are numbers.
         law: f(t, beta, rate of beta) -> one number, positive along the coordinate: Python, or
-            ``flexmbd.compiled``.
+            ``flexmbd.compiled``; or ``flexmbd.Switched``, of a law that jumps.
         coordinate: which of the joint's coordinates, from 0.
     """
 
     connection: Connection
-    law: Compiled | Law
+    law: Compiled | Law | Switched
     coordinate: int = 0
 
     def check(self) -> None:
         """Raise SceneError for a joint without that coordinate, or unless the law is a function of three arguments."""
         super().check()
-        if isinstance(self.law, Compiled):
+        if isinstance(self.law, Switched):
+            self.law.refuse_other(Signature.LAW, f"{self.what}: a law of t, beta, its rate and its side")
+        elif isinstance(self.law, Compiled):
             if self.law.signature is not Signature.LAW:
                 raise SceneError(f"{self.what}: {self.law.name} must take three arguments, t, beta and its rate")
         elif not callable(self.law):
@@ -41,4 +44,10 @@ class JointLaw(OnCoordinate):
     def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
         x, v = table.coordinate(self.connection, self.coordinate)
+        if isinstance(self.law, Switched):
+            law = self.law.as_it_is_now()
+            up, down = (table.law(law.at(side), self.what) for side in (1.0, -1.0))
+            side = table.side(law, lambda side, t, every, rates: law.number(side, t, every[x], rates[v]), self.what)
+            table.element(USER_LAW, self.what, x=x, v=v, address=up, derivative=down, side=side)
+            return
         table.element(USER_LAW, self.what, x=x, v=v, address=table.law(self.law, self.what))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.signal import Signal
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
@@ -23,6 +24,8 @@ from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 FloatArray = NDArray[np.float64]
+#: The number of a switch by its side, t (s), x (nx,), v (nv,).
+SwitchValue: TypeAlias = Callable[[float, float, FloatArray, FloatArray], Any]
 
 
 class StateEquations(Protocol):
@@ -34,7 +37,7 @@ class StateEquations(Protocol):
 
     @property
     def code(self) -> str:
-        """Tells them from others (see ``functions.fingerprint``)."""
+        """Tells them from others (see ``kernels.base.fingerprint``)."""
         ...
 
     @property
@@ -127,16 +130,21 @@ class ElementTable(Protocol):
         """Address of state equations in Python, which give rates and outputs (size,) in one."""
 
     def states(
-        self, states: StateEquations, address: int, quantities: Sequence[tuple[int, int, int]], *, whole: bool
-    ) -> None:
-        """Add a link for each state, and the row of their equations.
+        self, states: StateEquations, addresses: tuple[int, int], quantities: Sequence[tuple[int, int, int]], *,
+        whole: bool, switch: tuple[Switched, SwitchValue] | None = None,
+    ) -> slice:
+        """Add a link for each state, and the row of their equations; the states' places in v.
 
+        ``addresses``: of the equations, and of those on the negative side of their ``switch``, 0 where they have none.
         ``quantities``: of each number that they follow its kind (``kernels.elements.state_rates``), its place and the
         velocity that goes with it; ``whole``: whether the equations take x and v of the machine in their place.
         """
 
     def memory(self, names: Mapping[str, float]) -> int:
         """Place in x of a memory that begins with these values, behind what every element with memory notes."""
+
+    def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
+        """Place in x of the side of a switch, whose number is ``value``."""
 
     def when_built(self, hook: Callable[[Machine], None]) -> None:
         """Call ``hook`` with the compiled scene once it is there."""
@@ -158,12 +166,14 @@ class ElementTable(Protocol):
 
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
-        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, acts: bool = True,
+        data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, side: int = -1,
+        acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.
 
         Where its numbers are such that it never exerts anything, ``acts`` is False, and there is no row unless these
-        numbers are to vary.
+        numbers are to vary.  Where it has a ``side``, ``address`` is of the function on the positive side, and
+        ``derivative`` of that on the negative one.
         """
 
 

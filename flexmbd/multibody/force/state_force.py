@@ -9,6 +9,7 @@ from flexmbd.given import checked
 from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.kernels.elements.user_state_force import STATE_FORCE
 
 
@@ -21,22 +22,28 @@ class StateForce(OnState):
     places of coordinates.  Called at every evaluation of the equations, several times a step: compile what is slow.
 
     Attributes:
-        function: f(t, x (nx,), v (nv,)) -> (nv,) in Python, or ``flexmbd.compiled`` f(t, x, v, out).
+        function: f(t, x (nx,), v (nv,)) -> (nv,) in Python, or ``flexmbd.compiled`` f(t, x, v, out); or
+            ``flexmbd.Switched``, of forces that jump.
         name: in messages.
     """
 
-    function: Compiled | StateFunction
+    function: Compiled | StateFunction | Switched
     name: str = ""
 
     @property
     def what(self) -> str:
         """Its name in messages."""
-        own = self.function.name if isinstance(self.function, Compiled) else getattr(self.function, "__name__", "")
+        if isinstance(self.function, (Compiled, Switched)):
+            own = self.function.name
+        else:
+            own = getattr(self.function, "__name__", "")
         return f"StateForce {self.name or own!r}"
 
     def check(self) -> None:
         """Raise SceneError unless it is a function of the state."""
-        if isinstance(self.function, Compiled):
+        if isinstance(self.function, Switched):
+            self.function.refuse_other(Signature.STATE, f"{self.what}: forces by t, x, v and their side")
+        elif isinstance(self.function, Compiled):
             if self.function.signature is not Signature.STATE:
                 raise SceneError(f"{self.what}: it must take four arguments, t, x, v and out")
         elif not callable(self.function):
@@ -44,4 +51,10 @@ class StateForce(OnState):
 
     def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
+        if isinstance(self.function, Switched):
+            function = self.function.as_it_is_now()
+            up, down = (table.state_function(function.at(side), self.what) for side in (1.0, -1.0))
+            side = table.side(function, function.number, self.what)
+            table.element(STATE_FORCE, self.what, address=up, derivative=down, side=side)
+            return
         table.element(STATE_FORCE, self.what, address=table.state_function(self.function, self.what))

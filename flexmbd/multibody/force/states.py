@@ -17,6 +17,7 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.linear_system import LinearSystem
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import Sine, answered
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.fingerprint import fingerprint
@@ -30,8 +31,8 @@ FloatArray = NDArray[np.float64]
 #: What states follow: of fm.output a Position or Velocity; a signal that a controller sets; a number or function of
 #: time as data; a function of the machine's Instant.
 Followed: TypeAlias = Output | Signal | Table | Sine | Compiled | float | Callable[[Instant], ArrayLike]
-#: f(t, z, u) -> rates or outputs in Python, or ``flexmbd.compiled`` f(t, z, u, out).
-StateEquation: TypeAlias = Compiled | Callable[[float, FloatArray, FloatArray], Any]
+#: f(t, z, u) -> rates or outputs in Python, or ``flexmbd.compiled`` f(t, z, u, out); or ``flexmbd.Switched``.
+StateEquation: TypeAlias = Compiled | Switched | Callable[[float, FloatArray, FloatArray], Any]
 
 
 @checked("name", "names")
@@ -90,6 +91,11 @@ class States:
             )
         for quantity in self.measurements:
             self._refuse_unfollowed(quantity)
+        switches = [f for f in (self.rates, self.outputs) if isinstance(f, Switched)]
+        if switches and switches[0].when is not switches[-1].when:
+            raise SceneError(f"{self.what}: rates and outputs that both switch must do so by one function when=")
+        if switches and any(isinstance(q, (Signal, Table, Sine, Compiled)) for q in self.measurements):
+            raise SceneError(f"{self.what}: equations that switch cannot follow signals or data; follow coordinates")
         if self._asks_machine and any(isinstance(q, (Signal, Table, Sine, Compiled)) for q in self.measurements):
             raise SceneError(
                 f"{self.what}: states that follow frames or functions of the machine cannot follow signals or data as "
@@ -116,7 +122,8 @@ class States:
     def code(self) -> str:
         """Tells them from other equations."""
         functions = (f for f in (self.rates, self.outputs) if f is not None)
-        return " ".join(fingerprint(f.source if isinstance(f, Compiled) else f) for f in functions)
+        parts = [part for f in functions for part in ((f.law, f.when) if isinstance(f, Switched) else (f,))]
+        return " ".join(fingerprint(part.source if isinstance(part, Compiled) else part) for part in parts)
 
     @property
     def count(self) -> int:
@@ -175,16 +182,26 @@ class States:
         """Add a link for each state, and the row of the equations."""
         whole = self._asks_machine
         quantities = [] if whole else [row for q in self.measurements for row in self._rows(q, table)]
-        count = self.count + len(self.inputs)
-        f, g = self.rates, self.outputs
+        switched = next((f for f in (self.rates, self.outputs) if isinstance(f, Switched)), None)
+        if switched is None:
+            table.states(self, (self._address(table, 1.0, whole=whole), 0), quantities, whole=whole)
+            return
+        addresses = (self._address(table, 1.0, whole=whole), self._address(table, -1.0, whole=whole))
+        number = _SwitchNumber(self, switched.as_it_is_now(), quantities, whole=whole)
+        if whole:
+            table.when_built(number.take)
+        number.place = table.states(self, addresses, quantities, whole=whole, switch=(switched, number))
+
+    def _address(self, table: ElementTable, side: float, *, whole: bool) -> int:
+        """Address of the equations on a side of their switch."""
+        f, g = (one.at(side) if isinstance(one, Switched) else one for one in (self.rates, self.outputs))
         if isinstance(f, Compiled) and (g is None or isinstance(g, Compiled)) and not whole:
-            address = table.compiled_states(f, g, self.count, len(self.inputs))
-        else:
-            equations = _PythonEquations(self)
-            address = table.python_states(equations.of_machine if whole else equations, self.what, count)
-            if whole:
-                table.when_built(equations.take)
-        table.states(self, address, quantities, whole=whole)
+            return table.compiled_states(f, g, self.count, len(self.inputs))
+        equations = _PythonEquations(self, (f, g))
+        if whole:
+            table.when_built(equations.take)
+        count = self.count + len(self.inputs)
+        return table.python_states(equations.of_machine if whole else equations, self.what, count)
 
     def _rows(self, quantity: Followed, table: ElementTable) -> list[tuple[int, int, int]]:
         """Of each number of a quantity its kind, its place, and the velocity that goes with it."""
@@ -204,13 +221,11 @@ class States:
 class _PythonEquations:
     """Equations in Python: rates and outputs (n + k,) in one."""
 
-    def __init__(self, states: States) -> None:
+    def __init__(self, states: States, functions: tuple[Any, Any]) -> None:
         self._states = states
         self._machine: Machine | None = None
-        self._functions: list[Any] = [
-            f.source if isinstance(f, Compiled) else f for f in (states.rates, states.outputs)
-        ]
-        self._writes = [isinstance(f, Compiled) for f in (states.rates, states.outputs)]
+        self._functions: list[Any] = [f.source if isinstance(f, Compiled) else f for f in functions]
+        self._writes = [isinstance(f, Compiled) for f in functions]
 
     def take(self, machine: Machine) -> None:
         """Keep the compiled scene, which frames are asked of."""
@@ -246,13 +261,39 @@ class _PythonEquations:
         return self(t, now.states(states), np.concatenate([np.zeros(0), *u]))
 
 
+class _SwitchNumber:
+    """The number of the states' switch, by the machine's state; ``place``: of the states in v."""
+
+    def __init__(
+        self, states: States, switched: Switched, quantities: Sequence[tuple[int, int, int]], *, whole: bool
+    ) -> None:
+        self.place = slice(0)
+        self._states, self._switched, self._quantities, self._whole = states, switched, quantities, whole
+        self._machine: Machine | None = None
+
+    def take(self, machine: Machine) -> None:
+        """Keep the compiled scene, which frames are asked of."""
+        self._machine = machine
+
+    def __call__(self, side: float, t: float, x: FloatArray, v: FloatArray) -> Any:
+        """By x (nx,), v (nv,) of the whole machine."""
+        if self._whole and self._machine is not None:
+            now = Instant(self._machine, t, x, v, np.zeros_like(v))
+            u = np.concatenate([np.zeros(0), *(measure(_of_instant(q), now) for q in self._states.measurements)])
+        else:
+            u = np.array([x[place] if kind == OF_POSITION else v[place] for kind, place, _ in self._quantities])
+        return self._switched.number(side, t, self._states.scales * v[self.place], u)
+
+
 def _of_instant(quantity: Any) -> Any:
     """What an Instant can be asked for."""
     return quantity if isinstance(quantity, Output) or callable(quantity) else lambda now: quantity
 
 
 def _refuse_no_equation(function: object, what: str) -> None:
-    if isinstance(function, Compiled):
+    if isinstance(function, Switched):
+        function.refuse_other(Signature.STATE, what)
+    elif isinstance(function, Compiled):
         if function.signature is not Signature.STATE:
             raise SceneError(f"{what}: a compiled function must take t, z, u and out")
     elif function is not None and (not callable(function) or isinstance(function, type)):

@@ -18,6 +18,7 @@ from flexmbd.given import checked
 from flexmbd.multibody.kernels.base.compiling import pickled_function
 from flexmbd.multibody.kernels.base.fingerprint import called_fingerprint, fingerprint
 from flexmbd.multibody.kernels.base.user_functions import (
+    at_side,
     frame_function,
     memory_function,
     scalar_function,
@@ -28,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Signature(Enum):
-    """Signatures of compiled functions, by the number of their arguments."""
+    """Signatures of compiled functions, by the number of their arguments; negative ones take ``side`` as one more."""
 
     TIME = 1
     LAW = 3
@@ -36,13 +37,16 @@ class Signature(Enum):
     MEMORY = 5
     WRENCH = 6
     WRENCH_VARIATION = 10
+    SIDED_LAW = -3
+    SIDED_STATE = -4
 
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
     """A compiled function; made by ``flexmbd.compiled``.  It is smooth in time between its ``breaks`` (s).
 
-    ``returns_number``: of a wrench, whether it returns the energy that it stores.
+    ``returns_number``: of a wrench, whether it returns the energy that it stores.  ``sides``: of a law that takes
+    ``side``, what it is at 1.0 and at -1.0; it has no address of its own.
     """
 
     address: int
@@ -53,6 +57,8 @@ class Compiled:
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     source: Any = None
     returns_number: bool = True
+    sides: tuple[Compiled, ...] = ()
+    reads: str = ""  # digest of the function and what it reads outside; of a side "", for its law is compared
     helpers: str = ""  # digest of the functions, compiled before it, that it calls
     _later: dict[str, Compiled] = field(default_factory=dict, repr=False)  # the same function of other values, by code
 
@@ -67,8 +73,8 @@ class Compiled:
         Raises:
             SceneError: a function that numba compiled before, and that this one calls, reads other values now.
         """
-        code = fingerprint(self.source)
-        if code == self.code:
+        code = fingerprint(self.source) if self.reads else ""
+        if code == self.reads:
             return self
         if called_fingerprint(self.source) != self.helpers:
             raise SceneError(
@@ -128,6 +134,8 @@ def compiled(
     between which it does not turn: it changes ``memory`` in place, writes the force against the deformation, its slope
     and the number of the piece of the law that it is on into ``out`` (3,), and returns the energy (J) that it stores;
     for ``memory_law`` and ``memory_line`` of ``ElementTable``.
+    ``f(t, beta, rate, side)`` and ``f(t, x, v, out, side)``, whose last argument has that very name, are laws of two
+    sides, for ``flexmbd.Switched``.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
     numba would hand back a number in its place.
     Numbers and arrays that the function names outside itself are constants of its machine code.  Each ``compile()``
@@ -143,14 +151,24 @@ def compiled(
     if function is None:
         return lambda following: compiled(following, breaks=breaks)
     known = checked_breaks(breaks, function.__name__)
-    count = len(inspect.signature(function).parameters)
+    names = list(inspect.signature(function).parameters)
+    count = len(names)
+    if names[-1:] == ["side"]:
+        return _compiled_sides(function, count - 1, known)
     if count not in {s.value for s in Signature}:
         raise SceneError(
             f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
             "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out) or its derivative of "
             "ten arguments"
         )
-    signature = Signature(count)
+    code = fingerprint(function)
+    return _compiled(function, Signature(count), known, code, reads=code)
+
+
+def _compiled(
+    function: Callable[..., Any], signature: Signature, breaks: FloatArray, code: str, *, reads: str = ""
+) -> Compiled:
+    """The function compiled for a signature; ``code`` tells it from others, ``reads`` as in `Compiled`."""
     returns_number = True
     if signature is Signature.STATE:
         pointer = state_function(function)
@@ -159,8 +177,29 @@ def compiled(
     elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):
         pointer, returns_number = frame_function(function, varied=signature is Signature.WRENCH_VARIATION)
     else:
-        pointer = scalar_function(function, count)
+        pointer = scalar_function(function, signature.value)
     return Compiled(
-        int(pointer.address), pointer, function.__name__, signature, fingerprint(function), known, function,
-        returns_number, called_fingerprint(function),
+        int(pointer.address), pointer, function.__name__, signature, code, breaks, function, returns_number,
+        reads=reads, helpers=called_fingerprint(function) if reads else "",
+    )  # fmt: skip
+
+
+def _compiled_sides(function: Callable[..., Any], count: int, breaks: FloatArray) -> Compiled:
+    """A law of ``count`` arguments and its side, compiled for both.
+
+    Raises:
+        SceneError: there are no such laws.
+    """
+    if count not in (Signature.LAW.value, Signature.STATE.value):
+        raise SceneError(
+            f"{function.__name__} takes {count} arguments and a side; a compiled law of two sides is "
+            "f(t, beta, rate, side) or f(t, x, v, out, side)"
+        )
+    code = fingerprint(function)
+    sides = tuple(
+        _compiled(at_side(function, count, side), Signature(count), breaks, f"{code} {side:g}") for side in (1.0, -1.0)
+    )
+    return Compiled(
+        0, None, function.__name__, Signature(-count), code, breaks, function, sides=sides, reads=code,
+        helpers=called_fingerprint(function),
     )  # fmt: skip

@@ -25,6 +25,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.multibody.start.sides import refuse_other_sides
 from flexmbd.overflow import refuse_overflow
 
 FloatArray = NDArray[np.float64]
@@ -111,6 +112,7 @@ def _downhill(machine: _Machine, here: ForceBalance) -> WorkingPoint:
             if memories_end(scene.plan):
                 remember(scene.plan, work, x, here.v, t)
             unstable = None if scene.state_mask.any() else step.unstable
+            refuse_other_sides(scene, t, x, here.v)
             return WorkingPoint(scene, t, x, here.v, here.multipliers, kept, unstable)
         if size <= _CONVERGED:
             along = step.softest * (_LEAVE / step_size(machine.sizes, step.softest))
@@ -196,6 +198,7 @@ def _without_potential(machine: _Machine, start: ForceBalance) -> WorkingPoint:
         )
     point = here.point
     t = float(work.time[-1, 0])
+    refuse_other_sides(scene, t, point.x, point.at.v)
     return WorkingPoint(scene, t, point.x, point.at.v, point.at.multipliers, NO_INTERIORS, here.spectrum.unstable)
 
 

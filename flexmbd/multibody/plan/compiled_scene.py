@@ -14,6 +14,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.functions.callback import Callbacks
+from flexmbd.multibody.functions.switched import Switch
 from flexmbd.multibody.functions.time_function import TimeRow, as_row
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.joint.connection import Connection, motion_name
@@ -80,6 +81,7 @@ class CompiledScene:
         addresses: of all functions that the whole scene calls, in the order of ``_addresses``.
         sources: where the plan's numbers come from.
         varied: whether its numbers are those of a variant, not those of ``parts``.
+        switches: of laws that jump with the state.
         unset: where signals have the history of a run here, the scene with them at their initial values.
     """
 
@@ -108,6 +110,7 @@ class CompiledScene:
     interiors: Interiors | None = None
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     varied: bool = False
+    switches: tuple[Switch, ...] = ()
     unset: CompiledScene | None = None
 
     def __repr__(self) -> str:
@@ -331,6 +334,7 @@ def build(
         wrench_sources=tuple(table.wrench_sources),
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
         breaks=np.concatenate([np.zeros(0), *b.breaks]),
+        switches=tuple(table.switches),
         sources=Sources(tuple(b.markers), reach, beams, tuple(rows.scaled), table.spans, tuple(axes), table.is_awaited),
     )
     table.call_hooks(scene)

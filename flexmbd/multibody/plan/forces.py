@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
-from flexmbd.multibody.force.protocol import Force, StateEquations
+from flexmbd.multibody.force.protocol import Force, StateEquations, SwitchValue
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
-from flexmbd.multibody.functions.signal import Signal
+from flexmbd.multibody.functions.switched import Switch, Switched
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
@@ -27,11 +27,12 @@ from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
 from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
-from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
+from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.plan.state_loads import Quantities, StateRows, followed_times, refuse_set_twice, set_loads
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, StatePlaces
 
 FloatArray = NDArray[np.float64]
@@ -64,6 +65,7 @@ class ForceTable:
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
         idle: names of elements that never exert anything, and have no rows.
+        switches: of laws that jump with the state.
     """
 
     def __init__(self, numbering: Numbering, ground: Body, varied: Iterable[object] = ()) -> None:
@@ -81,10 +83,11 @@ class ForceTable:
         self._given_bodies: list[UserBody] = []
         self._frames: IdentityMap[Frame, int] = IdentityMap()
         self._origin: int | None = None
+        self.switches: list[Switch] = []
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
-        self._states: list[tuple[StateEquations, int, int, tuple[tuple[int, int, int], ...], bool]] = []
+        self._states: list[StateRows] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
@@ -95,9 +98,10 @@ class ForceTable:
         force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
         self.spans[force] = ForceSpan(data, times, tuple(self._asked), tuple(place for place, _ in self._memories))
-        if self._memories:
+        remembered = [(first, names) for first, names in self._memories if names]
+        if remembered:
             self._numbering.index.memories[force] = {
-                name: place for first, names in self._memories for name, place in memory_places(first, names).items()
+                name: place for first, names in remembered for name, place in memory_places(first, names).items()
             }
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
@@ -188,15 +192,25 @@ class ForceTable:
         return self._numbering.callbacks.of_states(equations, what, size)
 
     def states(
-        self, states: StateEquations, address: int, quantities: Sequence[tuple[int, int, int]], *, whole: bool
-    ) -> None:
+        self, states: StateEquations, addresses: tuple[int, int], quantities: Quantities, *, whole: bool,
+        switch: tuple[Switched, SwitchValue] | None = None,
+    ) -> slice:
         """Add a link for each state; the row of their equations comes last, when all loads are known."""
         self._numbering.callbacks.codes.append(states.code)
         slots = self._numbering.add_states(states.state_names)
         self._numbering.index.states[states] = StatePlaces(
             slots, states.scales, states.first, states.what, tuple(states.inputs)
         )
-        self._states.append((states, slots.start, address, tuple(quantities), whole))
+        self._states.append(StateRows(states, slots.start, addresses, tuple(quantities), whole, switch))
+        return slots
+
+    def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
+        """Place in x of a switch's side."""
+        self._numbering.callbacks.codes.append(switched.code)
+        place = self._numbering.add_side()
+        self._memories.append((place, ()))
+        self.switches.append(Switch(what, place, value, f"switch {what} {switched.code}"))
+        return place
 
     def memory(self, names: Mapping[str, float]) -> int:
         """Place in x of a memory that begins with these values."""
@@ -341,36 +355,19 @@ class ForceTable:
         Raises:
             SceneError: two set one signal, one follows what states set, or a signal does not load a joint's coordinate.
         """
-        set_by: IdentityMap[Signal, str] = IdentityMap()
-        for states, *_ in self._states:
-            for signal in states.inputs:
-                if signal in set_by:
-                    raise SceneError(f"{states.what}: {set_by[signal]} set the signal {signal.name!r} already")
-                set_by[signal] = states.what
-        followed = {row[1] for _, _, _, rows, _ in self._states for row in rows if row[0] == OF_TIME}
-        loading = {row[at.FORCE_TIME] for row in self.forces}
-        for states, first, address, rows, whole in self._states:
-            loads = []
-            for j, signal in enumerate(states.inputs):
-                places = [k for k, row in enumerate(self._numbering.times) if row.signal is signal]
-                for k in places:
-                    if k in followed:
-                        raise SceneError(
-                            f"{states.what}: states follow the signal {signal.name!r}, which they set; write the "
-                            "equations of both as one"
-                        )
-                    if k not in loading or any(row[at.EL_TIME] == k for row in self.elements):
-                        raise SceneError(
-                            f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque or "
-                            "JointForce on a joint that has a coordinate (way=fm.Way.COORDINATES)"
-                        )
-                if not places:
-                    raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")
-                loads += [(j, k) for k in places]
+        refuse_set_twice(one.states for one in self._states)
+        followed = followed_times(one.quantities for one in self._states)
+        for one in self._states:
+            states, rows = one.states, one.quantities
+            loads = set_loads(states, self._numbering.times, self.forces, self.elements, followed)
             n, m, k = len(states.scales), len(rows), len(states.inputs)
-            head = [n, m, k, whole, len(loads), *states.scales]
+            head = [n, m, k, one.whole, len(loads), *states.scales]
             data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
-            self.element(STATES, states.what, v=first, data=data, count=2 * n + m + k, address=address)
+            side = -1 if one.switch is None else self.side(*one.switch, one.states.what)
+            self.element(
+                STATES, states.what, v=one.first, data=data, count=2 * n + m + k, address=one.addresses[0],
+                derivative=one.addresses[1], side=side,
+            )  # fmt: skip
 
     def _solve_together(self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]) -> None:
         """``speeds``: velocities by their places, and over how much of each the forces change as they do at rest."""
@@ -393,13 +390,14 @@ class ForceTable:
         address: int = 0,
         derivative: int = 0,
         memory: int = -1,
+        side: int = -1,
         acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``."""
         if not (acts or self._may_vary):
             self.idle.append(what)
             return
-        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements), memory]
+        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements), memory, side]
         self.elements.append(row)
         self.names.append(what)
 

@@ -233,6 +233,12 @@ class Numbering:
         self.start.extend([*head, *values.values()])
         return place
 
+    def add_side(self) -> int:
+        """Append the side of a switch to the configuration, behind all coordinates; return its place."""
+        self._remembers = True
+        self.start.append(1.0)
+        return len(self.start) - 1
+
     def add_pair(self, pair: KinematicPair) -> int:
         """Offset of a pair's columns among the parameters; joints alike share them."""
         if pair not in self.pairs:

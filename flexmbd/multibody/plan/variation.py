@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, RigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
-from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.force.protocol import Force, SwitchValue
 from flexmbd.multibody.functions.callback import Callbacks
+from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeRow, as_row, load_row
 from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.kernels.base import kinds
@@ -289,6 +290,10 @@ class _Replay(ForceTable):
         first = place + at.N_MEMORY_HEAD
         same = place >= 0 and self._start[first : first + len(names)].tolist() == [*names.values()]
         return place if same else -1
+
+    def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
+        """The place that it got before."""
+        return next(self._places, -1)
 
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a body's first mode."""

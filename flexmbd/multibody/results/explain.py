@@ -74,6 +74,7 @@ def explain(start: Start) -> str:
     lines.extend(_closures(start))
     lines.extend(_inputs(start))
     lines.extend(_elements(start))
+    lines.extend(f"{switch.name}: its switch is located, as an event is" for switch in start.scene.switches)
     lines.extend(_skipped(start))
     if start.moved:
         lines.append("the start was made consistent:")

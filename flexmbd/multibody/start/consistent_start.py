@@ -39,6 +39,7 @@ from flexmbd.multibody.start.interior_start import begin_interiors
 from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
 from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
 from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordinates
+from flexmbd.multibody.start.sides import begin_sides
 from flexmbd.overflow import looked_at, refuse_not_finite, refuse_overflow
 
 FloatArray = NDArray[np.float64]
@@ -135,6 +136,9 @@ def consistent_start(
     if memories_end(scene.plan):
         closed = closed.copy()
         remember(scene.plan, work, closed, velocity, float(work.time[-1, 0]))
+    if scene.switches:
+        closed = closed.copy()
+        begin_sides(reduced, work, closed, velocity, accelerations)
     if reduced.interiors is None:
         a, multipliers = accelerations(reduced, work, closed, velocity)
     else:

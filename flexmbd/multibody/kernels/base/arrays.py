@@ -80,6 +80,11 @@ def memories_end(plan: Plan) -> int:
     return _memories_end(plan.elements[plan.elements[:, at.EL_MEMORY] >= 0])
 
 
+def sides_end(plan: Plan) -> int:
+    """Where in the configuration x the sides of all switches end; 0 where there are none."""
+    return int(plan.elements[:, at.EL_SIDE].max(initial=-1)) + 1
+
+
 def _memories_end(elements: IntArray) -> int:
     return int((elements[:, at.EL_MEMORY] + at.N_MEMORY_HEAD + elements[:, at.EL_COUNT]).max(initial=0))
 

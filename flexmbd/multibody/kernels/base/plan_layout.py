@@ -59,7 +59,9 @@ FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 # row of Plan.times that scales it (-1: one); offset in Plan.data; a count; the addresses of a user's function and of
 # its derivative; its number in the scene, by which messages name it where others are left out.
 EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS = range(9)
-EL_NUMBER, EL_MEMORY, N_ELEMENT = 10, 11, 12
+EL_NUMBER, EL_MEMORY, EL_SIDE, N_ELEMENT = 10, 11, 12, 13
+# EL_SIDE: where in x it stands on which side (1, -1) of its switch a user's function is, -1 where it has none; on the
+# negative side the second address is that of the function.
 # EL_MEMORY: where its memory begins in the configuration x, -1 where it has none: when it was written (s), at which
 # deformation (m or rad) and rate, on which piece of the law; then as many numbers of the law as EL_COUNT says.
 MEMORY_TIME, MEMORY_DEFORMATION, MEMORY_RATE, MEMORY_PIECE, N_MEMORY_HEAD = range(5)

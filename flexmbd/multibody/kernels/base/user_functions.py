@@ -20,6 +20,21 @@ def scalar_function(function: Callable[..., float], count: int) -> Any:
     return cfunc(types.float64(*[types.float64] * count), error_model=_MODEL)(function)
 
 
+def at_side(function: Callable[..., Any], count: int, side: float) -> Callable[..., Any]:
+    """A law of ``count`` arguments, three or four, and a side as one of these arguments alone."""
+    inner = njit(error_model=_MODEL)(function)
+
+    def law(t, beta, rate):  # type: ignore[no-untyped-def]
+        return inner(t, beta, rate, side)
+
+    def forces(t, x, v, out):  # type: ignore[no-untyped-def]
+        inner(t, x, v, out, side)
+
+    chosen = law if count == 3 else forces
+    chosen.__name__ = function.__name__
+    return chosen
+
+
 def state_function(function: Callable[..., None]) -> Any:
     """``f(t, x, v, out)`` of arrays (nx,), (nv,), (nv,) behind a C function of their sizes and addresses."""
     inner = njit(error_model=_MODEL)(function)

@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
 from flexmbd.multibody.kernels.elements.differences import difference_step, put_moved_state
 from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
+from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
 # Kinds of quantities: a coordinate, its rate, a function of time.
 OF_POSITION, OF_VELOCITY, OF_TIME = range(3)
@@ -71,9 +72,9 @@ def _call(plan, work, row, x, v):
         return n + m
     t = work.time[plan.times.shape[0], 0]
     if plan.data[row[at.EL_DATA] + _WHOLE] != 0.0:
-        call_state(row[at.EL_ADDRESS], t, x, v, out)
+        call_state(address_at_side(row, x), t, x, v, out)
     else:
-        call_state(row[at.EL_ADDRESS], t, work.generalized[:n], work.generalized[n : n + m], out)
+        call_state(address_at_side(row, x), t, work.generalized[:n], work.generalized[n : n + m], out)
     total = 0.0
     for i in range(out.shape[0]):
         total += abs(out[i])

@@ -13,14 +13,22 @@ from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedFor
 
 
 @kernel
-def _force(plan, work, row, x, rate):
+def address_at_side(row, x):
+    """Address of a user's function on the side of its switch that x (nx,) tells."""
+    if row[at.EL_SIDE] >= 0 and x[row[at.EL_SIDE]] < 0.0:
+        return row[at.EL_ADDRESS + 1]
+    return row[at.EL_ADDRESS]
+
+
+@kernel
+def _force(plan, work, row, address, x, rate):
     """The force; NaN and ``plan.flag`` where it is not finite.
 
     Where the trial state itself is not finite the law is not called.
     """
     if plan.flag[0] != 0 or not np.isfinite(x + rate):
         return np.nan
-    force = call_law(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], x, rate)
+    force = call_law(address, work.time[plan.times.shape[0], 0], x, rate)
     if plan.flag[0] == 0 and not np.isfinite(force):
         plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
     return force
@@ -29,7 +37,7 @@ def _force(plan, work, row, x, rate):
 @kernel
 def _subtract(plan, work, row, x, v, out):
     k = row[at.EL_V]
-    out[k] -= _force(plan, work, row, x[row[at.EL_X]], v[k])
+    out[k] -= _force(plan, work, row, address_at_side(row, x), x[row[at.EL_X]], v[k])
 
 
 @kernel
@@ -40,7 +48,7 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
     if step == 0.0 or plan.flag[0] != 0:
         return
     t = work.time[plan.times.shape[0], 0]
-    address = row[at.EL_ADDRESS]
+    address = address_at_side(row, x)
     up = call_law(address, t, beta + per_x * step, rate + per_v * step)
     down = call_law(address, t, beta - per_x * step, rate - per_v * step)
     matrix[k, k] -= (up - down) / (2.0 * step)
@@ -53,7 +61,7 @@ def _slope(plan, work, row, x, v, size):
     beta, rate = x[row[at.EL_X]], v[row[at.EL_V]]
     step = difference_step(1.0, 0.0, max(size, abs(beta)), 1.0)
     t = work.time[plan.times.shape[0], 0]
-    address = row[at.EL_ADDRESS]
+    address = address_at_side(row, x)
     return (call_law(address, t, beta + step, rate) - call_law(address, t, beta - step, rate)) / (2.0 * step)
 
 

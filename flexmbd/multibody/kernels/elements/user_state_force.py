@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
 from flexmbd.multibody.kernels.elements.differences import difference_step, put_moved_state
 from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
+from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
 
 @kernel
@@ -31,7 +32,7 @@ def _subtract(plan, work, row, x, v, out):
     for k in range(force.shape[0]):
         force[k] = np.nan
     if plan.flag[0] == 0 and _finite(x) and _finite(v):
-        call_state(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], x, v, force)
+        call_state(address_at_side(row, x), work.time[plan.times.shape[0], 0], x, v, force)
         if plan.flag[0] == 0 and not _finite(force):
             plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
     for k in range(force.shape[0]):
@@ -57,7 +58,7 @@ def _subtract_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
         for sign in (-1.0, 1.0):
             put_moved_state(plan, tw, x, v, k, sign * per_x * step, sign * per_v * step)
             force = work.generalized[:nv]
-            call_state(row[at.EL_ADDRESS], t, tw.moved_x, tw.moved_v, force)
+            call_state(address_at_side(row, x), t, tw.moved_x, tw.moved_v, force)
             for j in range(nv):
                 matrix[j, k] -= sign * force[j] / (2.0 * step)
 

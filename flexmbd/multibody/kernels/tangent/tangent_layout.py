@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.arrays import Plan, memories_end
+from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, sides_end
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks
 
 FloatArray = NDArray[np.float64]
@@ -120,7 +120,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         jacobian=zeros((len(plan.rows), nv)),
         rate_jacobian=zeros((len(plan.rows), nv)),
         move=zeros(nv),
-        moved_x=zeros(max(nv + quaternions, memories_end(plan))),
+        moved_x=zeros(max(nv + quaternions, memories_end(plan), sides_end(plan))),
         moved_v=zeros(nv),
         size_x=sizes[0],
         size_v=sizes[1],

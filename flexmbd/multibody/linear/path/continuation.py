@@ -24,6 +24,7 @@ from flexmbd.multibody.linear.path.loading import Inputs, TimeAsFactor
 from flexmbd.multibody.linear.strain_predictor import strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.start.sides import refuse_other_sides
 
 FloatArray = NDArray[np.float64]
 
@@ -127,6 +128,7 @@ def _does_anything(space: MachineSpace, there: MachinePoint, to: float) -> bool:
 
 def _working_point(scene: CompiledScene, here: Station[MachinePoint]) -> WorkingPoint:
     point = here.point
+    refuse_other_sides(scene, point.factor, point.x, point.at.v)
     state = (point.factor, point.x, point.at.v, point.at.multipliers, NO_INTERIORS)
     return WorkingPoint(scene, *state, here.spectrum.unstable)
 
