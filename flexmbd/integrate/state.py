@@ -108,6 +108,7 @@ class Groups(ArrayStruct):
         floor: (ng,) smallest position scale: ``full``, or a share of it for modes.
         position: (ng,) the largest magnitudes met so far.
         velocity, acceleration: (ng,) the largest magnitudes of the motion that lasts, see ``_forget_past``.
+        rate: (ng,) 1/s, what they make over the position's scale.
         newest: (ng, 2) those met in the present stretch of the motion; turned: (ng, 2) rad that these have lasted.
         stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
             derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
@@ -120,6 +121,7 @@ class Groups(ArrayStruct):
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    rate: FloatArray
     newest: FloatArray
     turned: FloatArray
     stiffness: FloatArray
@@ -142,18 +144,11 @@ class Record(ArrayStruct):
 
 
 @kernel
-def group_rate(groups, g):
-    """The rate (1/s) of group g by its motion: its velocity, or what its acceleration gives, over its size."""
-    size = groups.position[g]
-    return max(groups.velocity[g] / size, math.sqrt(groups.acceleration[g] / size))
-
-
-@kernel
 def machine_rate(state, groups):
     """The machine's rate (1/s): the fastest group of joint coordinates, or of modes alone.
 
     At least one over the simulated time, for a machine that starts at rest has none yet.
-    Updates the largest velocities and accelerations of the groups.
+    Updates the largest velocities and accelerations of the groups, and their rates.
     """
     for k in range(state.v.shape[0]):
         g = groups.of[k]
@@ -165,7 +160,9 @@ def machine_rate(state, groups):
         groups.position[g] = max(groups.position[g], groups.floor[g])
         groups.velocity[g] = max(groups.velocity[g], groups.newest[g, 0])
         groups.acceleration[g] = max(groups.acceleration[g], groups.newest[g, 1])
-        rate = group_rate(groups, g)
+        size = groups.position[g]
+        rate = max(groups.velocity[g] / size, math.sqrt(groups.acceleration[g] / size))
+        groups.rate[g] = rate
         if groups.kind[g] == kinds.GROUP_MODAL:
             modes = max(modes, rate)
         elif groups.kind[g] != kinds.GROUP_STATE:
@@ -287,19 +284,18 @@ def _forget_past(groups, h):
     step for ever.  Accelerations count as long as they may still become velocities.
     """
     for g in range(groups.velocity.shape[0]):
-        if groups.kind[g] == kinds.GROUP_STATE or groups.position[g] == 0.0:
+        if groups.kind[g] == kinds.GROUP_STATE:
             continue
-        angle = h * group_rate(groups, g)
-        groups.turned[g, 0] += angle
-        groups.turned[g, 1] += angle
-        if groups.turned[g, 0] > _LASTING_VELOCITY:
-            groups.turned[g, 0] = 0.0
-            groups.velocity[g] = groups.newest[g, 0]
-            groups.newest[g, 0] = 0.0
+        groups.turned[g, 1] += h * groups.rate[g]
         if groups.turned[g, 1] > _LASTING_ACCELERATION:
+            groups.turned[g, 0] += groups.turned[g, 1]
             groups.turned[g, 1] = 0.0
             groups.acceleration[g] = groups.newest[g, 1]
             groups.newest[g, 1] = 0.0
+            if groups.turned[g, 0] > _LASTING_VELOCITY:
+                groups.turned[g, 0] = 0.0
+                groups.velocity[g] = groups.newest[g, 0]
+                groups.newest[g, 0] = 0.0
 
 
 @kernel
@@ -311,7 +307,8 @@ def store(plan, state, groups, record, h):
             g = groups.of[qv + k]
             size = abs(state.x[qx + k])
             groups.position[g] = max(groups.position[g], size)
-    _forget_past(groups, h)
+    if state.counts[FIXED_STEP] == 0:
+        _forget_past(groups, h)
     for i in range(groups.softest.shape[0]):
         for c in range(2):
             groups.softest[i, c] = min(groups.softest[i, c], groups.stiffness[i, c])

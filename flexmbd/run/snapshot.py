@@ -86,7 +86,7 @@ def new_groups(scene: CompiledScene) -> st.Groups:
     n = len(scene.group_floor)
     elastic = len(scene.plan.flex) > 0 or scene.interiors is not None
     ne = len(scene.plan.elements) if _vibrates(scene) and stiffness_may_change(scene.plan) and not elastic else 0
-    met = (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2)), np.zeros((n, 2)))
+    met = (*np.zeros((4, n)), *np.zeros((2, n, 2)))
     softest = np.full((2, ne, 2), np.inf)
     return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *met, *softest)
 

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.forces import ForceSpan
 from flexmbd.multibody.plan.numbering import Marker
 from flexmbd.multibody.plan.rows import ScaledRow
 from flexmbd.multibody.scene_index import IdentityMap
-from flexmbd.multibody.topology import Branch, Topology
+from flexmbd.multibody.topology import Topology
 
 FloatArray = NDArray[np.float64]
 _ROUND_OFF = 1e-14  # of the square of a distance
@@ -111,9 +110,10 @@ def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[Reac
     Frames of joints alone; of the ground, and of what is fixed to it, they say nothing of what moves.
     """
     frames: IdentityMap[Body, list[Frame]] = IdentityMap()
-    for connection in (*topology.branches, *topology.closures):
-        for frame in _ends(connection):
-            frames.setdefault(frame.body, []).append(frame)
+    ends = [frame for branch in topology.branches for frame in (branch.inner, branch.outer)]
+    ends += [frame for joint in topology.closures for frame in (joint.parent, joint.child)]
+    for frame in ends:
+        frames.setdefault(frame.body, []).append(frame)
     moving: IdentityMap[Body, None] = IdentityMap()
     found: list[Reach] = []
     for branch, mass in zip(topology.branches, masses, strict=True):
@@ -122,10 +122,6 @@ def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[Reac
             moving[body] = None
             found.append(Reach(body, tuple(mass), tuple(frames[body])))
     return tuple(found)
-
-
-def _ends(joint: Branch | Connection) -> tuple[Frame, Frame]:
-    return (joint.inner, joint.outer) if isinstance(joint, Branch) else (joint.parent, joint.child)
 
 
 def beam_reach(forces: Sequence[Force]) -> float:
