@@ -123,6 +123,11 @@ class Callbacks:
         found.codes, found.keep = self.codes, self.keep
         return found
 
+    @property
+    def team(self) -> Team:
+        """The ranks that are asked together."""
+        return self._team
+
     @contextmanager
     def alone(self) -> Iterator[None]:
         """Ask on this rank alone meanwhile: the others do not step."""
