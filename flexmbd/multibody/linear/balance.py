@@ -15,9 +15,10 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
-from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
+from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
 from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
+from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
@@ -74,8 +75,12 @@ def balance(
     *,
     given: Prescribed | None = None,
     further: FloatArray | float = 0.0,
+    motion: SteadyMotion | None = None,
 ) -> ForceBalance:
     """Lacking forces at x with the velocities nearest to v, and the reactions that leave least of them.
+
+    In a steady motion what changes with the place are the velocities and accelerations as well: derivatives by the
+    configuration are those of the forces seen from the turning axes.
 
     Args:
         scene: without redundant rows.
@@ -84,32 +89,41 @@ def balance(
         v: (nv,) velocities.
         given: motions that inputs prescribe, which ``by`` is to tell of.
         further: (nv,) forces added to the residual.
+        motion: the steady motion; none where all accelerations are zero.
 
     Raises:
         SceneError: a user's function failed, interiors find no balance, or the rows are singular here.
     """
-    m, nv, size = len(scene.plan.rows), scene.nv, coordinate_sizes(scene)
-    v = match_velocities(scene, work, x, v, np.zeros(nv, bool))
+    size, motion = coordinate_sizes(scene), motion or SteadyMotion(scene)
+    v = match_velocities(scene, work, x, motion.velocities(work, x, v), np.zeros(scene.nv, bool))
     of_interiors = 0.0 if scene.interiors is None else equilibrate_interiors(scene, scene.interiors, work, x, v)
-    force = np.zeros(nv)
-    residual(scene.plan, work, x, v, np.zeros(nv), np.zeros(m), force)
+    a, slopes = motion.accelerations(work, x), motion.slopes(work, x)
+    force = np.zeros(scene.nv)
+    residual(scene.plan, work, x, v, a, np.zeros(len(scene.plan.rows)), force)
     scene.refuse_failed(work)
     force += further
-    multipliers: FloatArray = np.zeros(m)
-    if m:
-        # reactions in balance with the rest in the norm of the forces' work on each other: M^-1
-        free = scene.plan.free
-        bare = derive(without_forces(scene.plan), work, x, v, multipliers, size=size)
-        weighted = np.linalg.solve(bare.mass[np.ix_(free, free)], bare.jacobian[:, free].T)
-        apart = bare.jacobian[:, free] @ weighted
-        multipliers = np.asarray(-np.linalg.solve(apart, weighted.T @ force[free]), dtype=np.float64)
-    of = derive(scene.plan, work, x, v, multipliers, size=size)
-    turning = angular_rate_matrix(scene.plan, v)
-    by = eliminate(scene, own_coordinates(scene), of, turning, given or nothing_prescribed(scene))
+    multipliers = reactions(scene, work, x, v, force)
+    of = derive(scene.plan, work, x, v, multipliers, size=size, a=a)
+    by = eliminate(scene, own_coordinates(scene), of, slopes.velocity, given or nothing_prescribed(scene))
+    if motion.pairs:
+        turned = of.damping @ slopes.velocity + of.mass @ slopes.acceleration
+        of = replace(of, stiffness=of.stiffness + turned)
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
     return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+
+
+def reactions(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, force: FloatArray) -> FloatArray:
+    """(m,) reactions in balance with a force (nv,) in the norm of the forces' work on each other: M^-1."""
+    multipliers: FloatArray = np.zeros(len(scene.plan.rows))
+    if len(multipliers):
+        free = scene.plan.free
+        bare = derive(without_forces(scene.plan), work, x, v, multipliers, size=coordinate_sizes(scene))
+        weighted = np.linalg.solve(bare.mass[np.ix_(free, free)], bare.jacobian[:, free].T)
+        apart = bare.jacobian[:, free] @ weighted
+        multipliers = np.asarray(-np.linalg.solve(apart, weighted.T @ force[free]), dtype=np.float64)
+    return multipliers
 
 
 def moved(
