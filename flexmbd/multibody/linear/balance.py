@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,8 @@ from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
 from flexmbd.multibody.start.placement import follow_mates
 
 FloatArray = NDArray[np.float64]
+
+_ALLOWED = 1e-9  # of a motion in the coordinates' sizes: by how much it may open constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +108,38 @@ def balance(
     multipliers = reactions(scene, work, x, v, force)
     of = derive(scene.plan, work, x, v, multipliers, size=size, a=a)
     by = eliminate(scene, own_coordinates(scene), of, slopes.velocity, given or nothing_prescribed(scene))
-    if motion.pairs:
+    if v.any():
         turned = of.damping @ slopes.velocity + of.mass @ slopes.acceleration
-        of = replace(of, stiffness=of.stiffness + turned)
+        held = _held_phase(scene, motion.phases(work, x, v), of, v)
+        of = replace(of, stiffness=of.stiffness + turned + held)
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
     return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+
+
+def _held_phase(
+    scene: CompiledScene, phases: Sequence[FloatArray], of: Derivatives, v: FloatArray
+) -> FloatArray:
+    """(nv, nv) a stiffness along the motion itself: of the places on its way the nearest one is looked for.
+
+    Args:
+        scene: the machine.
+        phases: directions (nv,) along which it goes on; those count that the loops allow.
+        of: derivatives there.
+        v: (nv,) velocities.
+    """
+    held, free, size = np.zeros((scene.nv, scene.nv)), np.zeros(scene.nv), coordinate_sizes(scene)
+    free[scene.plan.free] = 1.0
+    rate = np.abs(v / size)[~scene.state_mask].max(initial=0.0)
+    rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)
+    for along in phases:
+        allowed = np.abs(of.jacobian @ along) <= _ALLOWED * rows * np.abs(along / size).max(initial=0.0)
+        momentum = of.mass @ (along * free) * free
+        energy = momentum @ along
+        if energy > 0.0 and allowed.all():
+            held += np.outer(momentum, momentum) * (rate**2 / energy)
+    return held
 
 
 def reactions(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, force: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.path.corrector import MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential, spectrum
-from flexmbd.multibody.linear.steadiness import refuse_unsteady, steady_motion
+from flexmbd.multibody.linear.steadiness import change_along, refuse_unsteady, steady_motion
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -86,12 +86,17 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
             motion.
     """
     motion = steady_motion(start.scene, work, start.x, start.v)
-    found = _search(start, work, motion)
     if not start.v.any():
-        return found
+        return _search(start, work, motion)
+    try:
+        found = _search(start, work, motion)
+    except (SceneError, np.linalg.LinAlgError) as reason:
+        changes = change_along(start.scene, work, start.x, start.v, motion)
+        if changes is None:
+            raise
+        raise SceneError(f"the motion is not steady: {changes}") from reason
     found = replace(found, steady_accelerations=motion.accelerations(work, found.x))
-    stiffness = balance(found.scene, work, found.x, found.v, motion=motion).of.stiffness
-    refuse_unsteady(found, work, motion, stiffness)
+    refuse_unsteady(found, work, motion, balance(found.scene, work, found.x, found.v, motion=motion).of)
     return found
 
 

@@ -46,6 +46,8 @@ class LinearEquations:
         by: how changes of configuration and velocities follow from y, z, u.
         outputs: of the equations.
         coordinates: those of the machine, then those of interiors.
+        motion: the steady one, from whose turning axes y and z are seen.
+        rate: 1/s, of that motion; 0 at rest.
     """
 
     M: FloatArray
@@ -55,6 +57,8 @@ class LinearEquations:
     by: Elimination
     outputs: tuple[OutputDerivatives, ...]
     coordinates: Coordinates
+    motion: SteadyMotion
+    rate: float
 
 
 @refuse_overflow("the linear machine")
@@ -80,7 +84,8 @@ def linearize(
     _refuse_unbalanced(point, work, of, by, wider, energies)
     slopes = tuple(output_derivatives(scene, point.x, point.v, output) for output in outputs)
     noise = round_off(of, by, wider.coordinates, energies, rate)
-    if rate > 0.0 and not _is_at_rest(rate, of, by, noise):
+    turns = rate > 0.0 and not _is_at_rest(rate, of, by, noise)
+    if turns:
         changes = change_along(scene, work, point.x, point.v, motion)
         if changes is not None:
             raise SceneError(f"the motion is not steady: {changes}")
@@ -92,7 +97,7 @@ def linearize(
     C, K = without_round_off(C, noise.C), without_round_off(K, noise.K)
     refuse_not_finite("the linear machine", M, C, K, F)
     slopes = tuple(slope.extended(wider.added) for slope in slopes)
-    return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
+    return LinearEquations(M, C, K, F, by, slopes, wider.coordinates, motion, rate if turns else 0.0)
 
 
 def _reduce(of: Derivatives, by: Elimination, ports: Ports) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, driven_coordinates
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.linear.balance import nothing_prescribed, reactions
-from flexmbd.multibody.linear.derivatives import derive
+from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, eliminate, own_coordinates
 from flexmbd.multibody.linear.round_off import energies_at_play
 from flexmbd.multibody.linear.steady_motion import SteadyMotion, carried, twists
@@ -25,7 +26,7 @@ from flexmbd.multibody.start.consistent_start import accelerations
 FloatArray = NDArray[np.float64]
 
 STEADY = 1e-6  #: of the forces at play: what may be left of a force in balance
-_ROUND_OFF = 1e-12  # of the stiffness times 1 rad or the machine's extent: forces that stiff parts are known to
+_ROUND_OFF = 1e-12  # of the stiffness and of inertia's, times 1 rad or the machine's extent: what forces are known to
 SAME = 1e-7  #: of what a coordinate's own inertia and stiffness are: what may change along a steady motion
 AHEAD = (0.3, 1.1)  #: how far along the motion (rad, or of the extent) that is looked at
 
@@ -174,21 +175,25 @@ def _changed_rows(
     return None
 
 
-def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, stiffness: FloatArray) -> None:
+def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: Derivatives) -> None:
     """Raise SceneError where the machine, moving steadily from ``point``, would be accelerated otherwise, or its loops open.
 
     Args:
         point: the state.
         work: scratch; ``work.time`` holds the functions of time, of which those of prescribed motions go on evenly.
         motion: the steady motion.
-        stiffness: (nv, nv) at the point.
+        of: of the equations at the point.
     """
     scene = point.scene
     rate = motion_rate(scene, point.v)
     if rate == 0.0 or scene.interiors is not None:  # frames of interiors move straight on
         return
     size, kept = coordinate_sizes(scene), work.time.copy()
-    at_play = STEADY * energies_at_play(point, work) / size + _ROUND_OFF * np.abs(stiffness) @ size
+    # what holds a body in its orbit is nothing that joints pass on: its inertia and other forces by their sizes
+    bare = replace(scene, plan=without_forces(scene.plan))
+    inertial = energies_at_play(replace(point, scene=bare, multipliers=np.zeros_like(point.multipliers)), work)
+    at_play = STEADY * (energies_at_play(point, work) + inertial) / size
+    at_play += _ROUND_OFF * (np.abs(of.stiffness) + rate**2 * np.abs(of.mass)) @ size
     driven = driven_coordinates(scene.plan)
     for t in (0.0, *(distance / rate for distance in AHEAD)):
         x, v = motion.later(work, point.x, point.v, t), motion.transport(work, point.x, t) @ point.v

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
-from flexmbd.multibody.kernels.reading.tree import joint_frame, masses, parents, tree_joint
+from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, body_motion, world_motion
+from flexmbd.multibody.kernels.reading.tree import joint_frame, masses, parents, second_moment, tree_joint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.rotation import from_quaternion, to_quaternion
@@ -73,11 +73,18 @@ class FramePair:
 
 @dataclass(frozen=True, eq=False)
 class CarriedPair:
-    """A pair in a steady motion: lambda in F's axes and rho in G's, each (6,) angular, then linear."""
+    """A pair in a steady motion.
+
+    Attributes:
+        pair: the joint.
+        along, own: (6,) lambda in F's axes and rho in G's, angular, then linear.
+        rotor: a number that those have in common that turn of their own as one body; -1 of what turns with the whole.
+    """
 
     pair: FramePair
     along: FloatArray
     own: FloatArray
+    rotor: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +151,25 @@ class SteadyMotion:
                 A2[pair.spin, pair.spin] = -_cross(w_r) @ spun
         return Slopes(A, B, A2)
 
+    def phases(self, work: Work, x: FloatArray, v: FloatArray) -> list[FloatArray]:
+        """Directions (nv,) along which the motion goes on: v itself, each body's own turn, and each constant rate.
+
+        A steady motion is one wherever it is on its way, so that nothing pulls along those that the loops allow.
+        """
+        own: dict[int, FloatArray] = {}
+        constant = moves(self.scene, v)
+        for one, _, R in self._poses(work, x):
+            constant[one.pair.v] = False
+            if one.rotor < 0:
+                continue
+            w_r, r = np.split(one.own, 2)
+            along = own.setdefault(one.rotor, np.zeros_like(v))
+            along[one.pair.slides] += one.pair.D.T @ R @ r
+            if one.pair.spin is not None:
+                along[one.pair.spin] += w_r
+        whole = [v] if self.pairs else []
+        return [*whole, *own.values(), *np.eye(len(v))[constant]]
+
     def later(self, work: Work, x: FloatArray, v: FloatArray, t: float) -> FloatArray:
         """(nx,) the configuration a time t (s) after x (nx,), from which the velocities are v (nv,)."""
         after = np.empty_like(x)
@@ -180,6 +206,12 @@ class SteadyMotion:
         for one in self.pairs:
             F, G = (world_motion(self.scene.plan, work, frame) for frame in (one.pair.f, one.pair.g))
             yield one, F.R.T @ (G.p - F.p), F.R.T @ G.R
+
+
+def moves(scene: CompiledScene, v: FloatArray) -> NDArray[np.bool_]:
+    """(nv,) which coordinates move with the velocities v (nv,), beyond round-off; states do not."""
+    rates = np.where(scene.state_mask, 0.0, np.abs(v / coordinate_sizes(scene)))
+    return np.asarray(rates > _SAME * rates.max(initial=0.0))
 
 
 def frame_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[FramePair, ...]:
@@ -243,25 +275,30 @@ def carried(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whol
         x, v: where, and how fast.
         whole: angular velocity (rad/s) and velocity of what is at the inertial origin (m/s), in inertial axes.
     """
-    rates = np.abs(v / coordinate_sizes(scene))
-    moves = rates > _SAME * rates[~scene.state_mask].max(initial=0.0)
-    pairs = [pair for pair in frame_pairs(scene, work, x) if pair.on_ground or moves[pair.v].any()]
+    pairs = [pair for pair in frame_pairs(scene, work, x) if pair.on_ground or moves(scene, v)[pair.v].any()]
     forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv))
-    spin, found = whole[:3], []
-    for pair in pairs:
-        F, G = (world_motion(scene.plan, work, frame) for frame in (pair.f, pair.g))
-        taken_back, own = (
-            np.concatenate([one.R.T @ (one.w - spin), one.R.T @ (one.v - whole[3:] - np.cross(spin, one.p))])
-            for one in (F, G)
-        )
-        found.append(CarriedPair(pair, -taken_back, own))
-    return SteadyMotion(scene, tuple(one for one in found if one.along.any() or one.own.any()))
+    ends = [[world_motion(scene.plan, work, frame) for frame in (pair.f, pair.g)] for pair in pairs]
+    same = _Alike.of([_twist(one) for both in ends for one in both], scene.extent)
+    rotors: list[FloatArray] = []
+    found = []
+    for pair, both in zip(pairs, ends, strict=True):
+        along, own = (np.zeros(6) if same(_twist(one), whole) else _seen_by(one, _twist(one) - whole) for one in both)
+        if not along.any() and not own.any():
+            continue
+        rotor = -1
+        if own.any():
+            twist = _twist(both[1])
+            rotor = next((k for k, other in enumerate(rotors) if same(twist, other)), len(rotors))
+            rotors[rotor:] = rotors[rotor:] or [twist]
+        found.append(CarriedPair(pair, -along, own, rotor))
+    return SteadyMotion(scene, tuple(found))
 
 
 def twists(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> list[FloatArray]:
     """Twists (6,), as ``carried`` takes them, that the whole may have, the likeliest first.
 
-    That of most of the mass whose velocities change with the place; then rest, and those of other bodies.
+    That of most of the mass whose velocities change with the place; then rest, those of other bodies, and those of
+    symmetric bodies that spin as they precess.
     """
     plan = scene.plan
     pairs = frame_pairs(scene, work, x)
@@ -269,23 +306,68 @@ def twists(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> li
         return [np.zeros(6)]
     weight = masses(plan)
     forward_kinematics(plan, work, x, v, np.zeros(scene.nv))
-    moves = []
-    for row in range(len(weight)):
-        G = world_motion(plan, work, joint_frame(plan, row))
-        moves.append(np.concatenate([G.w, G.v - np.cross(G.w, G.p)]))
-    lever = np.repeat([scene.extent, 1.0], 3)
-    same = _SAME * max((float(np.abs(move * lever).max()) for move in moves), default=0.0)
+    motions = [_twist(world_motion(plan, work, joint_frame(plan, row))) for row in range(len(weight))]
+    same = _Alike.of(motions, scene.extent)
     at_ground = [pair.body for pair in pairs if pair.on_ground]
     groups: list[tuple[FloatArray, float]] = [(np.zeros(6), 0.0)]
-    for row, move in enumerate(moves):
-        share = weight[row] if row in at_ground else 0.0
-        for k, (twist, sum_) in enumerate(groups):
-            if np.abs((twist - move) * lever).max() <= same:
-                groups[k] = twist, sum_ + share
-                break
-        else:
-            groups.append((move, share))
-    return [twist for twist, _ in sorted(groups, key=lambda group: -group[1])]
+    for row, move in enumerate(motions):
+        share = float(weight[row]) if row in at_ground else 0.0
+        k = next((k for k, (twist, _) in enumerate(groups) if same(twist, move)), len(groups))
+        before = groups[k] if k < len(groups) else (move, 0.0)
+        groups[k:] = [(before[0], before[1] + share), *groups[k + 1 :]]
+    precessions = [_precession(plan, work, row) for row in at_ground if weight[row] > 0.0]
+    found = [twist for twist, _ in sorted(groups, key=lambda group: -group[1])]
+    return found + [twist for twist in precessions if twist is not None]
+
+
+def _precession(plan: Plan, work: Work, row: int) -> FloatArray | None:
+    """The twist (6,) about the vertical, or the angular momentum, that a symmetric body has beside its own spin."""
+    body = body_motion(work, row)
+    centre, second = second_moment(plan, row)
+    moments, axes = np.linalg.eigh(second)
+    gaps = np.diff(moments)
+    if gaps.max() <= _SAME * moments[-1] or gaps.min() > _SAME * moments[-1]:
+        return None
+    axis = body.R @ axes[:, 0 if gaps[0] > gaps[1] else 2]
+    inertia = body.R @ (np.trace(second) * np.eye(3) - second) @ body.R.T
+    upright = plan.gravity if plan.gravity.any() else inertia @ body.w
+    pair = np.column_stack([upright / max(np.linalg.norm(upright), 1e-300), axis])
+    rates, _, rank, _ = np.linalg.lstsq(pair, body.w, rcond=_SAME)
+    if rank < 2 or np.linalg.norm(pair @ rates - body.w) > _SAME * np.linalg.norm(body.w):
+        return None
+    arm = body.R @ centre
+    turn = rates[0] * pair[:, 0]
+    return np.concatenate([turn, body.v + np.cross(body.w, arm) - np.cross(turn, body.p + arm)])
+
+
+@dataclass(frozen=True)
+class _Alike:
+    """Whether two twists differ by round-off: ``most`` m/s, at a lever (m)."""
+
+    lever: float
+    most: float
+
+    @classmethod
+    def of(cls, twists: list[FloatArray], lever: float) -> _Alike:
+        """By the fastest of these."""
+        return cls(lever, _SAME * max((cls(lever, 0.0).size(twist) for twist in twists), default=0.0))
+
+    def size(self, twist: FloatArray) -> float:
+        """m/s, of its largest component."""
+        return float(max(self.lever * np.abs(twist[:3]).max(), np.abs(twist[3:]).max()))
+
+    def __call__(self, one: FloatArray, other: FloatArray) -> bool:
+        return self.size(one - other) <= self.most
+
+
+def _twist(moving: RigidMotion) -> FloatArray:
+    """(6,) angular velocity, and velocity of what is at the inertial origin."""
+    return np.concatenate([moving.w, moving.v - np.cross(moving.w, moving.p)])
+
+
+def _seen_by(frame: RigidMotion, twist: FloatArray) -> FloatArray:
+    """A twist (6,) of inertial axes about a frame's origin, in its axes."""
+    return np.concatenate([frame.R.T @ twist[:3], frame.R.T @ (twist[3:] + np.cross(twist[:3], frame.p))])
 
 
 def _rates(one: CarriedPair, p: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
