@@ -99,17 +99,17 @@ def _refuse_changing_inputs(
     if equations.rate == 0.0 or not inputs:
         return
     scene, by, motion = point.scene, equations.by, equations.motion
-    Vz = by.Vz[: scene.nv]
+    Vz, sizes = by.Vz[: scene.nv], np.append(coordinate_sizes(scene), np.ones(len(by.Vz) - scene.nv))[by.z, None]
     before = Vz.T @ ports.force
     for distance in AHEAD:
         t = distance / equations.rate
         T = motion.transport(work, point.x, t)
         there = replace(point, x=motion.later(work, point.x, point.v, t), v=T @ point.v)
-        change = Vz.T @ (T.T @ find_ports(whole, there, work.time, inputs).force) - before
-        size = coordinate_sizes(scene)[by.z, None] if len(by.z) else np.ones((0, 1))
-        wrong = (np.abs(change) * size).max(axis=0, initial=0.0) > SAME * (np.abs(before) * size).max(axis=0, initial=0.0)
-        if wrong.any():
+        later = Vz.T @ T.T @ find_ports(whole, there, work.time, inputs).force
+        change, whole_size = (np.abs(part * sizes).max(axis=0, initial=0.0) for part in (later - before, before))
+        if (change > SAME * whole_size).any():
+            name = ports.names[int(np.argmax(change > SAME * whole_size))]
             raise SceneError(
-                f"the input {ports.names[int(np.argmax(wrong))]!r} changes along the steady motion, so that no constant "
-                "matrix gives what it does; give a force on a joint, or one in the axes of a frame that turns along"
+                f"the input {name!r} changes along the steady motion, so that no constant matrix gives what it does; "
+                "give a force on a joint, or one in the axes of a frame that turns along"
             )

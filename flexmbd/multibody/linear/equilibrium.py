@@ -20,7 +20,7 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.path.corrector import MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential, spectrum
-from flexmbd.multibody.linear.steadiness import change_along, refuse_unsteady, steady_motion
+from flexmbd.multibody.linear.steadiness import change_along, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -85,13 +85,13 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         SceneError: nothing balances; the message names the coordinate where most is lacking; or what does is no steady
             motion.
     """
-    motion = steady_motion(start.scene, work, start.x, start.v)
     if not start.v.any():
-        return _search(start, work, motion)
+        return _search(start, work, SteadyMotion(start.scene))
+    motion, v = start_moving(start, work)
     try:
-        found = _search(start, work, motion)
+        found = _search(replace(start, v=v), work, motion)
     except (SceneError, np.linalg.LinAlgError) as reason:
-        changes = change_along(start.scene, work, start.x, start.v, motion)
+        changes = change_along(start.scene, work, start.x, v, motion)
         if changes is None:
             raise
         raise SceneError(f"the motion is not steady: {changes}") from reason

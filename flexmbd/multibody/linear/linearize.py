@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
@@ -24,7 +23,7 @@ from flexmbd.multibody.linear.interior_balance import InteriorEquations, lineari
 from flexmbd.multibody.linear.output_equations import OutputDerivatives, output_derivatives
 from flexmbd.multibody.linear.ports import Ports
 from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round_off, without_round_off
-from flexmbd.multibody.linear.steadiness import AHEAD, SAME, STEADY, change_along, motion_rate, steady_motion
+from flexmbd.multibody.linear.steadiness import AHEAD, SAME, STEADY, left_and_parts, motion_rate, steady_motion
 from flexmbd.multibody.linear.steady_motion import Slopes, SteadyMotion
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
@@ -72,7 +71,7 @@ def linearize(
     """
     scene, size = point.scene, coordinate_sizes(point.scene)
     wider = linearize_interiors(scene, work, point.x, point.v, modes=modes)
-    motion = steady_motion(scene, work, point.x, point.v)
+    motion, changes = steady_motion(scene, work, point.x, point.v)
     point = replace(point, steady_accelerations=motion.accelerations(work, point.x))
     own = derive(scene.plan, work, point.x, point.v, point.multipliers, size=size, a=point.a)
     turning = motion.slopes(work, point.x)
@@ -86,7 +85,6 @@ def linearize(
     noise = round_off(of, by, wider.coordinates, energies, rate)
     turns = rate > 0.0 and not _is_at_rest(rate, of, by, noise)
     if turns:
-        changes = change_along(scene, work, point.x, point.v, motion)
         if changes is not None:
             raise SceneError(f"the motion is not steady: {changes}")
         _refuse_changing_outputs(point, work, motion, rate, slopes, outputs)
@@ -150,12 +148,7 @@ def _refuse_unbalanced(
 ) -> None:
     """Raise SceneError where accelerations are not zero; the message names the largest residual."""
     scene = point.scene
-    left, weight, held = np.zeros((3, scene.nv))
-    residual(scene.plan, work, point.x, point.v, point.a, point.multipliers, left)
-    light = scene.plan.replace(gravity=np.zeros(3))
-    residual(light, work, point.x, point.v, point.a, point.multipliers, weight)
-    residual(light, work, point.x, point.v, point.a, 0.0 * point.multipliers, held)
-    parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
+    left, parts = left_and_parts(scene, work, point.x, point.v, point.a, point.multipliers)
     lacks, size, names = wider.lacking(), wider.coordinates.size, wider.coordinates.names
     left, parts = np.append(left, lacks), np.append(parts, np.abs(lacks))
     states = wider.coordinates.states

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, driven_coordinates
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
+from flexmbd.multibody.kernels.reading.tree import tree_joint
 from flexmbd.multibody.linear.balance import nothing_prescribed, reactions
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, eliminate, own_coordinates
 from flexmbd.multibody.linear.round_off import energies_at_play
-from flexmbd.multibody.linear.steady_motion import SteadyMotion, carried, twists
+from flexmbd.multibody.linear.steady_motion import SteadyMotion, carried
+from flexmbd.multibody.linear.whole_turn import twists
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_values, coordinate_sizes, row_sizes
-from flexmbd.multibody.start.consistent_start import accelerations
+from flexmbd.multibody.start.consistent_start import Start, accelerations
+from flexmbd.multibody.start.given_coordinates import coordinates_given
+from flexmbd.multibody.start.given_start import given_start
+from flexmbd.multibody.start.loop_closing import match_velocities
 
 FloatArray = NDArray[np.float64]
 
@@ -31,39 +36,48 @@ SAME = 1e-7  #: of what a coordinate's own inertia and stiffness are: what may c
 AHEAD = (0.3, 1.1)  #: how far along the motion (rad, or of the extent) that is looked at
 
 
-@dataclass(frozen=True, eq=False)
-class _SeenTurning:
-    """A machine's equations a while later, seen from the turning axes; as ``Derivatives``, of steady motions beside."""
-
-    mass: FloatArray
-    damping: FloatArray
-    stiffness: FloatArray
-    jacobian: FloatArray
-    rate_slope: FloatArray
-
-
 def motion_rate(scene: CompiledScene, v: FloatArray) -> float:
     """1/s, the largest velocity of v (nv,) over its coordinate's size."""
     moving = np.where(scene.state_mask, 0.0, np.abs(v))
     return float(np.max(moving / coordinate_sizes(scene), initial=0.0))
 
 
-def steady_motion(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> SteadyMotion:
-    """The steady motion through x (nx,), v (nv,), whose turning axes see the same machine at any time.
+def steady_motion(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
+) -> tuple[SteadyMotion, str | None]:
+    """The steady motion through x (nx,), v (nv,) whose turning axes see the same machine at any time.
 
-    Where none do it is that of the body that most likely tells the turn of the whole.
+    Where none do it is that of the body that most likely tells the turn of the whole, and the text says what changes.
     """
-    rate = motion_rate(scene, v)
-    if rate == 0.0:
-        return SteadyMotion(scene)
-    wholes = twists(scene, work, x, v)
-    motions = [carried(scene, work, x, v, whole) for whole in wholes]
-    if len(motions) == 1:
-        return motions[0]
-    for motion in motions:
-        if change_along(scene, work, x, v, motion) is None:
-            return motion
-    return motions[0]
+    if motion_rate(scene, v) == 0.0:
+        return SteadyMotion(scene), None
+    motions = [carried(scene, work, x, v, whole) for whole in twists(scene, work, x, v)]
+    changes = [change_along(scene, work, x, v, motion) for motion in motions[:1]]
+    while changes[-1] is not None and len(changes) < len(motions):
+        changes.append(change_along(scene, work, x, v, motions[len(changes)]))
+    return (motions[0], changes[0]) if changes[-1] is not None else (motions[len(changes) - 1], None)
+
+
+def start_moving(start: Start, work: Work) -> tuple[SteadyMotion, FloatArray]:
+    """The steady motion that a start begins, and its velocities (nv,).
+
+    Bodies that constraints alone hold are given no velocities: if those that change least of the others' make no
+    steady motion, such a body's own change first, so that what hangs on it moves as one with it.
+    """
+    scene, x, v = start.scene, start.x, start.v
+    motion, changes = steady_motion(scene, work, x, v)
+    flying = np.zeros(scene.nv, bool)
+    for branch in scene.topology.branches:
+        if branch.connection is None:
+            flying[tree_joint(scene.plan, scene.index.bodies[branch.outer.body]).v] = True
+    if changes is None or not flying.any():
+        return motion, v
+    given = given_start(scene, list(scene.index.joints), list(scene.index.modes))
+    at, wanted = x.copy(), given[1]
+    drive(scene.plan, work, at, wanted, np.zeros(scene.nv))
+    other = match_velocities(scene, work, x, wanted, given[3], coordinates_given(scene), first=flying)
+    found, changes = steady_motion(scene, work, x, other)
+    return (motion, v) if changes is not None else (found, other)
 
 
 def change_along(
@@ -75,10 +89,18 @@ def change_along(
     All is compared as forces at a coordinate within the motion's own time, 1 / rate: stiffness with damping times the
     rate and mass times its square.
     """
-    rate, size = motion_rate(scene, v), coordinate_sizes(scene)
-    now = _seen(scene, work, x, v, motion, 0.0)
-    of = derive(scene.plan, work, x, v, np.zeros(len(scene.plan.rows)), size=size)
-    A = motion.slopes(work, x).velocity
+    try:
+        return _change_along(scene, work, x, v, motion)
+    except (FlexmbdError, np.linalg.LinAlgError) as reason:
+        return f"along it the equations cannot be followed ({reason})"
+
+
+def _change_along(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion
+) -> str | None:
+    rate = motion_rate(scene, v)
+    now, A = _seen(scene, work, x, v, motion, 0.0), motion.slopes(work, x).velocity
+    of = Derivatives(now.mass, now.damping, now.stiffness, now.jacobian, now.rate_slope - now.jacobian @ A)
     by = eliminate(scene, own_coordinates(scene), of, A, nothing_prescribed(scene))
     own = _own_forces(now, by, rate)
     for distance in AHEAD:
@@ -91,8 +113,8 @@ def change_along(
 
 def _seen(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion, t: float
-) -> _SeenTurning:
-    """The equations a time t (s) after x (nx,), v (nv,)."""
+) -> Derivatives:
+    """Derivatives of steady motions' equations a time t (s) after x (nx,), v (nv,), seen from the turning axes."""
     T = motion.transport(work, x, t)
     x, v = motion.later(work, x, v, t), T @ v
     a, force = motion.accelerations(work, x), np.zeros(scene.nv)
@@ -104,13 +126,13 @@ def _seen(
     A, B = by.velocity, by.turning
     damping = of.damping + of.mass @ (A + B)
     stiffness = of.stiffness + of.damping @ A + of.mass @ by.acceleration
-    return _SeenTurning(
+    return Derivatives(
         T.T @ of.mass @ T, T.T @ damping @ T, T.T @ stiffness @ T, of.jacobian @ T,
         (of.rate_slope + of.jacobian @ A) @ T,
     )  # fmt: skip
 
 
-def _parts(seen: _SeenTurning, by: Elimination, A: FloatArray, rate: float) -> Iterator[tuple[str, FloatArray]]:
+def _parts(seen: Derivatives, by: Elimination, A: FloatArray, rate: float) -> Iterator[tuple[str, FloatArray]]:
     """What the equations consist of, by its name: forces along independent velocities within the motion's time."""
     rates = by.Vy - A @ by.Xy
     yield "stiffness", by.Vz.T @ (seen.stiffness @ by.Xy + seen.damping @ rates)
@@ -118,7 +140,7 @@ def _parts(seen: _SeenTurning, by: Elimination, A: FloatArray, rate: float) -> I
     yield "mass", rate**2 * by.Vz.T @ seen.mass @ by.Vz
 
 
-def _own_forces(seen: _SeenTurning, by: Elimination, rate: float) -> tuple[FloatArray, FloatArray]:
+def _own_forces(seen: Derivatives, by: Elimination, rate: float) -> tuple[FloatArray, FloatArray]:
     """(nz,), (ny,) the roots of what each independent velocity and coordinate has of its own."""
     found = []
     for along in (by.Vz, by.Xy):
@@ -130,8 +152,8 @@ def _own_forces(seen: _SeenTurning, by: Elimination, rate: float) -> tuple[Float
 
 def _changed_matrices(
     scene: CompiledScene,
-    now: _SeenTurning,
-    later: _SeenTurning,
+    now: Derivatives,
+    later: Derivatives,
     by: Elimination,
     A: FloatArray,
     own: tuple[FloatArray, FloatArray],
@@ -153,7 +175,7 @@ def _changed_matrices(
 
 
 def _changed_rows(
-    scene: CompiledScene, now: _SeenTurning, later: _SeenTurning, by: Elimination, A: FloatArray, rate: float
+    scene: CompiledScene, now: Derivatives, later: Derivatives, by: Elimination, A: FloatArray, rate: float
 ) -> str | None:
     """Of the constraints: what kept them at first must keep them later."""
     size, holds = coordinate_sizes(scene), constraint_rows(scene.plan).holds_position
@@ -176,7 +198,9 @@ def _changed_rows(
 
 
 def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: Derivatives) -> None:
-    """Raise SceneError where the machine, moving steadily from ``point``, would be accelerated otherwise, or its loops open.
+    """Raise SceneError where the machine, moving on from ``point``, would be accelerated otherwise, or its loops open.
+
+    What drives a prescribed motion has to stay the same, too.
 
     Args:
         point: the state.
@@ -192,9 +216,11 @@ def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: D
     # what holds a body in its orbit is nothing that joints pass on: its inertia and other forces by their sizes
     bare = replace(scene, plan=without_forces(scene.plan))
     inertial = energies_at_play(replace(point, scene=bare, multipliers=np.zeros_like(point.multipliers)), work)
-    at_play = STEADY * (energies_at_play(point, work) + inertial) / size
-    at_play += _ROUND_OFF * (np.abs(of.stiffness) + rate**2 * np.abs(of.mass)) @ size
-    driven = driven_coordinates(scene.plan)
+    energies = energies_at_play(point, work) + inertial
+    at_play = STEADY * energies / size + _ROUND_OFF * (np.abs(of.stiffness) + rate**2 * np.abs(of.mass)) @ size
+    driven, driven_rows = driven_coordinates(scene.plan), np.flatnonzero(constraint_rows(scene.plan).time >= 0)
+    tight = STEADY * float(energies.max(initial=0.0)) / row_sizes(scene)[driven_rows]
+    drives: list[FloatArray] = []
     for t in (0.0, *(distance / rate for distance in AHEAD)):
         x, v = motion.later(work, point.x, point.v, t), motion.transport(work, point.x, t) @ point.v
         work.time[driven.time, 0] = x[driven.x]
@@ -204,20 +230,47 @@ def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: D
             found, multipliers = accelerations(scene, work, x, v)
         except FlexmbdError as reason:
             raise SceneError(f"the motion is not steady: {t:.3g} s on, {reason}") from reason
-        left, weight, held = np.zeros((3, scene.nv))
-        light, nothing = scene.plan.replace(gravity=np.zeros(3)), np.zeros_like(multipliers)
-        residual(scene.plan, work, x, v, a, multipliers, left)
-        residual(light, work, x, v, a, multipliers, weight)
-        residual(light, work, x, v, a, nothing, held)
+        left, parts = left_and_parts(scene, work, x, v, a, multipliers)
         work.time[:] = kept
-        parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
-        free = np.zeros(scene.nv, bool)
-        free[scene.plan.free] = True
-        wrong = free & ~scene.state_mask & (np.abs(left) > STEADY * parts + at_play)
+        allowed = STEADY * parts + at_play
+        _refuse_accelerated(scene, left, found - a, allowed, t)
+        drives.append(np.append(left[driven.v], multipliers[driven_rows]))
+        wrong = np.abs(drives[-1] - drives[0]) > np.append(allowed[driven.v], tight)
         if wrong.any():
-            change = found - a
-            k = int(np.argmax(np.where(wrong, np.abs(change / size), 0.0)))
-            _refuse(scene, k, float(change[k]), t)
+            names = [*(scene.velocity_names[k] for k in driven.v), *(scene.row_names[k] for k in driven_rows)]
+            k = int(np.argmax(wrong))
+            raise SceneError(
+                f"the motion is not steady: what drives {names[k]!r} changes by {drives[-1][k] - drives[0][k]:.6g} (N "
+                f"or N m), {t:.3g} s on; {_WHAT_IS}"
+            )
+
+
+def left_and_parts(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, a: FloatArray, multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(nv,) each, the residual and the sum of the sizes of what it is made of."""
+    left, weight, held = np.zeros((3, scene.nv))
+    light = scene.plan.replace(gravity=np.zeros(3))
+    residual(scene.plan, work, x, v, a, multipliers, left)
+    residual(light, work, x, v, a, multipliers, weight)
+    residual(light, work, x, v, a, np.zeros_like(multipliers), held)
+    return left, np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
+
+
+def _refuse_accelerated(
+    scene: CompiledScene, left: FloatArray, change: FloatArray, allowed: FloatArray, t: float
+) -> None:
+    """Raise SceneError where more than ``allowed`` (nv,) is ``left`` (nv,); ``change`` is what it accelerates by."""
+    free = np.zeros(scene.nv, bool)
+    free[scene.plan.free] = True
+    wrong = free & ~scene.state_mask & (np.abs(left) > allowed)
+    if wrong.any():
+        k = int(np.argmax(np.where(wrong, np.abs(change / coordinate_sizes(scene)), 0.0)))
+        when = f", {t:.3g} s on" if t else ""
+        raise SceneError(
+            f"the motion is not steady: {scene.velocity_names[k]!r} would accelerate by {change[k]:.6g} (m/s^2, "
+            f"rad/s^2, or modal){when}; {_WHAT_IS}"
+        )
 
 
 def _refuse_opening(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, t: float) -> None:
@@ -239,10 +292,3 @@ _WHAT_IS = (
     "symmetric about it, or moves it straight on, and inside turns symmetric rotors; check the velocities set"
 )
 
-
-def _refuse(scene: CompiledScene, k: int, change: float, t: float) -> None:
-    when = f", {t:.3g} s on" if t else ""
-    raise SceneError(
-        f"the motion is not steady: {scene.velocity_names[k]!r} would accelerate by {change:.6g} (m/s^2, rad/s^2, or "
-        f"modal){when}; {_WHAT_IS}"
-    )

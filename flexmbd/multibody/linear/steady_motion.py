@@ -1,9 +1,9 @@
 """Steady motions: the whole turns at one rate about one line, and inside symmetric bodies turn at rates of their own.
 
-Each body's pose is g(t) = exp(t xi) g(0) exp(t eta): the twist xi is that of the whole, in inertial axes, eta the body's
-own, in its axes; the ground's own takes back that of the whole, -xi.  So the frame G of a joint moves against F, on
-another body, by h(t) = exp(t lambda) h(0) exp(t rho), lambda what F's body takes back and rho G's own, and h has the
-velocities (in F's axes the linear one, in G's the angular one)
+Each body's pose is g(t) = exp(t xi) g(0) exp(t eta): the twist xi is that of the whole, in inertial axes, eta the
+body's own, in its axes; the ground's own takes back that of the whole, -xi.  So the frame G of a joint moves against F,
+on another body, by h(t) = exp(t lambda) h(0) exp(t rho), lambda what F's body takes back and rho G's own, and h has
+the velocities (in F's axes the linear one, in G's the angular one)
 
     dp/dt = l + w_l x p + R r,    w = R^T w_l + w_r,    lambda = (w_l, l), rho = (w_r, r).
 
@@ -21,54 +21,17 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base.arrays import Plan, Work
+from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, body_motion, world_motion
-from flexmbd.multibody.kernels.reading.tree import joint_frame, masses, parents, second_moment, tree_joint
+from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, world_motion
+from flexmbd.multibody.linear.frame_pairs import FramePair, frame_pairs
+from flexmbd.multibody.linear.whole_turn import SAME_MOTION, Alike, twist_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.rotation import from_quaternion, to_quaternion
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-_SAME = 1e-9  # of the fastest motion: what two bodies that move as one may differ by
-
-
-@dataclass(frozen=True, eq=False)
-class FramePair:
-    """A joint between F and G whose velocities change along a turn, with the massless links that it is made of.
-
-    Attributes:
-        f, g: rows of ``Plan.frames``.
-        body: row of the link that carries G.
-        on_ground: whether the ground carries F.
-        x, v: all its entries.
-        slides_x, slides: entries in x and v of what slides, k of them.
-        D: (3, k) along which unit vectors, in F's axes.
-        hinge: the entry in v of what turns about one axis, or none.
-        S: (3, n) angular velocity, in G's axes, a unit of each velocity of the turn.
-        quaternion, spin: of a ball, in x and v.
-    """
-
-    f: int
-    g: int
-    body: int
-    on_ground: bool
-    v: IntArray
-    slides_x: IntArray
-    slides: IntArray
-    D: FloatArray
-    hinge: IntArray
-    S: FloatArray
-    quaternion: slice | None
-    spin: slice | None
-
-    @property
-    def turns(self) -> IntArray:
-        """(n,) entries in v of the turn."""
-        return self.hinge if self.spin is None else np.arange(self.spin.start, self.spin.stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,59 +174,7 @@ class SteadyMotion:
 def moves(scene: CompiledScene, v: FloatArray) -> NDArray[np.bool_]:
     """(nv,) which coordinates move with the velocities v (nv,), beyond round-off; states do not."""
     rates = np.where(scene.state_mask, 0.0, np.abs(v / coordinate_sizes(scene)))
-    return np.asarray(rates > _SAME * rates.max(initial=0.0))
-
-
-def frame_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[FramePair, ...]:
-    """All joints of the tree whose velocities change along a turn: a ball, or two slides or more."""
-    plan, found = scene.plan, []
-    for rows in _chains(plan):
-        joints = [tree_joint(plan, row) for row in rows]
-        v = np.concatenate([np.arange(joint.v.start, joint.v.stop) for joint in joints])
-        plain = np.concatenate([np.arange(joint.plain_v.start, joint.plain_v.stop) for joint in joints])
-        places = np.concatenate([np.arange(joint.plain_x.start, joint.plain_x.stop) for joint in joints])
-        last = joints[-1]
-        if last.spin is None and len(plain) < 2:
-            continue
-        f, g = joint_frame(plan, rows[0], on_parent=True), joint_frame(plan, rows[-1])
-        columns = [_column(plan, work, x, f, g, k) for k in v]
-        turn = np.array([w for w, _ in columns]).reshape(-1, 3).T
-        slide = np.array([linear for _, linear in columns]).reshape(-1, 3).T
-        slides = ~turn.any(axis=0)
-        among = slides[: len(plain)]
-        if last.spin is None and among.sum() < 2:
-            continue
-        on_ground = bool(parents(plan)[rows[0]] < 0)
-        pair = FramePair(
-            f, g, rows[-1], on_ground, v, places[among], plain[among], slide[:, slides], plain[~among],
-            turn[:, ~slides], last.quaternion, last.spin,
-        )  # fmt: skip
-        found.append(pair)
-    return tuple(found)
-
-
-def _chains(plan: Plan) -> Iterator[list[int]]:
-    """Rows of each link with those of the massless ones before it that only slide: the steps of one joint."""
-    weight, parent = masses(plan), parents(plan)
-    slides = [tree_joint(plan, row).spin is None and not tree_joint(plan, row).is_hinge for row in range(len(parent))]
-    carries = np.bincount(parent[parent >= 0], minlength=len(parent))
-    passing = [slides[row] and weight[row] == 0.0 and carries[row] == 1 for row in range(len(parent))]
-    for row in range(len(parent)):
-        if passing[row]:
-            continue
-        chain = [row]
-        while parent[chain[0]] >= 0 and passing[parent[chain[0]]]:
-            chain.insert(0, int(parent[chain[0]]))
-        yield chain
-
-
-def _column(plan: Plan, work: Work, x: FloatArray, f: int, g: int, k: int) -> tuple[FloatArray, FloatArray]:
-    """Angular velocity (G's axes) and linear one (F's axes) of G a unit of velocity k."""
-    unit = np.zeros(plan.free.shape[0] + plan.driven.shape[0])
-    unit[k] = 1.0
-    forward_kinematics(plan, work, x, unit, np.zeros_like(unit))
-    F, G = world_motion(plan, work, f), world_motion(plan, work, g)
-    return G.R.T @ G.w, F.R.T @ G.v
+    return np.asarray(rates > SAME_MOTION * rates.max(initial=0.0))
 
 
 def carried(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whole: FloatArray) -> SteadyMotion:
@@ -272,97 +183,28 @@ def carried(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whol
     Args:
         scene: the machine.
         work: scratch.
-        x, v: where, and how fast.
+        x: (nx,) where.
+        v: (nv,) how fast.
         whole: angular velocity (rad/s) and velocity of what is at the inertial origin (m/s), in inertial axes.
     """
     pairs = [pair for pair in frame_pairs(scene, work, x) if pair.on_ground or moves(scene, v)[pair.v].any()]
     forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv))
     ends = [[world_motion(scene.plan, work, frame) for frame in (pair.f, pair.g)] for pair in pairs]
-    same = _Alike.of([_twist(one) for both in ends for one in both], scene.extent)
+    same = Alike.of([twist_of(one) for both in ends for one in both], scene.extent)
     rotors: list[FloatArray] = []
     found = []
     for pair, both in zip(pairs, ends, strict=True):
-        along, own = (np.zeros(6) if same(_twist(one), whole) else _seen_by(one, _twist(one) - whole) for one in both)
+        beside = [(one, twist_of(one) - whole) for one in both]
+        along, own = (_seen_by(one, twist) if same.size(twist) > same.most else np.zeros(6) for one, twist in beside)
         if not along.any() and not own.any():
             continue
         rotor = -1
         if own.any():
-            twist = _twist(both[1])
+            twist = twist_of(both[1])
             rotor = next((k for k, other in enumerate(rotors) if same(twist, other)), len(rotors))
             rotors[rotor:] = rotors[rotor:] or [twist]
         found.append(CarriedPair(pair, -along, own, rotor))
     return SteadyMotion(scene, tuple(found))
-
-
-def twists(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> list[FloatArray]:
-    """Twists (6,), as ``carried`` takes them, that the whole may have, the likeliest first.
-
-    That of most of the mass whose velocities change with the place; then rest, those of other bodies, and those of
-    symmetric bodies that spin as they precess.
-    """
-    plan = scene.plan
-    pairs = frame_pairs(scene, work, x)
-    if not pairs:
-        return [np.zeros(6)]
-    weight = masses(plan)
-    forward_kinematics(plan, work, x, v, np.zeros(scene.nv))
-    motions = [_twist(world_motion(plan, work, joint_frame(plan, row))) for row in range(len(weight))]
-    same = _Alike.of(motions, scene.extent)
-    at_ground = [pair.body for pair in pairs if pair.on_ground]
-    groups: list[tuple[FloatArray, float]] = [(np.zeros(6), 0.0)]
-    for row, move in enumerate(motions):
-        share = float(weight[row]) if row in at_ground else 0.0
-        k = next((k for k, (twist, _) in enumerate(groups) if same(twist, move)), len(groups))
-        before = groups[k] if k < len(groups) else (move, 0.0)
-        groups[k:] = [(before[0], before[1] + share), *groups[k + 1 :]]
-    precessions = [_precession(plan, work, row) for row in at_ground if weight[row] > 0.0]
-    found = [twist for twist, _ in sorted(groups, key=lambda group: -group[1])]
-    return found + [twist for twist in precessions if twist is not None]
-
-
-def _precession(plan: Plan, work: Work, row: int) -> FloatArray | None:
-    """The twist (6,) about the vertical, or the angular momentum, that a symmetric body has beside its own spin."""
-    body = body_motion(work, row)
-    centre, second = second_moment(plan, row)
-    moments, axes = np.linalg.eigh(second)
-    gaps = np.diff(moments)
-    if gaps.max() <= _SAME * moments[-1] or gaps.min() > _SAME * moments[-1]:
-        return None
-    axis = body.R @ axes[:, 0 if gaps[0] > gaps[1] else 2]
-    inertia = body.R @ (np.trace(second) * np.eye(3) - second) @ body.R.T
-    upright = plan.gravity if plan.gravity.any() else inertia @ body.w
-    pair = np.column_stack([upright / max(np.linalg.norm(upright), 1e-300), axis])
-    rates, _, rank, _ = np.linalg.lstsq(pair, body.w, rcond=_SAME)
-    if rank < 2 or np.linalg.norm(pair @ rates - body.w) > _SAME * np.linalg.norm(body.w):
-        return None
-    arm = body.R @ centre
-    turn = rates[0] * pair[:, 0]
-    return np.concatenate([turn, body.v + np.cross(body.w, arm) - np.cross(turn, body.p + arm)])
-
-
-@dataclass(frozen=True)
-class _Alike:
-    """Whether two twists differ by round-off: ``most`` m/s, at a lever (m)."""
-
-    lever: float
-    most: float
-
-    @classmethod
-    def of(cls, twists: list[FloatArray], lever: float) -> _Alike:
-        """By the fastest of these."""
-        return cls(lever, _SAME * max((cls(lever, 0.0).size(twist) for twist in twists), default=0.0))
-
-    def size(self, twist: FloatArray) -> float:
-        """m/s, of its largest component."""
-        return float(max(self.lever * np.abs(twist[:3]).max(), np.abs(twist[3:]).max()))
-
-    def __call__(self, one: FloatArray, other: FloatArray) -> bool:
-        return self.size(one - other) <= self.most
-
-
-def _twist(moving: RigidMotion) -> FloatArray:
-    """(6,) angular velocity, and velocity of what is at the inertial origin."""
-    return np.concatenate([moving.w, moving.v - np.cross(moving.w, moving.p)])
 
 
 def _seen_by(frame: RigidMotion, twist: FloatArray) -> FloatArray:
