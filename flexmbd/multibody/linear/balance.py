@@ -118,9 +118,7 @@ def balance(
     return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
 
 
-def _held_phase(
-    scene: CompiledScene, phases: Sequence[FloatArray], of: Derivatives, v: FloatArray
-) -> FloatArray:
+def _held_phase(scene: CompiledScene, phases: Sequence[FloatArray], of: Derivatives, v: FloatArray) -> FloatArray:
     """(nv, nv) a stiffness along the motion itself: of the places on its way the nearest one is looked for.
 
     Args:

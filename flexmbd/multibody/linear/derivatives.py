@@ -65,4 +65,3 @@ def derive(
         tangent(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, found[k])
         slopes[k] = tw.rate_jacobian
     return Derivatives(found[2], found[1], found[0], tw.jacobian.copy(), slopes[0])
-

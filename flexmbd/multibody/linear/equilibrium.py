@@ -20,7 +20,7 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.path.corrector import MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential, spectrum
-from flexmbd.multibody.linear.steadiness import change_along, refuse_unsteady, start_moving
+from flexmbd.multibody.linear.steadiness import WHAT_IS, change_along, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -94,7 +94,7 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         changes = change_along(start.scene, work, start.x, v, motion)
         if changes is None:
             raise
-        raise SceneError(f"the motion is not steady: {changes}") from reason
+        raise SceneError(f"the motion is not steady: {changes}; {WHAT_IS}") from reason
     found = replace(found, steady_accelerations=motion.accelerations(work, found.x))
     refuse_unsteady(found, work, motion, balance(found.scene, work, found.x, found.v, motion=motion).of)
     return found

@@ -86,7 +86,10 @@ def linearize(
     turns = rate > 0.0 and not _is_at_rest(rate, of, by, noise)
     if turns:
         if changes is not None:
-            raise SceneError(f"the motion is not steady: {changes}")
+            raise SceneError(
+                f"the motion is not steady: {changes}; only motions along which the machine's equations stay the same "
+                "can be linearised"
+            )
         _refuse_changing_outputs(point, work, motion, rate, slopes, outputs)
     by = replace(by, Ty=without_round_off(by.Ty, noise.Ty))
     M, C, K, F = _reduce(of, by, ports)

@@ -17,6 +17,7 @@ from flexmbd.multibody.kernels.reading.tree import tree_joint
 from flexmbd.multibody.linear.balance import nothing_prescribed, reactions
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, eliminate, own_coordinates
+from flexmbd.multibody.linear.frame_pairs import frame_pairs
 from flexmbd.multibody.linear.round_off import energies_at_play
 from flexmbd.multibody.linear.steady_motion import SteadyMotion, carried
 from flexmbd.multibody.linear.whole_turn import twists
@@ -51,11 +52,16 @@ def steady_motion(
     """
     if motion_rate(scene, v) == 0.0:
         return SteadyMotion(scene), None
-    motions = [carried(scene, work, x, v, whole) for whole in twists(scene, work, x, v)]
-    changes = [change_along(scene, work, x, v, motion) for motion in motions[:1]]
-    while changes[-1] is not None and len(changes) < len(motions):
-        changes.append(change_along(scene, work, x, v, motions[len(changes)]))
-    return (motions[0], changes[0]) if changes[-1] is not None else (motions[len(changes) - 1], None)
+    pairs = frame_pairs(scene, work, x)
+    tried: list[tuple[SteadyMotion, str | None]] = []
+    for whole in twists(scene, work, x, v, pairs):
+        motion = carried(scene, work, x, v, whole, pairs)
+        if not motion.pairs and any(not other.pairs for other, _ in tried):
+            continue
+        tried.append((motion, change_along(scene, work, x, v, motion)))
+        if tried[-1][1] is None:
+            return tried[-1]
+    return tried[0]
 
 
 def start_moving(start: Start, work: Work) -> tuple[SteadyMotion, FloatArray]:
@@ -115,7 +121,7 @@ def _seen(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion, t: float
 ) -> Derivatives:
     """Derivatives of steady motions' equations a time t (s) after x (nx,), v (nv,), seen from the turning axes."""
-    T = motion.transport(work, x, t)
+    T, before = motion.transport(work, x, t), x
     x, v = motion.later(work, x, v, t), T @ v
     a, force = motion.accelerations(work, x), np.zeros(scene.nv)
     residual(scene.plan, work, x, v, a, np.zeros(len(scene.plan.rows)), force)
@@ -126,8 +132,9 @@ def _seen(
     A, B = by.velocity, by.turning
     damping = of.damping + of.mass @ (A + B)
     stiffness = of.stiffness + of.damping @ A + of.mass @ by.acceleration
+    bend = motion.bend(work, before, t, force + of.jacobian.T @ nu)
     return Derivatives(
-        T.T @ of.mass @ T, T.T @ damping @ T, T.T @ stiffness @ T, of.jacobian @ T,
+        T.T @ of.mass @ T, T.T @ damping @ T, T.T @ stiffness @ T + bend, of.jacobian @ T,
         (of.rate_slope + of.jacobian @ A) @ T,
     )  # fmt: skip
 
@@ -169,7 +176,7 @@ def _changed_matrices(
             k = at[np.unravel_index(int(share.argmax()), share.shape)[1]]
             return (
                 f"along it the {name} of {scene.velocity_names[k]!r} changes by {share.max():.3g} of the forces of the "
-                "motion itself; only motions along which the machine's equations stay the same can be linearised"
+                "motion itself"
             )
     return None
 
@@ -190,10 +197,7 @@ def _changed_rows(
     )
     for gap in gaps:
         for k in np.flatnonzero(gap > SAME * rows):
-            return (
-                f"along it the constraint {scene.row_names[k]!r} changes; only motions along which the machine's "
-                "equations stay the same can be linearised"
-            )
+            return f"along it the constraint {scene.row_names[k]!r} changes"
     return None
 
 
@@ -241,7 +245,7 @@ def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: D
             k = int(np.argmax(wrong))
             raise SceneError(
                 f"the motion is not steady: what drives {names[k]!r} changes by {drives[-1][k] - drives[0][k]:.6g} (N "
-                f"or N m), {t:.3g} s on; {_WHAT_IS}"
+                f"or N m), {t:.3g} s on; {WHAT_IS}"
             )
 
 
@@ -269,7 +273,7 @@ def _refuse_accelerated(
         when = f", {t:.3g} s on" if t else ""
         raise SceneError(
             f"the motion is not steady: {scene.velocity_names[k]!r} would accelerate by {change[k]:.6g} (m/s^2, "
-            f"rad/s^2, or modal){when}; {_WHAT_IS}"
+            f"rad/s^2, or modal){when}; {WHAT_IS}"
         )
 
 
@@ -283,11 +287,12 @@ def _refuse_opening(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArr
         if gap.size and gap.max() > STEADY:
             raise SceneError(
                 f"the motion is not steady: {t:.3g} s on it leaves the constraint "
-                f"{scene.row_names[int(gap.argmax())]!r}; {_WHAT_IS}"
+                f"{scene.row_names[int(gap.argmax())]!r}; {WHAT_IS}"
             )
 
 
-_WHAT_IS = (
+#: What a steady motion is, for messages.
+WHAT_IS = (
     "a steady motion turns the whole at one rate about one line, with gravity along it and what holds it to the ground "
     "symmetric about it, or moves it straight on, and inside turns symmetric rotors; check the velocities set"
 )

@@ -14,7 +14,7 @@ are seen from the turning axes: a change xi of the place at one time is T(t) xi 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, world_motion
-from flexmbd.multibody.linear.frame_pairs import FramePair, frame_pairs
+from flexmbd.multibody.linear.frame_pairs import FramePair
 from flexmbd.multibody.linear.whole_turn import SAME_MOTION, Alike, twist_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -162,6 +162,16 @@ class SteadyMotion:
                 T[pair.spin, pair.spin] = right[:3, :3].T
         return T
 
+    def bend(self, work: Work, x: FloatArray, t: float, force: FloatArray) -> FloatArray:
+        """(nv, nv) by which T^T force changes with the place x (nx,), as T does, a time t (s) later; force (nv,)."""
+        change = np.zeros((self.scene.nv, self.scene.nv))
+        for one, _, R in self._poses(work, x):
+            pair = one.pair
+            left, right = _displacement(one.along * t), _displacement(one.own * t)
+            pull = R.T @ left[:3, :3].T @ pair.D @ force[pair.slides]
+            change[np.ix_(pair.turns, pair.turns)] = pair.S.T @ _cross(right[:3, 3]) @ _cross(pull) @ pair.S
+        return change
+
     def _poses(self, work: Work, x: FloatArray) -> Iterator[tuple[CarriedPair, FloatArray, FloatArray]]:
         """Of each pair p_FG_F and R_FG."""
         if self.pairs:
@@ -177,7 +187,9 @@ def moves(scene: CompiledScene, v: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(rates > SAME_MOTION * rates.max(initial=0.0))
 
 
-def carried(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whole: FloatArray) -> SteadyMotion:
+def carried(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whole: FloatArray, pairs: Sequence[FramePair]
+) -> SteadyMotion:
     """The steady motion that goes through x (nx,), v (nv,) if the whole has the twist ``whole`` (6,).
 
     Args:
@@ -186,8 +198,10 @@ def carried(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whol
         x: (nx,) where.
         v: (nv,) how fast.
         whole: angular velocity (rad/s) and velocity of what is at the inertial origin (m/s), in inertial axes.
+        pairs: of ``frame_pairs``.
     """
-    pairs = [pair for pair in frame_pairs(scene, work, x) if pair.on_ground or moves(scene, v)[pair.v].any()]
+    moving = moves(scene, v)
+    pairs = [pair for pair in pairs if pair.on_ground or moving[pair.v].any()]
     forward_kinematics(scene.plan, work, x, v, np.zeros(scene.nv))
     ends = [[world_motion(scene.plan, work, frame) for frame in (pair.f, pair.g)] for pair in pairs]
     same = Alike.of([twist_of(one) for both in ends for one in both], scene.extent)

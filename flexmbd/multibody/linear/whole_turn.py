@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, body_motion, world_motion
 from flexmbd.multibody.kernels.reading.tree import joint_frame, masses, second_moment
-from flexmbd.multibody.linear.frame_pairs import frame_pairs
+from flexmbd.multibody.linear.frame_pairs import FramePair
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
@@ -45,14 +46,15 @@ def twist_of(moving: RigidMotion) -> FloatArray:
     return np.concatenate([moving.w, moving.v - np.cross(moving.w, moving.p)])
 
 
-def twists(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray) -> list[FloatArray]:
-    """Twists (6,), as ``carried`` takes them, that the whole may have, the likeliest first.
+def twists(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, pairs: Sequence[FramePair]
+) -> list[FloatArray]:
+    """Twists (6,), as ``steady_motion.carried`` takes them, that the whole may have, the likeliest first.
 
     That of most of the mass whose velocities change with the place; then rest, those of other bodies, and those of
     symmetric bodies that spin as they precess.
     """
     plan = scene.plan
-    pairs = frame_pairs(scene, work, x)
     if not pairs:
         return [np.zeros(6)]
     weight = masses(plan)

@@ -142,7 +142,7 @@ OFFSETS = (np.zeros(3), np.array([0.3, -0.2, 0.1]))
 
 
 def on_a_ball(way, offset, *, inertia, arm, mass, tilt, velocity):
-    """A body on a ball, its frame at ``offset`` from it and turned; ``velocity`` (3,) in the axes of the ball's frame."""
+    """A body on a ball, its frame at ``offset`` from it and turned; ``velocity`` (3,) in the axes of the ball's."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     turn = Rotation.from_rotvec(offset)
     own = turn.as_matrix()
@@ -159,14 +159,14 @@ def on_a_ball(way, offset, *, inertia, arm, mass, tilt, velocity):
 def test_a_conical_pendulum(way, offset):
     """(A + m l^2 - C) w^2 cos = m g l, A about what lies across in the vertical plane."""
     spin, mass, arm, start = 6.0, 2.0, 0.5, Rotation.from_euler("ZX", [0.4, 0.7])
-    inertia = (0.01, 0.02, 0.001)
+    inertia = (0.015, 0.02, 0.008)
     velocity = start.inv().apply([0.0, 0.0, spin])
     scene, ball = on_a_ball(way, offset, inertia=inertia, arm=-arm, mass=mass, tilt=start, velocity=velocity)
     eq = scene.equilibrium()
     cosine = mass * G * arm / ((inertia[1] + mass * arm**2 - inertia[2]) * spin**2)
     assert eq.rotation(ball.child)[2, 2] == pytest.approx(cosine, rel=1e-10)
     pull = mass * spin**2 * arm * np.sqrt(1.0 - cosine**2)
-    found = eq.reaction(ball)
+    found = eq.rotation(ball.child) @ eq.reaction(ball)[:3]
     assert found[2] == pytest.approx(mass * G, rel=1e-9)
     assert np.linalg.norm(found[:2]) == pytest.approx(pull, rel=1e-9)
     run = scene.simulate(1.0, about=eq, rtol=1e-9)
@@ -181,7 +181,8 @@ def test_a_top_that_precesses(way, offset):
     across = 0.03 + mass * arm**2
     spin = (mass * G * arm + across * turn**2 * np.cos(theta)) / (along * turn)
     start = Rotation.from_euler("ZX", [0.4, theta + 0.05])
-    velocity = start.inv().apply([0.0, 0.0, turn]) + [0.0, 0.0, spin - turn * np.cos(theta)]
+    velocity = start.inv().apply([0.0, 0.0, turn])
+    velocity[2] += spin - turn * np.cos(theta)
     scene, ball = on_a_ball(
         way, offset, inertia=(0.03, 0.03, along), arm=arm, mass=mass, tilt=start, velocity=velocity
     )
@@ -191,9 +192,8 @@ def test_a_top_that_precesses(way, offset):
     upright = across * turn * np.sin(theta) ** 2 + momentum * np.cos(theta)
 
     def potential(angle):
-        return (upright - momentum * np.cos(angle)) ** 2 / (2.0 * across * np.sin(angle) ** 2) + mass * G * arm * np.cos(
-            angle
-        )
+        turning = (upright - momentum * np.cos(angle)) ** 2 / (2.0 * across * np.sin(angle) ** 2)
+        return turning + mass * G * arm * np.cos(angle)
 
     step = 1e-3
     bend = (potential(theta + step) - 2.0 * potential(theta) + potential(theta - step)) / step**2
@@ -228,8 +228,10 @@ def test_a_coin_that_rolls_in_a_circle():
     np.testing.assert_allclose(eq.position(coin.frame()), [away, 0.0, radius * np.cos(lean)], atol=1e-9)
     grows = scene.linearize(about=eq).eigenvalues().real.max()
     ride.velocity = ride.velocity + 1e-7 * np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-    height = np.abs(scene.simulate(4.0, rtol=1e-10).sample(np.linspace(2.0, 3.0, 2)).position(coin.frame())[:, 2] - radius * np.cos(lean))
-    assert np.log(height[1] / height[0]) == pytest.approx(grows, rel=1e-3)
+    run = scene.simulate(4.0, rtol=1e-10, max_step=0.01)
+    height = np.abs(run.position(coin.frame())[:, 2] - radius * np.cos(lean))
+    late = (run.t > 2.0) & (run.t < 3.5)
+    assert np.polyfit(run.t[late], np.log(height[late]), 1)[0] == pytest.approx(grows, rel=1e-3)
 
 
 # a rotor on a turning arm
@@ -339,7 +341,7 @@ def test_a_spinning_rod_whatever_its_frame(frame):
     line = meshes.line(1.0, divisions=8, comm=MPI.COMM_SELF)
     model = ContinuumModel(line, beam_timoshenko, SOFT, degree=2, interfaces=ends)
     scene = fm.System()
-    rod = scene.add(fm.FlexibleBody(craig_bampton(model, modes=None, frame=frame)), name="rod")
+    rod = scene.add(fm.FlexibleBody(craig_bampton(model, modes=12, frame=frame)), name="rod")
     hub = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(p=(1.0, 2.0, 0.0)), rod.frame("start"), name="hub")
     hub.prescribe(lambda t: (spin * t, spin, 0.0))
     eq = scene.equilibrium()
@@ -430,39 +432,39 @@ def test_a_turning_four_bar():
     assert "would accelerate by" in said
 
 
-@pytest.mark.parametrize("ways", itertools.product((C, K), repeat=2))
+@pytest.mark.parametrize("ways", [(C, C), (K, K)])
 def test_gravity_across_the_line(ways):
     for driven in (False, True):
         assert "not steady" in refusal(beaded(ways, driven=driven, gravity=(0.0, -G, 0.0))[0].equilibrium)
 
 
-@pytest.mark.parametrize("ways", itertools.product((C, K), repeat=2))
-def test_gravity_across_what_a_drive_carries_evenly(ways):
+@pytest.mark.parametrize("way", [C, K])
+def test_gravity_across_what_a_drive_carries_evenly(way):
     """Nothing accelerates, but the moment of the drive changes."""
     scene = fm.System(gravity=(0.0, -G, 0.0))
     arm = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.2, 0.0, 0.0)), name="arm")
-    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame(), name="hinge", way=ways[0])
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame(), name="hinge", way=way)
     hinge.prescribe(lambda t: (3.0 * t, 3.0, 0.0))
     said = refusal(scene.equilibrium)
     assert "what drives 'hinge" in said
 
 
-@pytest.mark.parametrize("ways", itertools.product((C, K), repeat=2))
+@pytest.mark.parametrize("ways", [(C, C), (K, K)])
 def test_a_spring_to_the_ground_beside_the_line(ways):
     for driven in (False, True):
         scene, *_, place = beaded(ways, driven=driven)
-        scene.add_force(fm.force.SpringDamper(scene.ground.frame(p=(1.5, 2.0, 3.0)), place, 5.0, 0.2, 0.0))
+        scene.add_force(fm.force.SpringDamper(scene.ground.frame(p=(1.9, 2.1, 3.0)), place, 5.0, 0.2, 0.0))
         assert "not steady" in refusal(scene.equilibrium)
 
 
-@pytest.mark.parametrize("ways", itertools.product((C, K), repeat=2))
+@pytest.mark.parametrize("ways", [(C, C), (K, K)])
 def test_a_rotor_that_is_not_symmetric(ways):
     assert "not steady" in refusal(rotor_on_an_arm(ways, (0.0, 0.0, 0.0), cross=0.0062)[0].equilibrium)
 
 
 @pytest.mark.parametrize("ways", [(C, C), (K, K)])
 def test_a_force_that_stays_where_the_machine_turns_is_no_input(ways):
-    scene, hinge, _, place = beaded(ways)
+    scene, *_, place = beaded(ways)
     eq = scene.equilibrium()
     said = refusal(lambda: scene.linearize(about=eq, inputs=[fm.force.FrameForce(place, (1.0, 0.0, 0.0))]))
     assert "changes along the steady motion" in said
