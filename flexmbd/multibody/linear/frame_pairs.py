@@ -68,7 +68,7 @@ def frame_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[FrameP
         columns = [_column(plan, work, x, f, g, k) for k in v]
         turn = np.array([w for w, _ in columns]).reshape(-1, 3).T
         slide = np.array([linear for _, linear in columns]).reshape(-1, 3).T
-        slides = ~turn.any(axis=0)
+        slides = np.abs(turn).max(axis=0) == 0.0
         among = slides[: len(plain)]
         if last.spin is None and among.sum() < 2:
             continue

@@ -282,8 +282,8 @@ def _refuse_opening(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArr
     rows = constraint_rows(scene.plan)
     gaps, rates, _ = constraint_values(scene, work, x, v)
     gaps[(rows.time >= 0) | ~rows.holds_position] = 0.0
-    gaps, rates = np.abs(gaps) / row_sizes(scene), np.abs(rates) / row_sizes(scene) / motion_rate(scene, v)
-    for gap in (gaps, rates):
+    size = row_sizes(scene)
+    for gap in (np.abs(gaps) / size, np.abs(rates) / (size * motion_rate(scene, v))):
         if gap.size and gap.max() > STEADY:
             raise SceneError(
                 f"the motion is not steady: {t:.3g} s on it leaves the constraint "

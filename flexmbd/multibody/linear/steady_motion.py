@@ -90,9 +90,9 @@ class SteadyMotion:
         for one, p, R in self._poses(work, x):
             (w_l, _), (w_r, r) = np.split(one.along, 2), np.split(one.own, 2)
             linear, w = _rates(one, p, R)
-            a[one.pair.slides] = one.pair.D.T @ (np.cross(w_l, linear) + R @ np.cross(w, r))
+            a[one.pair.slides] = one.pair.D.T @ (_cross(w_l) @ linear + R @ _cross(w) @ r)
             if one.pair.spin is not None:
-                a[one.pair.spin] = -np.cross(w_r, R.T @ w_l)
+                a[one.pair.spin] = -_cross(w_r) @ R.T @ w_l
         return a
 
     def slopes(self, work: Work, x: FloatArray) -> Slopes:
@@ -107,7 +107,7 @@ class SteadyMotion:
             A[places] = B[places] = pair.D.T @ across @ pair.D
             A[turn] = B[turn] = -pair.D.T @ lever @ pair.S
             A2[places] = pair.D.T @ across @ across @ pair.D
-            change = across @ lever + R @ _cross(np.cross(seen + w_r, r)) + lever @ spun
+            change = across @ lever + R @ _cross(_cross(seen + w_r) @ r) + lever @ spun
             A2[turn] = -pair.D.T @ change @ pair.S
             if pair.spin is not None:
                 A[pair.spin, pair.spin], B[pair.spin, pair.spin] = spun, -_cross(w_r)
@@ -229,12 +229,13 @@ def _seen_by(frame: RigidMotion, twist: FloatArray) -> FloatArray:
 def _rates(one: CarriedPair, p: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
     """dp/dt in F's axes and the angular velocity in G's."""
     (w_l, linear), (w_r, r) = np.split(one.along, 2), np.split(one.own, 2)
-    return linear + np.cross(w_l, p) + R @ r, R.T @ w_l + w_r
+    return linear + _cross(w_l) @ p + R @ r, R.T @ w_l + w_r
 
 
 def _cross(a: FloatArray) -> FloatArray:
     """(3, 3) a x."""
-    return np.cross(a, np.eye(3)).T
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _displacement(twist: FloatArray) -> FloatArray:

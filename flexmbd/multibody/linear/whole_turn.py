@@ -84,7 +84,7 @@ def _precession(plan: Plan, work: Work, row: int) -> FloatArray | None:
     axis = body.R @ axes[:, 0 if gaps[0] > gaps[1] else 2]
     inertia = body.R @ (np.trace(second) * np.eye(3) - second) @ body.R.T
     upright = plan.gravity if plan.gravity.any() else inertia @ body.w
-    pair = np.column_stack([upright / max(np.linalg.norm(upright), 1e-300), axis])
+    pair = np.column_stack([upright / max(float(np.linalg.norm(upright)), 1e-300), axis])
     rates, _, rank, _ = np.linalg.lstsq(pair, body.w, rcond=SAME_MOTION)
     if rank < 2 or np.linalg.norm(pair @ rates - body.w) > SAME_MOTION * np.linalg.norm(body.w):
         return None

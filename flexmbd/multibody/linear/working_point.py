@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -40,7 +40,7 @@ class WorkingPoint(Instant):
     multipliers: FloatArray
     interiors: InteriorSnapshot = NO_INTERIORS
     unstable: int | None = None
-    steady_accelerations: FloatArray | None = None
+    steady_accelerations: FloatArray | None = field(default=None, kw_only=True)
 
     @cached_property
     def a(self) -> FloatArray:  # type: ignore[override]
