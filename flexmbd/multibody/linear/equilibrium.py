@@ -91,7 +91,8 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     try:
         found = _search(replace(start, v=v), work, motion)
     except (SceneError, np.linalg.LinAlgError) as reason:
-        changes = change_along(start.scene, work, start.x, v, motion)
+        interior = start.scene.interiors is not None  # which tells by itself that it turns
+        changes = None if interior else change_along(start.scene, work, start.x, v, motion)
         if changes is None:
             raise
         raise SceneError(f"the motion is not steady: {changes}; {WHAT_IS}") from reason
