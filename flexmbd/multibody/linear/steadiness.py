@@ -17,7 +17,7 @@ from flexmbd.multibody.kernels.reading.tree import tree_joint
 from flexmbd.multibody.linear.balance import nothing_prescribed, reactions
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, eliminate, own_coordinates
-from flexmbd.multibody.linear.frame_pairs import frame_pairs
+from flexmbd.multibody.linear.turning_pairs import turning_pairs
 from flexmbd.multibody.linear.round_off import energies_at_play
 from flexmbd.multibody.linear.steady_motion import SteadyMotion, carried
 from flexmbd.multibody.linear.whole_turn import twists
@@ -52,7 +52,7 @@ def steady_motion(
     """
     if motion_rate(scene, v) == 0.0:
         return SteadyMotion(scene), None
-    pairs = frame_pairs(scene, work, x)
+    pairs = turning_pairs(scene, work, x)
     tried: list[tuple[SteadyMotion, str | None]] = []
     for whole in twists(scene, work, x, v, pairs):
         motion = carried(scene, work, x, v, whole, pairs)

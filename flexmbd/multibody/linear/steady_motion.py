@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, world_motion
-from flexmbd.multibody.linear.frame_pairs import FramePair
+from flexmbd.multibody.linear.turning_pairs import TurningPair
 from flexmbd.multibody.linear.whole_turn import SAME_MOTION, Alike, twist_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -44,7 +44,7 @@ class CarriedPair:
         rotor: a number that those have in common that turn of their own as one body; -1 of what turns with the whole.
     """
 
-    pair: FramePair
+    pair: TurningPair
     along: FloatArray
     own: FloatArray
     rotor: int
@@ -188,7 +188,7 @@ def moves(scene: CompiledScene, v: FloatArray) -> NDArray[np.bool_]:
 
 
 def carried(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whole: FloatArray, pairs: Sequence[FramePair]
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, whole: FloatArray, pairs: Sequence[TurningPair]
 ) -> SteadyMotion:
     """The steady motion that goes through x (nx,), v (nv,) if the whole has the twist ``whole`` (6,).
 
@@ -198,7 +198,7 @@ def carried(
         x: (nx,) where.
         v: (nv,) how fast.
         whole: angular velocity (rad/s) and velocity of what is at the inertial origin (m/s), in inertial axes.
-        pairs: of ``frame_pairs``.
+        pairs: of ``turning_pairs``.
     """
     moving = moves(scene, v)
     pairs = [pair for pair in pairs if pair.on_ground or moving[pair.v].any()]

@@ -12,7 +12,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, body_motion, world_motion
 from flexmbd.multibody.kernels.reading.tree import joint_frame, masses, second_moment
-from flexmbd.multibody.linear.frame_pairs import FramePair
+from flexmbd.multibody.linear.turning_pairs import TurningPair
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +47,7 @@ def twist_of(moving: RigidMotion) -> FloatArray:
 
 
 def twists(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, pairs: Sequence[FramePair]
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, pairs: Sequence[TurningPair]
 ) -> list[FloatArray]:
     """Twists (6,), as ``steady_motion.carried`` takes them, that the whole may have, the likeliest first.
 

@@ -19,7 +19,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class FramePair:
+class TurningPair:
     """A joint between F and G whose velocities change along a turn, with the massless links that it is made of.
 
     Attributes:
@@ -53,7 +53,7 @@ class FramePair:
         return self.hinge if self.spin is None else np.arange(self.spin.start, self.spin.stop)
 
 
-def frame_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[FramePair, ...]:
+def turning_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[TurningPair, ...]:
     """All joints of the tree whose velocities change along a turn: a ball, or two slides or more."""
     plan, found = scene.plan, []
     for rows in _chains(plan):
@@ -73,7 +73,7 @@ def frame_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[FrameP
         if last.spin is None and among.sum() < 2:
             continue
         on_ground = bool(parents(plan)[rows[0]] < 0)
-        pair = FramePair(
+        pair = TurningPair(
             f, g, rows[-1], on_ground, v, places[among], plain[among], slide[:, slides], plain[~among],
             turn[:, ~slides], last.quaternion, last.spin,
         )  # fmt: skip
