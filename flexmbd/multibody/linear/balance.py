@@ -43,6 +43,7 @@ class ForceBalance:
         lacking: (nz,) the same along the independent changes.
         parts: (nz,) sum of the sizes of what ``lacking`` is made of.
         mass: (nz, nz).
+        motion: the steady motion in which they act; without turning at rest.
     """
 
     x: FloatArray
@@ -54,6 +55,7 @@ class ForceBalance:
     lacking: FloatArray
     parts: FloatArray
     mass: FloatArray
+    motion: SteadyMotion
 
     def stiffness(self, more: FloatArray | float = 0.0) -> FloatArray:
         """(nz, nz) with ``more`` (nv, nv) beside that of the state."""
@@ -115,7 +117,7 @@ def balance(
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
-    return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass)
+    return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass, motion)
 
 
 def _held_phase(scene: CompiledScene, phases: Sequence[FloatArray], of: Derivatives, v: FloatArray) -> FloatArray:

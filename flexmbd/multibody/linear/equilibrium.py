@@ -42,13 +42,12 @@ _LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium that
 
 @dataclass(frozen=True, eq=False)
 class _Machine:
-    """The scene, scratch with its functions of time, strains of its bodies, what is a large motion (nv,), the turn."""
+    """The scene, scratch with its functions of time, strains of its bodies, and what is a large motion (nv,)."""
 
     scene: CompiledScene
     work: Work
     strains: StrainPredictor
     sizes: FloatArray
-    motion: SteadyMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ def _search(start: Start, work: Work, motion: SteadyMotion) -> WorkingPoint:
     """As ``find_equilibrium``, whether or not the motion is steady."""
     scene = start.scene
     sizes = motion_sizes(scene, work, start.x)
-    machine = _Machine(scene, work, strain_predictor(scene.plan, work, scene.nv), sizes, motion)
+    machine = _Machine(scene, work, strain_predictor(scene.plan, work, scene.nv), sizes)
     here = balance(scene, work, start.x, start.v, motion=motion)
     plain = scene.interiors is None and not scene.state_mask.any() and not start.v.any()
     if not plain or has_potential(scene, here):
@@ -172,7 +171,7 @@ def _take_step(
         x = moved(scene, machine.work, here.x, np.where(scene.state_mask, 0.0, change))
         try:
             v = here.v + np.where(scene.state_mask, change, 0.0)
-            there = balance(scene, machine.work, x, v, motion=machine.motion)
+            there = balance(scene, machine.work, x, v, motion=here.motion)
         except SceneError as reason:
             if scene.interiors is None:
                 raise

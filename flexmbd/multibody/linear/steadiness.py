@@ -17,9 +17,9 @@ from flexmbd.multibody.kernels.reading.tree import tree_joint
 from flexmbd.multibody.linear.balance import nothing_prescribed, reactions
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, eliminate, own_coordinates
-from flexmbd.multibody.linear.turning_pairs import turning_pairs
 from flexmbd.multibody.linear.round_off import energies_at_play
 from flexmbd.multibody.linear.steady_motion import SteadyMotion, carried
+from flexmbd.multibody.linear.turning_pairs import turning_pairs
 from flexmbd.multibody.linear.whole_turn import twists
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
