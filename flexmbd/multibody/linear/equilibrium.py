@@ -20,7 +20,7 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.path.corrector import MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential, spectrum
-from flexmbd.multibody.linear.steadiness import WHAT_IS, change_along, refuse_unsteady, start_moving
+from flexmbd.multibody.linear.steadiness import refuse_changing, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -90,11 +90,9 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
     try:
         found = _search(replace(start, v=v), work, motion)
     except (SceneError, np.linalg.LinAlgError) as reason:
-        interior = start.scene.interiors is not None  # which tells by itself that it turns
-        changes = None if interior else change_along(start.scene, work, start.x, v, motion)
-        if changes is None:
-            raise
-        raise SceneError(f"the motion is not steady: {changes}; {WHAT_IS}") from reason
+        if start.scene.interiors is None:  # which tell by themselves that they turn
+            refuse_changing(start, v, work, motion, reason)
+        raise
     found = replace(found, steady_accelerations=motion.accelerations(work, found.x))
     refuse_unsteady(found, work, motion, balance(found.scene, work, found.x, found.v, motion=motion).of)
     return found

@@ -201,6 +201,24 @@ def _changed_rows(
     return None
 
 
+def refuse_changing(start: Start, v: FloatArray, work: Work, motion: SteadyMotion, reason: Exception) -> None:
+    """Raise SceneError, because of ``reason``, where a machine's equations change along the motion that a start begins.
+
+    The message says what accelerates there, if anything does.
+    """
+    scene = start.scene
+    changes = change_along(scene, work, start.x, v, motion)
+    if changes is None:
+        return
+    a, size = motion.accelerations(work, start.x), coordinate_sizes(scene)
+    point = WorkingPoint(scene, float(work.time[-1, 0]), start.x, v, start.multipliers, steady_accelerations=a)
+    try:
+        refuse_unsteady(point, work, motion, derive(scene.plan, work, start.x, v, start.multipliers, size=size, a=a))
+    except SceneError as unsteady:
+        raise unsteady from reason
+    raise SceneError(f"the motion is not steady: {changes}; {WHAT_IS}") from reason
+
+
 def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: Derivatives) -> None:
     """Raise SceneError where the machine, moving on from ``point``, would be accelerated otherwise, or its loops open.
 
