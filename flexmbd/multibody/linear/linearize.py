@@ -17,7 +17,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
-from flexmbd.multibody.linear.derivatives import Derivatives, derive
+from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.interior_balance import InteriorEquations, linearize_interiors
 from flexmbd.multibody.linear.output_equations import OutputDerivatives, output_derivatives
@@ -69,11 +69,10 @@ def linearize(
     Raises:
         SceneError: the motion is not steady, the constraints are singular, or an output does not fit.
     """
-    scene, size = point.scene, coordinate_sizes(point.scene)
+    scene = point.scene
     wider = linearize_interiors(scene, work, point.x, point.v, modes=modes)
-    motion, changes = steady_motion(scene, work, point.x, point.v)
+    motion, changes, own = steady_motion(scene, work, point.x, point.v, point.multipliers)
     point = replace(point, steady_accelerations=motion.accelerations(work, point.x))
-    own = derive(scene.plan, work, point.x, point.v, point.multipliers, size=size, a=point.a)
     turning = motion.slopes(work, point.x)
     of, ports = wider.derivatives(_seen_turning(own, turning)), ports.extended(wider.added)
     by = eliminate(scene, wider.coordinates, of, np.pad(turning.velocity, (0, wider.added)), ports.given)

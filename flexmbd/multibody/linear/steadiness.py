@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,23 +44,41 @@ def motion_rate(scene: CompiledScene, v: FloatArray) -> float:
     return float(np.max(moving / coordinate_sizes(scene), initial=0.0))
 
 
+class FoundMotion(NamedTuple):
+    """A steady motion, what changes along it in words, if anything, and derivatives of the equations where it is."""
+
+    motion: SteadyMotion
+    changes: str | None
+    of: Derivatives
+
+
 def steady_motion(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
-) -> tuple[SteadyMotion, str | None]:
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray | None = None
+) -> FoundMotion:
     """The steady motion through x (nx,), v (nv,) whose turning axes see the same machine at any time.
 
-    Where none do it is that of the body that most likely tells the turn of the whole, and the text says what changes.
+    Where none do it is that of the body that most likely tells the turn of the whole.
+
+    Args:
+        scene: the machine.
+        work: scratch; ``work.time`` holds the functions of time.
+        x: (nx,) where.
+        v: (nv,) how fast.
+        multipliers: (m,) reactions there; by default those that leave least out of balance.
     """
     if motion_rate(scene, v) == 0.0:
-        return SteadyMotion(scene), None
+        rest = SteadyMotion(scene)
+        return FoundMotion(rest, None, _equations(scene, work, x, v, rest, multipliers)[0])
     pairs = turning_pairs(scene, work, x)
-    tried: list[tuple[SteadyMotion, str | None]] = []
+    tried: list[FoundMotion] = []
     for whole in twists(scene, work, x, v, pairs):
         motion = carried(scene, work, x, v, whole, pairs)
-        if not motion.pairs and any(not other.pairs for other, _ in tried):
+        if not motion.pairs and any(not other.motion.pairs for other in tried):
             continue
-        tried.append((motion, change_along(scene, work, x, v, motion)))
-        if tried[-1][1] is None:
+        of, open_ = _equations(scene, work, x, v, motion, multipliers)
+        seen = _seen_turning(of, open_, motion, work, x, x, 0.0)
+        tried.append(FoundMotion(motion, _change_along(scene, work, x, v, motion, seen), of))
+        if tried[-1].changes is None:
             return tried[-1]
     return tried[0]
 
@@ -71,7 +90,7 @@ def start_moving(start: Start, work: Work) -> tuple[SteadyMotion, FloatArray]:
     steady motion, such a body's own change first, so that what hangs on it moves as one with it.
     """
     scene, x, v = start.scene, start.x, start.v
-    motion, changes = steady_motion(scene, work, x, v)
+    motion, changes, _ = steady_motion(scene, work, x, v)
     flying = np.zeros(scene.nv, bool)
     for branch in scene.topology.branches:
         if branch.connection is None:
@@ -82,12 +101,12 @@ def start_moving(start: Start, work: Work) -> tuple[SteadyMotion, FloatArray]:
     at, wanted = x.copy(), given[1]
     drive(scene.plan, work, at, wanted, np.zeros(scene.nv))
     other = match_velocities(scene, work, x, wanted, given[3], coordinates_given(scene), first=flying)
-    found, changes = steady_motion(scene, work, x, other)
+    found, changes, _ = steady_motion(scene, work, x, other)
     return (motion, v) if changes is not None else (found, other)
 
 
-def change_along(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion
+def _change_along(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion, now: Derivatives
 ) -> str | None:
     """What changes of the linear equations, seen from the turning axes, in words; None where they stay the same.
 
@@ -95,48 +114,68 @@ def change_along(
     All is compared as forces at a coordinate within the motion's own time, 1 / rate: stiffness with damping times the
     rate and mass times its square.
     """
+    rate, A = motion_rate(scene, v), motion.slopes(work, x).velocity
     try:
-        return _change_along(scene, work, x, v, motion)
+        of = replace(now, rate_slope=now.rate_slope - now.jacobian @ A)
+        by = eliminate(scene, own_coordinates(scene), of, A, nothing_prescribed(scene))
+        own = _own_forces(now, by, rate)
+        for distance in AHEAD:
+            t = distance / rate
+            there = motion.later(work, x, v, t), motion.transport(work, x, t) @ v
+            later = _seen_turning(*_equations(scene, work, *there, motion), motion, work, x, there[0], t)
+            found = _changed_rows(scene, now, later, by, A, rate)
+            found = found or _changed_matrices(scene, now, later, by, A, own, rate)
+            if found is not None:
+                return found
     except (FlexmbdError, np.linalg.LinAlgError) as reason:
         return f"along it the equations cannot be followed ({reason})"
-
-
-def _change_along(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion
-) -> str | None:
-    rate = motion_rate(scene, v)
-    now, A = _seen(scene, work, x, v, motion, 0.0), motion.slopes(work, x).velocity
-    of = Derivatives(now.mass, now.damping, now.stiffness, now.jacobian, now.rate_slope - now.jacobian @ A)
-    by = eliminate(scene, own_coordinates(scene), of, A, nothing_prescribed(scene))
-    own = _own_forces(now, by, rate)
-    for distance in AHEAD:
-        later = _seen(scene, work, x, v, motion, distance / rate)
-        found = _changed_rows(scene, now, later, by, A, rate) or _changed_matrices(scene, now, later, by, A, own, rate)
-        if found is not None:
-            return found
     return None
 
 
-def _seen(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, motion: SteadyMotion, t: float
-) -> Derivatives:
-    """Derivatives of steady motions' equations a time t (s) after x (nx,), v (nv,), seen from the turning axes."""
-    T, before = motion.transport(work, x, t), x
-    x, v = motion.later(work, x, v, t), T @ v
+def _equations(
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    motion: SteadyMotion,
+    multipliers: FloatArray | None = None,
+) -> tuple[Derivatives, FloatArray]:
+    """Derivatives at x (nx,), v (nv,) in a steady motion, and the force (nv,) that is out of balance."""
     a, force = motion.accelerations(work, x), np.zeros(scene.nv)
     residual(scene.plan, work, x, v, a, np.zeros(len(scene.plan.rows)), force)
     scene.refuse_failed(work)
-    nu = reactions(scene, work, x, v, force)
+    nu = reactions(scene, work, x, v, force) if multipliers is None else multipliers
     of = derive(scene.plan, work, x, v, nu, size=coordinate_sizes(scene), a=a)
-    by = motion.slopes(work, x)
+    return of, force + of.jacobian.T @ nu
+
+
+def _seen_turning(
+    of: Derivatives, open_: FloatArray, motion: SteadyMotion, work: Work, x: FloatArray, there: FloatArray, t: float
+) -> Derivatives:
+    """Derivatives of motions beside the steady one as the turning axes see them.
+
+    Args:
+        of: the machine's, where it is a while later.
+        open_: (nv,) force that is out of balance there.
+        motion: the steady motion.
+        work: scratch.
+        x: (nx,) where it was.
+        there: (nx,) where it is.
+        t: s, how much later.
+    """
+    if not motion.pairs:
+        return of
+    T, by = motion.transport(work, x, t), motion.slopes(work, there)
     A, B = by.velocity, by.turning
     damping = of.damping + of.mass @ (A + B)
     stiffness = of.stiffness + of.damping @ A + of.mass @ by.acceleration
-    bend = motion.bend(work, before, t, force + of.jacobian.T @ nu)
     return Derivatives(
-        T.T @ of.mass @ T, T.T @ damping @ T, T.T @ stiffness @ T + bend, of.jacobian @ T,
+        T.T @ of.mass @ T,
+        T.T @ damping @ T,
+        T.T @ stiffness @ T + motion.bend(work, x, t, open_),
+        of.jacobian @ T,
         (of.rate_slope + of.jacobian @ A) @ T,
-    )  # fmt: skip
+    )
 
 
 def _parts(seen: Derivatives, by: Elimination, A: FloatArray, rate: float) -> Iterator[tuple[str, FloatArray]]:
@@ -152,7 +191,7 @@ def _own_forces(seen: Derivatives, by: Elimination, rate: float) -> tuple[FloatA
     found = []
     for along in (by.Vz, by.Xy):
         parts = ((seen.stiffness, 1.0), (seen.damping, rate), (seen.mass, rate**2))
-        own = sum(np.abs(np.einsum("ik,ij,jk->k", along, part, along)) * factor for part, factor in parts)
+        own = sum(np.abs(((part @ along) * along).sum(axis=0)) * factor for part, factor in parts)
         found.append(np.sqrt(own))
     return found[0], found[1]
 
@@ -207,13 +246,13 @@ def refuse_changing(start: Start, v: FloatArray, work: Work, motion: SteadyMotio
     The message says what accelerates there, if anything does.
     """
     scene = start.scene
-    changes = change_along(scene, work, start.x, v, motion)
+    _, changes, of = steady_motion(scene, work, start.x, v)
     if changes is None:
         return
-    a, size = motion.accelerations(work, start.x), coordinate_sizes(scene)
+    a = motion.accelerations(work, start.x)
     point = WorkingPoint(scene, float(work.time[-1, 0]), start.x, v, start.multipliers, steady_accelerations=a)
     try:
-        refuse_unsteady(point, work, motion, derive(scene.plan, work, start.x, v, start.multipliers, size=size, a=a))
+        refuse_unsteady(point, work, motion, of)
     except SceneError as unsteady:
         raise unsteady from reason
     raise SceneError(f"the motion is not steady: {changes}; {WHAT_IS}") from reason

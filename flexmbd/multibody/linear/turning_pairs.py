@@ -65,17 +65,16 @@ def turning_pairs(scene: CompiledScene, work: Work, x: FloatArray) -> tuple[Turn
         if last.spin is None and len(plain) < 2:
             continue
         f, g = joint_frame(plan, rows[0], on_parent=True), joint_frame(plan, rows[-1])
-        columns = [_column(plan, work, x, f, g, k) for k in v]
+        columns = [_column(plan, work, x, f, g, k) for k in plain]
         turn = np.array([w for w, _ in columns]).reshape(-1, 3).T
         slide = np.array([linear for _, linear in columns]).reshape(-1, 3).T
-        slides = np.abs(turn).max(axis=0) == 0.0
-        among = slides[: len(plain)]
+        among = np.abs(turn).max(axis=0) == 0.0
         if last.spin is None and among.sum() < 2:
             continue
         on_ground = bool(parents(plan)[rows[0]] < 0)
         pair = TurningPair(
-            f, g, rows[-1], on_ground, v, places[among], plain[among], slide[:, slides], plain[~among],
-            turn[:, ~slides], last.quaternion, last.spin,
+            f, g, rows[-1], on_ground, v, places[among], plain[among], slide[:, among], plain[~among],
+            turn[:, ~among] if last.spin is None else np.eye(3), last.quaternion, last.spin,
         )  # fmt: skip
         found.append(pair)
     return tuple(found)
