@@ -112,12 +112,35 @@ def balance(
     by = eliminate(scene, own_coordinates(scene), of, slopes.velocity, given or nothing_prescribed(scene))
     if v.any():
         turned = of.damping @ slopes.velocity + of.mass @ slopes.acceleration
-        held = _held_phase(scene, motion.phases(work, x, v), of, v)
-        of = replace(of, stiffness=of.stiffness + turned + held)
+        of = replace(of, stiffness=of.stiffness + turned)
+        open_ = force + of.jacobian.T @ multipliers
+        nothing = [u for u, B in motion.symmetric_turns(work, x) if _changes_nothing(scene, of, open_, u, B)]
+        held = _held_phase(scene, [*motion.phases(work, x, v), *nothing], of, v)
+        of = replace(of, stiffness=of.stiffness + held)
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
     return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass, motion)
+
+
+def _changes_nothing(
+    scene: CompiledScene, of: Derivatives, open_: FloatArray, along: FloatArray, turning: FloatArray
+) -> bool:
+    """Whether a body's own turn changes nothing: the forces on it then turn with it, K u = - B^T f, in balance or not.
+
+    Args:
+        scene: the machine.
+        of: derivatives.
+        open_: (nv,) force out of balance.
+        along: (nv,) the turn, u.
+        turning: (nv, nv) B.
+    """
+    size, free = coordinate_sizes(scene), scene.plan.free
+    change = np.abs(of.stiffness @ along + turning.T @ open_) * size  # J
+    at_play = (np.abs(of.stiffness) @ size + np.abs(turning.T) @ np.abs(open_)) * size
+    own = np.abs(along / size).max(initial=0.0)
+    allowed = _ALLOWED * own * np.maximum(at_play, at_play[along != 0.0].max(initial=0.0))
+    return bool((change <= allowed)[free].all())
 
 
 def _held_phase(scene: CompiledScene, phases: Sequence[FloatArray], of: Derivatives, v: FloatArray) -> FloatArray:

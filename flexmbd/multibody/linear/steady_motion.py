@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, world_motion
+from flexmbd.multibody.kernels.reading.evaluated_motion import RigidMotion, body_motion, world_motion
+from flexmbd.multibody.kernels.reading.tree import masses, second_moment
 from flexmbd.multibody.linear.turning_pairs import TurningPair
-from flexmbd.multibody.linear.whole_turn import SAME_MOTION, Alike, twist_of
+from flexmbd.multibody.linear.whole_turn import SAME_MOTION, Alike, axes_of_symmetry, twist_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.rotation import from_quaternion, to_quaternion
@@ -132,6 +133,28 @@ class SteadyMotion:
                 along[one.pair.spin] += w_r
         whole = [v] if self.pairs else []
         return [*whole, *own.values(), *np.eye(len(v))[constant]]
+
+    def symmetric_turns(self, work: Work, x: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Turns of symmetric bodies about their axes: direction (nv,), and B (nv, nv) of ``Slopes`` for a unit rate.
+
+        Whether they change anything depends on what holds the body.
+        """
+        plan = self.scene.plan
+        bodies = {one.pair.body: one.pair for one in self.pairs if one.pair.spin is not None}
+        forward_kinematics(plan, work, x, *np.zeros((2, self.scene.nv)))
+        seen = [(pair, body_motion(work, row), world_motion(plan, work, pair.g)) for row, pair in bodies.items()]
+        for pair, body, G in seen:
+            if masses(plan)[pair.body] == 0.0:
+                continue
+            centre, second = second_moment(plan, pair.body)
+            arm = G.R.T @ (body.p + body.R @ centre - G.p)
+            axes = axes_of_symmetry(second) @ (G.R.T @ body.R).T
+            if len(axes) == 3 and arm.any():
+                axes = arm[None] / np.linalg.norm(arm)
+            for axis in axes:
+                own = CarriedPair(pair, np.zeros(6), np.append(axis, _cross(arm) @ axis), 0)
+                turn = SteadyMotion(self.scene, (own,))
+                yield turn.velocities(work, x, np.zeros(self.scene.nv)), turn.slopes(work, x).turning
 
     def later(self, work: Work, x: FloatArray, v: FloatArray, t: float) -> FloatArray:
         """(nx,) the configuration a time t (s) after x (nx,), from which the velocities are v (nv,)."""

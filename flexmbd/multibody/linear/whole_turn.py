@@ -73,15 +73,23 @@ def twists(
     return found + [twist for twist in precessions if twist is not None]
 
 
+def axes_of_symmetry(second: FloatArray) -> FloatArray:
+    """(k, 3) axes about which a body may turn with this second moment (3, 3): one, three of any, or none."""
+    moments, axes = np.linalg.eigh(second)
+    low, high = np.diff(moments) <= SAME_MOTION * moments[-1]
+    if low and high:
+        return np.eye(3)
+    return axes.T[[2]] if low else axes.T[[0]] if high else np.zeros((0, 3))
+
+
 def _precession(plan: Plan, work: Work, row: int) -> FloatArray | None:
     """The twist (6,) about the vertical, or the angular momentum, that a symmetric body has beside its own spin."""
     body = body_motion(work, row)
     centre, second = second_moment(plan, row)
-    moments, axes = np.linalg.eigh(second)
-    gaps = np.diff(moments)
-    if gaps.max() <= SAME_MOTION * moments[-1] or gaps.min() > SAME_MOTION * moments[-1]:
+    alike = axes_of_symmetry(second)
+    if len(alike) != 1:
         return None
-    axis = body.R @ axes[:, 0 if gaps[0] > gaps[1] else 2]
+    axis = body.R @ alike[0]
     inertia = body.R @ (np.trace(second) * np.eye(3) - second) @ body.R.T
     upright = plan.gravity if plan.gravity.any() else inertia @ body.w
     pair = np.column_stack([upright / max(float(np.linalg.norm(upright)), 1e-300), axis])
