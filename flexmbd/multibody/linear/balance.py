@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
 from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
-from flexmbd.multibody.linear.steady_motion import SteadyMotion
+from flexmbd.multibody.linear.steady_motion import OwnTurns, SteadyMotion
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
@@ -114,13 +114,25 @@ def balance(
         turned = of.damping @ slopes.velocity + of.mass @ slopes.acceleration
         of = replace(of, stiffness=of.stiffness + turned)
         open_ = force + of.jacobian.T @ multipliers
-        nothing = [u for u, B in motion.symmetric_turns(work, x) if _changes_nothing(scene, of, open_, u, B)]
+        allowed = (pair for turns in motion.symmetric_turns(work, x) for pair in _let_free(scene, of, turns))
+        nothing = [u for u, B in allowed if _changes_nothing(scene, of, open_, u, B)]
         held = _held_phase(scene, [*motion.phases(work, x, v), *nothing], of, v)
         of = replace(of, stiffness=of.stiffness + held)
     of = replace(of, stiffness=of.stiffness + of_interiors)
     parts = np.abs(force) + np.abs(of.jacobian).T @ np.abs(multipliers)
     mass = by.Vz.T @ of.mass @ by.Vz
     return ForceBalance(x, v, multipliers, of, by, force, by.Vz.T @ force, np.abs(by.Vz).T @ parts, mass, motion)
+
+
+def _let_free(scene: CompiledScene, of: Derivatives, turns: OwnTurns) -> list[tuple[FloatArray, FloatArray]]:
+    """Directions (nv,) of a body's turns that joints and loops allow, and B (nv, nv) of each."""
+    size = coordinate_sizes(scene)
+    rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)[:, None]
+    opened = np.vstack([of.jacobian @ turns.along / np.where(rows > 0.0, rows, 1.0), turns.held / scene.extent])
+    _, values, across = np.linalg.svd(opened)
+    most = _ALLOWED * np.abs(turns.along / size[:, None]).max(initial=0.0)
+    free = across[np.append(values, np.zeros(len(across) - len(values))) <= most]
+    return [(turns.along @ part, np.tensordot(part, turns.turning, 1)) for part in free]
 
 
 def _changes_nothing(

@@ -67,6 +67,21 @@ class Slopes:
 
 
 @dataclass(frozen=True, eq=False)
+class OwnTurns:
+    """Turns of a symmetric body about k axes through its centre.
+
+    Attributes:
+        along: (nv, k) velocities at 1 rad/s.
+        turning: (k, nv, nv) B of ``Slopes`` of each.
+        held: (3, k) m/s, what its joint does not let it move by.
+    """
+
+    along: FloatArray
+    turning: FloatArray
+    held: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class SteadyMotion:
     """See the module; without pairs all velocities are constant."""
 
@@ -134,11 +149,8 @@ class SteadyMotion:
         whole = [v] if self.pairs else []
         return [*whole, *own.values(), *np.eye(len(v))[constant]]
 
-    def symmetric_turns(self, work: Work, x: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Turns of symmetric bodies about their axes: direction (nv,), and B (nv, nv) of ``Slopes`` for a unit rate.
-
-        Whether they change anything depends on what holds the body.
-        """
+    def symmetric_turns(self, work: Work, x: FloatArray) -> Iterator[OwnTurns]:
+        """Turns of symmetric bodies about their axes; whether they change anything depends on what holds the body."""
         plan = self.scene.plan
         bodies = {one.pair.body: one.pair for one in self.pairs if one.pair.spin is not None}
         forward_kinematics(plan, work, x, *np.zeros((2, self.scene.nv)))
@@ -149,12 +161,14 @@ class SteadyMotion:
             centre, second = second_moment(plan, pair.body)
             arm = G.R.T @ (body.p + body.R @ centre - G.p)
             axes = axes_of_symmetry(second) @ (G.R.T @ body.R).T
-            if len(axes) == 3 and arm.any():
-                axes = arm[None] / np.linalg.norm(arm)
-            for axis in axes:
-                own = CarriedPair(pair, np.zeros(6), np.append(axis, _cross(arm) @ axis), 0)
-                turn = SteadyMotion(self.scene, (own,))
-                yield turn.velocities(work, x, np.zeros(self.scene.nv)), turn.slopes(work, x).turning
+            if not len(axes):
+                continue
+            turns = [CarriedPair(pair, np.zeros(6), np.append(axis, _cross(arm) @ axis), 0) for axis in axes]
+            motions = [SteadyMotion(self.scene, (turn,)) for turn in turns]
+            along = np.array([one.velocities(work, x, np.zeros(self.scene.nv)) for one in motions]).T
+            slides = np.array([turn.own[3:] for turn in turns]).T
+            held = slides if not len(pair.slides) else np.zeros((3, len(axes)))
+            yield OwnTurns(along, np.array([one.slopes(work, x).turning for one in motions]), held)
 
     def later(self, work: Work, x: FloatArray, v: FloatArray, t: float) -> FloatArray:
         """(nx,) the configuration a time t (s) after x (nx,), from which the velocities are v (nv,)."""
