@@ -11,12 +11,14 @@ from flexmbd.errors import SceneError
 from flexmbd.linearized import LinearizedMachine
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
-from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.linear.linearize import linearize
-from flexmbd.multibody.linear.ports import Input, find_ports
+from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.linear.linearize import LinearEquations, linearize
+from flexmbd.multibody.linear.ports import Input, Ports, find_ports
+from flexmbd.multibody.linear.steadiness import AHEAD, SAME
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start, match_motion
 from flexmbd.multibody.team import Team
 from flexmbd.run.stepping import evaluate_inputs
@@ -72,8 +74,10 @@ def linear_machine(
     whole = replace(whole, plan=whole.plan.replace(rows=scene.plan.rows), row_names=scene.row_names)
     ports = find_ports(whole, point, work.time, [*inputs, *disturbances])
     controls = sum(ports.count[: len(inputs)])
+    equations = linearize(point, work, ports, outputs, modes)
+    _refuse_changing_inputs(whole, point, equations, work, ports, [*inputs, *disturbances])
     return LinearizedMachine(
-        equations=linearize(point, work, ports, outputs, modes),
+        equations=equations,
         point=point,
         controls=ports.names[:controls],
         disturbances=ports.names[controls:],
@@ -81,3 +85,31 @@ def linear_machine(
         bodies=bodies,
         team=team,
     )
+
+
+def _refuse_changing_inputs(
+    whole: CompiledScene,
+    point: WorkingPoint,
+    equations: LinearEquations,
+    work: Work,
+    ports: Ports,
+    inputs: Sequence[Input],
+) -> None:
+    """Raise SceneError where what an input does, seen from the turning axes, changes along the steady motion."""
+    if equations.rate == 0.0 or not inputs:
+        return
+    scene, by, motion = point.scene, equations.by, equations.motion
+    Vz, sizes = by.Vz[: scene.nv], np.append(coordinate_sizes(scene), np.ones(len(by.Vz) - scene.nv))[by.z, None]
+    before = Vz.T @ ports.force
+    for distance in AHEAD:
+        t = distance / equations.rate
+        T = motion.transport(work, point.x, t)
+        there = replace(point, x=motion.later(work, point.x, point.v, t), v=T @ point.v)
+        later = Vz.T @ T.T @ find_ports(whole, there, work.time, inputs).force
+        change, whole_size = (np.abs(part * sizes).max(axis=0, initial=0.0) for part in (later - before, before))
+        if (change > SAME * whole_size).any():
+            name = ports.names[int(np.argmax(change > SAME * whole_size))]
+            raise SceneError(
+                f"the input {name!r} changes along the steady motion, so that no constant matrix gives what it does; "
+                "give a force on a joint, or one in the axes of a frame that turns along"
+            )

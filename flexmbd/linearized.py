@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import PictureError, SceneError
 from flexmbd.given import checked, is_truth
 from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.linear.linearize import LinearEquations
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -316,18 +317,22 @@ class LinearizedMachine:
         t = np.linspace(0.0, span, instants)
         growth = amplitude * np.exp(rate * t - max(0.0, rate.real) * span)
         shape, speed = (part[k, : self.scene.nv] for part in self.shapes())
-        x = np.empty((instants, self.scene.nx))
-        for i, (time, factor) in enumerate(zip(t, growth, strict=True)):
-            carried = np.empty_like(self.point.x)
-            retract(self.scene.plan, self.point.x, self.point.v * time, carried)
-            retract(self.scene.plan, carried, (factor * shape).real, x[i])
         moved = np.outer(growth, speed)
+        x, v, a = np.empty((instants, self.scene.nx)), *np.empty((2, instants, self.scene.nv))
+        point, motion, work = self.point, self.equations.motion, new_work(self.scene.plan)
+        turning = motion.slopes(work, point.x).turning
+        for i, (time, factor) in enumerate(zip(t, growth, strict=True)):
+            T = motion.transport(work, point.x, time)
+            carried = motion.later(work, point.x, point.v, time)
+            retract(self.scene.plan, carried, T @ (factor * shape).real, x[i])
+            v[i] = T @ (point.v + moved[i].real)
+            a[i] = T @ (turning @ (point.v + moved[i].real) + (rate * moved[i]).real)
         return Trajectory(
             scene=self.scene,
             t=t,
             x=x,
-            v=self.point.v + moved.real,
-            a=(rate * moved).real,
+            v=v,
+            a=a,
             row_multipliers=np.tile(self.point.multipliers, (instants, 1)),
             stats=NOTHING_SPENT,
             bodies=self.bodies,

@@ -212,11 +212,12 @@ class System(MachineAssembly):
     def equilibrium(
         self, *, t: float = 0.0, about: WorkingPoint | None = None, path: Continuation | None = None
     ) -> WorkingPoint | EquilibriumPath:
-        """Find an equilibrium near the start, or with the start's velocities a motion without accelerations.
+        """Find an equilibrium near the start, or with the start's velocities a steady motion.
 
         Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.  Bodies with
         history find their own balance in each step; the equilibrium keeps their state.  Whether it is stable its
-        ``unstable`` tells.
+        ``unstable`` tells.  In a steady motion the whole turns at one rate about one line, or moves straight on, and
+        inside symmetric rotors turn.
 
         Args:
             t: s, at which forces and motions are taken.
@@ -231,8 +232,9 @@ class System(MachineAssembly):
 
         Raises:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
-                a body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing,
-                the machine is a mechanism, moves, or holds bodies with history.
+                the motion is not steady, with the coordinate that would accelerate; or a body with history has no
+                balance, can only be stepped, or turns.  Of a path: the loads do nothing, the machine is a mechanism,
+                moves, or holds bodies with history.
             PathError: a path cannot be followed to its end; the error has what was found.
 
         Warns:
@@ -277,7 +279,7 @@ class System(MachineAssembly):
         t: float = 0.0,
         modes: InteriorModes = _INTERIOR_MODES,
     ) -> LinearizedMachine:
-        """Linearise about an equilibrium or a steady motion, one whose accelerations are zero.
+        """Linearise about an equilibrium or a steady motion, seen from the axes that turn with it.
 
         Args:
             inputs: the columns of V.  Of a JointTorque or JointForce per N m or N of its value, of another force

@@ -100,6 +100,7 @@ def test_linearized(tmp_path, monkeypatch):
     # far above the swing's frequency the load stays where it is, and the trolley moves alone
     np.testing.assert_allclose(found["far"], -1.0 / (50.0 * (2.0 * np.pi * 300.0) ** 2), rtol=1e-3)
     assert found["signal"].A.shape == (6, 6)
+    assert found["cosine"] == pytest.approx(found["exact_cosine"], rel=1e-10)
     assert (tmp_path / "crane.png").exists()
     assert (tmp_path / "swing.gif").exists()
     # the bicycle of Meijaard et al. 2007

@@ -31,6 +31,18 @@ def test_a_loop_stays_where_it_has_settled():
     assert np.ptp(scene.simulate(1.0, rtol=1e-6).position(frame), axis=0).max() > 0.1
 
 
+def test_a_joint_held_by_constraints_is_where_it_has_settled_not_where_it_was_given():
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    bar = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.5, 0.0, 0.0)), name="bar")
+    turn = fm.joint.Revolute("z")
+    hinge = scene.connect(turn, scene.ground.frame(), bar.frame(), name="hinge", way=fm.Way.CONSTRAINTS)
+    hinge.position = -1.0
+    settled = scene.equilibrium()
+    assert settled.position(bar.frame((1.0, 0.0, 0.0))) == pytest.approx([0.0, -1.0, 0.0], abs=1e-9)
+    run = scene.simulate(0.5, rtol=1e-8, about=settled)
+    np.testing.assert_allclose(run.position(bar.frame((1.0, 0.0, 0.0))), [[0.0, -1.0, 0.0]] * len(run.t), atol=1e-7)
+
+
 def test_a_state_of_another_scene_is_refused():
     other = fm.System()
     body = other.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="block")

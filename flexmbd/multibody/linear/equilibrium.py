@@ -20,6 +20,8 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.path.corrector import MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import has_potential, spectrum
+from flexmbd.multibody.linear.steadiness import refuse_changing, refuse_unsteady, start_moving
+from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor, strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -60,7 +62,7 @@ class _Step:
 
 @refuse_overflow("an equilibrium")
 def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
-    """The equilibrium, or the motion with the start's velocities and no accelerations, that lies downhill of the start.
+    """The equilibrium, or the steady motion with the start's velocities, that lies downhill of the start.
 
     With states of users' equations it is where these rest as well, found by Newton's steps alone, for what they do has
     no energy: it may be unstable, and what is unstable is not counted.
@@ -80,12 +82,29 @@ def find_equilibrium(start: Start, work: Work) -> WorkingPoint:
         work: scratch; ``work.time`` holds the functions of time.
 
     Raises:
-        SceneError: nothing balances; the message names the coordinate where most is lacking.
+        SceneError: nothing balances; the message names the coordinate where most is lacking; or what does is no steady
+            motion.
     """
+    if not start.v.any():
+        return _search(start, work, SteadyMotion(start.scene))
+    motion, v = start_moving(start, work)
+    try:
+        found = _search(replace(start, v=v), work, motion)
+    except (SceneError, np.linalg.LinAlgError) as reason:
+        if start.scene.interiors is None:  # which tell by themselves that they turn
+            refuse_changing(start, v, work, motion, reason)
+        raise
+    found = replace(found, steady_accelerations=motion.accelerations(work, found.x))
+    refuse_unsteady(found, work, motion, balance(found.scene, work, found.x, found.v, motion=motion).of)
+    return found
+
+
+def _search(start: Start, work: Work, motion: SteadyMotion) -> WorkingPoint:
+    """As ``find_equilibrium``, whether or not the motion is steady."""
     scene = start.scene
     sizes = motion_sizes(scene, work, start.x)
     machine = _Machine(scene, work, strain_predictor(scene.plan, work, scene.nv), sizes)
-    here = balance(scene, work, start.x, start.v)
+    here = balance(scene, work, start.x, start.v, motion=motion)
     plain = scene.interiors is None and not scene.state_mask.any() and not start.v.any()
     if not plain or has_potential(scene, here):
         return _downhill(machine, here)
@@ -151,7 +170,8 @@ def _take_step(
         change = step * part
         x = moved(scene, machine.work, here.x, np.where(scene.state_mask, 0.0, change))
         try:
-            there = balance(scene, machine.work, x, here.v + np.where(scene.state_mask, change, 0.0))
+            v = here.v + np.where(scene.state_mask, change, 0.0)
+            there = balance(scene, machine.work, x, v, motion=here.motion)
         except SceneError as reason:
             if scene.interiors is None:
                 raise

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
-from flexmbd.multibody.linear.derivatives import Derivatives, angular_rate_matrix, derive
+from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.interior_balance import InteriorEquations, linearize_interiors
 from flexmbd.multibody.linear.output_equations import OutputDerivatives, output_derivatives
 from flexmbd.multibody.linear.ports import Ports
 from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round_off, without_round_off
+from flexmbd.multibody.linear.steadiness import AHEAD, SAME, STEADY, left_and_parts, motion_rate, steady_motion
+from flexmbd.multibody.linear.steady_motion import Slopes, SteadyMotion
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -32,10 +32,7 @@ from flexmbd.overflow import refuse_not_finite, refuse_overflow
 
 FloatArray = NDArray[np.float64]
 
-_STEADY = 1e-6  # of the forces at play, or of 1 rad and the machine's extent times the stiffness
-_SAME = 1e-7  # of what a coordinate's own inertia and stiffness are: what may change along a steady motion
 _AT_REST = 1e-5  # rad, or of the extent, within the slowest vibration
-_AHEAD = (0.3, 1.1)  # how far along the motion (rad, or of the extent) that is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +45,8 @@ class LinearEquations:
         by: how changes of configuration and velocities follow from y, z, u.
         outputs: of the equations.
         coordinates: those of the machine, then those of interiors.
+        motion: the steady one, from whose turning axes y and z are seen.
+        rate: 1/s, of that motion; 0 at rest.
     """
 
     M: FloatArray
@@ -57,6 +56,8 @@ class LinearEquations:
     by: Elimination
     outputs: tuple[OutputDerivatives, ...]
     coordinates: Coordinates
+    motion: SteadyMotion
+    rate: float
 
 
 @refuse_overflow("the linear machine")
@@ -70,19 +71,25 @@ def linearize(
     """
     scene = point.scene
     wider = linearize_interiors(scene, work, point.x, point.v, modes=modes)
-    own = derive(scene.plan, work, point.x, point.v, point.multipliers, size=coordinate_sizes(scene))
-    of, ports = wider.derivatives(own), ports.extended(wider.added)
-    turn = np.pad(angular_rate_matrix(scene.plan, point.v), (0, wider.added))
-    by = eliminate(scene, wider.coordinates, of, turn, ports.given)
+    motion, changes, own = steady_motion(scene, work, point.x, point.v, point.multipliers)
+    point = replace(point, steady_accelerations=motion.accelerations(work, point.x))
+    turning = motion.slopes(work, point.x)
+    of, ports = wider.derivatives(_seen_turning(own, turning)), ports.extended(wider.added)
+    by = eliminate(scene, wider.coordinates, of, np.pad(turning.velocity, (0, wider.added)), ports.given)
     energies = np.append(energies_at_play(point, work), wider.coordinates.size[scene.nv :] * np.abs(wider.lacking()))
-    moving = np.where(scene.state_mask, 0.0, np.abs(point.v))
-    rate = float(np.max(moving / wider.coordinates.size[: scene.nv], initial=0.0))
+    rate = motion_rate(scene, point.v)
     _refuse_driven_unsteadily(point, work, rate)
-    _refuse_unsteady(point, work, of, by, wider, energies)
+    _refuse_unbalanced(point, work, of, by, wider, energies)
     slopes = tuple(output_derivatives(scene, point.x, point.v, output) for output in outputs)
     noise = round_off(of, by, wider.coordinates, energies, rate)
-    if rate > 0.0 and not _is_at_rest(rate, of, by, noise):
-        _refuse_changing(point, work, own, rate, slopes, outputs)
+    turns = rate > 0.0 and not _is_at_rest(rate, of, by, noise)
+    if turns:
+        if changes is not None:
+            raise SceneError(
+                f"the motion is not steady: {changes}; only motions along which the machine's equations stay the same "
+                "can be linearised"
+            )
+        _refuse_changing_outputs(point, work, motion, rate, slopes, outputs)
     by = replace(by, Ty=without_round_off(by.Ty, noise.Ty))
     M, C, K, F = _reduce(of, by, ports)
     if len(by.y) == len(by.z):
@@ -90,7 +97,7 @@ def linearize(
     C, K = without_round_off(C, noise.C), without_round_off(K, noise.K)
     refuse_not_finite("the linear machine", M, C, K, F)
     slopes = tuple(slope.extended(wider.added) for slope in slopes)
-    return LinearEquations(M, C, K, F, by, slopes, wider.coordinates)
+    return LinearEquations(M, C, K, F, by, slopes, wider.coordinates, motion, rate if turns else 0.0)
 
 
 def _reduce(of: Derivatives, by: Elimination, ports: Ports) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -131,24 +138,19 @@ def _refuse_driven_unsteadily(point: WorkingPoint, work: Work, rate: float) -> N
     scene = point.scene
     driven = driven_coordinates(scene.plan)
     for k, acceleration in zip(driven.v, work.time[driven.time, 2], strict=True):
-        if abs(acceleration) > _STEADY * rate**2 * scene.group_full[scene.group_of[k]]:
+        if abs(acceleration) > STEADY * rate**2 * scene.group_full[scene.group_of[k]]:
             raise SceneError(
                 f"the motion is not steady at t = {point.t:g} s: {scene.velocity_names[k]!r} is prescribed with an "
                 f"acceleration of {acceleration:.6g}; linearise at a time when it has none"
             )
 
 
-def _refuse_unsteady(
+def _refuse_unbalanced(
     point: WorkingPoint, work: Work, of: Derivatives, by: Elimination, wider: InteriorEquations, energies: FloatArray
 ) -> None:
     """Raise SceneError where accelerations are not zero; the message names the largest residual."""
-    scene, none = point.scene, np.zeros(point.scene.nv)
-    left, weight, held = np.zeros((3, scene.nv))
-    residual(scene.plan, work, point.x, point.v, none, point.multipliers, left)
-    light = scene.plan.replace(gravity=np.zeros(3))
-    residual(light, work, point.x, point.v, none, point.multipliers, weight)
-    residual(light, work, point.x, point.v, none, 0.0 * point.multipliers, held)
-    parts = np.abs(left - weight) + np.abs(weight - held) + np.abs(held)
+    scene = point.scene
+    left, parts = left_and_parts(scene, work, point.x, point.v, point.a, point.multipliers)
     lacks, size, names = wider.lacking(), wider.coordinates.size, wider.coordinates.names
     left, parts = np.append(left, lacks), np.append(parts, np.abs(lacks))
     states = wider.coordinates.states
@@ -156,8 +158,8 @@ def _refuse_unsteady(
     lacking = by.Vz.T @ left
     # what little the forces on the bodies that it carries leave along a coordinate is balanced
     scale = np.abs(by.Vz).T @ (parts + stiff + energies / size)
-    worst = int(np.argmax(np.abs(lacking) - _STEADY * scale)) if len(lacking) else 0
-    if len(lacking) and np.abs(lacking[worst]) > _STEADY * scale[worst]:
+    worst = int(np.argmax(np.abs(lacking) - STEADY * scale)) if len(lacking) else 0
+    if len(lacking) and np.abs(lacking[worst]) > STEADY * scale[worst]:
         raise SceneError(
             f"the motion is not steady: at {names[by.z[worst]]!r} a force of {-lacking[worst]:.6g} (N, "
             f"N m, or modal) is not balanced, of {scale[worst]:.6g} at play; linearise about scene.equilibrium(), or "
@@ -178,55 +180,38 @@ def _is_at_rest(rate: float, of: Derivatives, by: Elimination, noise: RoundOff) 
     return rate <= _AT_REST * float(np.sqrt(np.min(swinging, initial=np.inf))) < np.inf
 
 
-def _refuse_changing(
+def _seen_turning(of: Derivatives, turning: Slopes) -> Derivatives:
+    """Derivatives of a machine's equations by velocities w and places xi seen from the turning axes.
+
+    There velocities change by dw/dt + B w, and d xi/dt = dw - A xi.
+    """
+    places = turning.acceleration - turning.turning @ turning.velocity
+    return replace(of, damping=of.damping + of.mass @ turning.turning, stiffness=of.stiffness + of.mass @ places)
+
+
+def _refuse_changing_outputs(
     point: WorkingPoint,
     work: Work,
-    of: Derivatives,
+    motion: SteadyMotion,
     rate: float,
     slopes: Sequence[OutputDerivatives],
     outputs: Sequence[Output],
 ) -> None:
-    """Raise SceneError where the equations change along the motion, for then they are not those of a steady one.
-
-    All is compared as forces at a coordinate within the motion's own time, 1 / ``rate`` (s): stiffness with damping
-    times the rate and mass times its square.
-    """
-    scene = point.scene
-    size, free = scene.group_full[scene.group_of], scene.plan.free
-    matrices = (("stiffness", 1.0), ("damping", rate), ("mass", rate**2))
-    own = np.sqrt(sum(np.abs(np.diag(getattr(of, name))) * factor for name, factor in matrices)[free])
-    rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)
-    for distance in _AHEAD:
-        x = np.empty_like(point.x)
-        retract(scene.plan, point.x, point.v * (distance / rate), x)
-        later = derive(scene.plan, work, x, point.v, point.multipliers, size=size)
-        for name, factor in matrices:
-            change = factor * np.abs(getattr(later, name) - getattr(of, name))[np.ix_(free, free)]
-            _refuse_changed(point, name, change / np.outer(own, own))
-        for old, new, scale in ((of.jacobian, later.jacobian, rows), (of.rate_slope, later.rate_slope, rows * rate)):
-            for k in np.flatnonzero(np.abs((new - old) * size).max(axis=1, initial=0.0) > _SAME * scale):
-                raise SceneError(
-                    f"the motion is not steady: along it the constraint {scene.row_names[k]!r} changes; only motions "
-                    "along which the machine's equations stay the same can be linearised"
-                )
+    """Raise SceneError where what is observed of the same motions beside the steady one changes along it."""
+    size = coordinate_sizes(point.scene)
+    for distance in AHEAD:
+        t = distance / rate
+        T = motion.transport(work, point.x, t)
+        x = motion.later(work, point.x, point.v, t)
         for slope, output in zip(slopes, outputs, strict=True):
-            there = output_derivatives(scene, x, point.v, output)
-            if np.abs((there.L - slope.L) * size).max() > _SAME * _largest(slope.L * size):
+            there = output_derivatives(point.scene, x, T @ point.v, output)
+            scale = _largest(slope.L * size)
+            moved = _largest((there.L @ T - slope.L) * size), _largest((there.G @ T - slope.G) * size) / rate
+            if max(moved) > SAME * scale:
                 raise SceneError(
                     f"the output {slope.names[0]!r} changes along the steady motion, so that no constant matrix gives "
                     "it; observe a joint's coordinates, or a frame that does not turn"
                 )
-
-
-def _refuse_changed(point: WorkingPoint, name: str, change: FloatArray) -> None:
-    """``change`` (free, free): of each entry, over the geometric mean of what the two coordinates have of their own."""
-    if change.size and change.max() > _SAME:
-        k = point.scene.plan.free[np.unravel_index(int(change.argmax()), change.shape)[1]]
-        raise SceneError(
-            f"the motion is not steady: along it the {name} of {point.scene.velocity_names[k]!r} changes by "
-            f"{change.max():.3g} of the forces of the motion itself; only motions along which the machine's equations "
-            "stay the same can be linearised"
-        )
 
 
 def _largest(values: FloatArray) -> float:

@@ -33,7 +33,7 @@ def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
     Of each body its weight, what its joints pass on and the reactions of loops, all by their sizes.
     """
     scene, plan = point.scene, point.scene.plan
-    residual(plan, work, point.x, point.v, np.zeros(scene.nv), point.multipliers, np.zeros(scene.nv))
+    residual(plan, work, point.x, point.v, point.a, point.multipliers, np.zeros(scene.nv))
     length, wrenches = scene.extent, required_wrenches(work)[: len(plan.tree)]
     passed = length * np.linalg.norm(wrenches[:, :3], axis=1)
     passed += np.linalg.norm(wrenches[:, 3:], axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class WorkingPoint(Instant):
-    """A state of a machine whose accelerations are to be zero.
+    """A state that stays, or goes on steadily.
 
     Attributes:
         scene: the compiled scene, without redundant rows.
@@ -31,6 +31,7 @@ class WorkingPoint(Instant):
         interiors: what bodies with history remember there.
         unstable: of an equilibrium how many independent motions have a negative tangent stiffness: with none it is
             stable; None of a state of a trajectory. In a steady motion gyroscopic forces may hold what they count.
+        steady_accelerations: (nv,) of a steady motion; None where all are zero.
     """
 
     scene: CompiledScene
@@ -40,13 +41,14 @@ class WorkingPoint(Instant):
     multipliers: FloatArray
     interiors: InteriorSnapshot = NO_INTERIORS
     unstable: int | None = None
+    steady_accelerations: FloatArray | None = field(default=None, kw_only=True)
 
     __repr__ = brief
 
     @cached_property
     def a(self) -> FloatArray:  # type: ignore[override]
-        """(nv,) zeros."""
-        return np.zeros_like(self.v)
+        """(nv,) accelerations of a steady motion: of coordinates that do not turn with it zeros."""
+        return np.zeros_like(self.v) if self.steady_accelerations is None else self.steady_accelerations
 
 
 def frame_motion(scene: CompiledScene, frame: Frame, x: FloatArray, v: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ from flexmbd.multibody.plan.scene_matrices import (
     row_sizes,
 )
 from flexmbd.multibody.start.design_position import assemble_from_design
-from flexmbd.multibody.start.given_coordinates import GivenCoordinates, coordinates_given
+from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, GivenCoordinates, coordinates_given
 from flexmbd.multibody.start.independent_rows import (
     LEADS_ON,
     RowChoice,
@@ -122,7 +122,7 @@ def consistent_start(
     drive(scene.plan, work, x, v, np.zeros(scene.nv))
     if memories is None:
         place_flying(scene, work, x, v)
-    given = coordinates_given(scene)
+    given = coordinates_given(scene) if memories is None else NOTHING_GIVEN
     scene = _set_couplings(scene, work, x, held_x, given)
     led = x if given.positions or memories is not None else assemble_from_design(scene, work, x, held_x)
     closing = close_loops(scene, work, led, held_x, given)

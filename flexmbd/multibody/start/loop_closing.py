@@ -230,11 +230,19 @@ def _gauss_newton(
 
 
 def match_velocities(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, held: Mask, given: GivenCoordinates = NOTHING_GIVEN
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    held: Mask,
+    given: GivenCoordinates = NOTHING_GIVEN,
+    *,
+    first: Mask | None = None,
 ) -> FloatArray:
     """The velocity (nv,) nearest to v that keeps the loops closed; arguments as of ``close_loops``.
 
-    Modal rates change only by what no rigid motion can, by the least kinetic energy.
+    Modal rates change only by what no rigid motion can, by the least kinetic energy; before all others those of
+    ``first`` (nv,) change, if any.
 
     Raises:
         AssemblyError: no velocity keeps the loops closed.
@@ -253,7 +261,10 @@ def match_velocities(
     size = coordinate_sizes(scene)
     rate = max(_largest(v / size), _largest(gap))  # 1/s, the machine's
     change: FloatArray = np.zeros(scene.nv)
-    for stage in _stages(scene, held, np.ones(scene.nv) * (modal_stiffness(scene) > 0.0)):
+    stages = _stages(scene, held, np.ones(scene.nv) * (modal_stiffness(scene) > 0.0))
+    if first is not None:
+        stages.insert(0, _Stage(first, np.zeros(scene.nv), False))
+    for stage in stages:
         if _largest(gap) <= SAME_RATE * rate:
             break
         if given.velocities and (stage.movable & held).any():

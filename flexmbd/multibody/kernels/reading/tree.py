@@ -103,6 +103,16 @@ def masses(plan: Plan) -> FloatArray:
     return plan.rigid[: len(plan.tree), at.MASS]
 
 
+def second_moment(plan: Plan, row: int) -> tuple[FloatArray, FloatArray]:
+    """Centre of mass (3,) (m) and second moment about it (3, 3) (kg m^2) of an undeformed link that has mass."""
+    first = plan.rigid[row, at.FIRST_MOMENT : at.SECOND_MOMENT]
+    about_frame = np.zeros((3, 3))
+    about_frame[np.triu_indices(3)] = plan.rigid[row, at.SECOND_MOMENT :]
+    about_frame += np.triu(about_frame, 1).T
+    mass = plan.rigid[row, at.MASS]
+    return first / mass, about_frame - np.outer(first, first) / mass
+
+
 def frame_owner(plan: Plan, frame: int) -> int:
     """Row of the link that carries a frame, -1 the ground."""
     return int(plan.frame_of[frame, at.FRAME_BODY])
