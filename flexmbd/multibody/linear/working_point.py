@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,8 @@ class WorkingPoint(Instant):
         interiors: what bodies with history remember there.
         unstable: of an equilibrium how many independent motions have a negative tangent stiffness: with none it is
             stable; None of a state of a trajectory. In a steady motion gyroscopic forces may hold what they count.
+        neutral: of an equilibrium names of coordinates, one for each independent motion that nothing resists; they
+            stay where they were.
     """
 
     scene: CompiledScene
@@ -39,6 +41,7 @@ class WorkingPoint(Instant):
     multipliers: FloatArray
     interiors: InteriorSnapshot = NO_INTERIORS
     unstable: int | None = None
+    neutral: tuple[str, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def a(self) -> FloatArray:  # type: ignore[override]

@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
-from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes, load_slopes
+from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes
 from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness, spectrum
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -65,6 +65,9 @@ class MachineSpace:
         v: (nv,) velocities at which it is in balance; zeros of an equilibrium.
         size: (nv,) of ``motion_sizes``, rad or m.
         typical: of these sizes, what counts as much as the range of factors in the product (``typical_motion``).
+        at_play: (nv,) J, of ``forces_at_play``, below whose round-off nothing resists a coordinate; zeros where no
+            coordinate has so little of its own.
+        remembers: whether force elements with memory note each point; else the path is no way that they went.
     """
 
     scene: CompiledScene
@@ -75,6 +78,8 @@ class MachineSpace:
     v: FloatArray
     size: FloatArray
     typical: float = 1.0
+    at_play: FloatArray | float = 0.0
+    remembers: bool = True
 
     def product(self, a: PathDirection, b: PathDirection) -> float:
         """<a, b>."""
@@ -91,14 +96,14 @@ class MachineSpace:
         Raises:
             SceneError: as ``balance``.
         """
-        slopes = load_slopes(self.scene, self.work, self.loading, x, self.v, factor=factor, width=self.width)
+        slopes = self.loading.slopes(self.work, x, self.v, factor=factor, width=self.width)
         further = self.loading.apply(self.work, factor)
         found = balance(self.scene, self.work, x, self.v, given=slopes.given, further=further)
         return MachinePoint(x, factor, found, slopes, iterations)
 
     def spectrum(self, here: MachinePoint) -> MotionSpectrum:
         """Of its stiffness."""
-        return spectrum(self.scene, here.at)
+        return spectrum(self.scene, here.at, at_play=self.at_play)
 
     def along_factor(self, sign: float) -> PathDirection:
         """The factor's own direction."""
@@ -132,12 +137,12 @@ class MachineSpace:
         Analysis, section 5.6.2): s = 0 where bending to either side is alike.
         """
         z, stiffness = here.at.by.z, here.at.stiffness()
-        scale = 1.0 / own_stiffness(stiffness, self.size[z])
+        scale = 1.0 / self._own(z, stiffness)
         left = scale * np.linalg.svd(scale[:, None] * stiffness * scale)[0][:, -1]
 
         def slope(along: PathDirection) -> float:
             length = _APART / self.largest(along)
-            beside = [self.at(*self._moved(here.x, here.factor, along.times(side))).at for side in (-length, length)]
+            beside = [self.at(*self.moved(here.x, here.factor, along.times(side))).at for side in (-length, length)]
             if not all(np.array_equal(one.by.z, z) for one in beside):  # of a loop whose dependent coordinates change
                 return 0.0
             change = beside[1].stiffness() - beside[0].stiffness()
@@ -146,6 +151,11 @@ class MachineSpace:
         by_path = slope(tangent)
         share = -0.5 * slope(mode) / by_path if by_path != 0.0 else 0.0
         return unit(self, mode.plus(tangent.times(share)))
+
+    def against(self, here: MachinePoint, unresolved: FloatArray) -> PathDirection:
+        """The direction in which forces (nz,) push, each coordinate by as much as its own stiffness would let it."""
+        z = here.at.by.z
+        return PathDirection(here.at.by.Vz @ (-unresolved / self._own(z, here.at.stiffness()) ** 2), 0.0)
 
     def newton_step(self, here: MachinePoint, across: PathDirection) -> PathDirection:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
@@ -163,16 +173,16 @@ class MachineSpace:
             ConvergenceError: Newton's method does not converge.
             SceneError: as ``balance``, or the loops do not close.
         """
-        x, factor = start.x, start.factor
+        x, factor, strained = start.x, start.factor, self.strains.at(start.x)
 
         def iterate(change: PathDirection, iteration: int, close: bool) -> MachinePoint | PathDirection:
-            nonlocal x, factor
-            predicted = self.strains.at(x) + self.strains.change(x, change.xi)
-            x, factor = self._moved(x, factor, change)
-            here = self.at(x, factor, iteration)
+            nonlocal x, factor, strained
+            predicted = strained + self.strains.change(x, change.xi)
+            x, factor = self.moved(x, factor, change)
+            here, strained = self.at(x, factor, iteration), self.strains.at(x)
             if close:
                 return here
-            more = self.strains.stiffness(x, predicted - self.strains.at(x))
+            more = self.strains.stiffness(x, predicted - strained)
             return self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
 
         return corrected(self, step, iterate, most=_ITERATIONS)
@@ -185,19 +195,23 @@ class MachineSpace:
     def remembered(self, here: MachinePoint, factor: float) -> MachinePoint:
         """The point, its factor rounded to the given one, with what elements with memory note of it."""
         here = replace(here, factor=factor)
-        if not memories_end(self.scene.plan):
+        if not self.remembers or not memories_end(self.scene.plan):
             return here
         x = here.x.copy()
         self.loading.apply(self.work, here.factor)
         remember(self.scene.plan, self.work, x, here.at.v, here.factor)
         return replace(here, x=x)
 
-    def _moved(self, x: FloatArray, factor: float, change: PathDirection) -> tuple[FloatArray, float]:
+    def moved(self, x: FloatArray, factor: float, change: PathDirection) -> tuple[FloatArray, float]:
         """After a change."""
         factor = factor + change.factor
         self.loading.apply(self.work, factor)
         after = moved(self.scene, self.work, x, change.xi, driven=True)
         return after, factor
+
+    def _own(self, z: NDArray[np.int64], stiffness: FloatArray) -> FloatArray:
+        """(nz,) unit of the independent coordinates' own stiffness."""
+        return own_stiffness(stiffness, self.size[z], np.broadcast_to(self.at_play, self.scene.nv)[z])
 
     def _solution(
         self,
@@ -214,10 +228,10 @@ class MachineSpace:
         stiffness.
         """
         by, at = here.at.by, here.at
-        follows = by.Xu[:, 0]
+        follows = by.Xu.sum(axis=1)  # of its one input, or none
         load = by.Vz.T @ (here.slopes.force + (at.of.stiffness + more) @ follows)
         stiffness, n = at.stiffness(more), len(by.z)
-        scale = 1.0 / own_stiffness(stiffness, self.size[by.z])
+        scale = 1.0 / self._own(by.z, stiffness)
         matrix = np.zeros((n + 1, n + 1))
         matrix[:n, :n] = scale[:, None] * stiffness * scale
         matrix[:n, n] = scale * load * self.width
