@@ -18,6 +18,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 200
+_FEW = 30  # iterations without anything unstable
 _STEP = 0.3  # rad, or of the machine's extent: the longest step
 _CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
 _NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
@@ -33,6 +34,16 @@ class _Step:
     along: FloatArray
     unstable: int
     softest: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Machine:
+    """The scene, scratch with its functions of time, strains of its bodies, and what is a large motion (nv,)."""
+
+    scene: CompiledScene
+    work: Work
+    strains: StrainPredictor
+    sizes: FloatArray
 
 
 def stable_below(
@@ -75,14 +86,38 @@ def stable_below(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Machine:
-    """The scene, scratch with its functions of time, strains of its bodies, and what is a large motion (nv,)."""
+def newton_cut(
+    scene: CompiledScene,
+    work: Work,
+    start: ForceBalance,
+    strains: StrainPredictor,
+    sizes: FloatArray,
+    *,
+    stays_stable: bool,
+) -> ForceBalance | None:
+    """The equilibrium to which Newton's own steps lead, cut where they are long; None where they do not.
 
-    scene: CompiledScene
-    work: Work
-    strains: StrainPredictor
-    sizes: FloatArray
+    Args:
+        scene: as of ``stable_below``, like those that follow.
+        work: as there.
+        start: as there.
+        strains: as there.
+        sizes: as there.
+        stays_stable: give up where the machine is unstable on the way, and cut steps as in ``stable_below``.
+    """
+    machine, here, predicted = _Machine(scene, work, strains, sizes), start, strains.at(start.x)
+    for _ in range(_FEW):
+        more = strains.stiffness(here.x, predicted - strains.at(here.x))
+        step = _newton_step(machine, here, more)
+        if step.unstable and stays_stable:
+            return None
+        along = step.along if not step.unstable else -here.by.Vz @ np.linalg.solve(here.stiffness(more), here.lacking)
+        size = step_size(sizes, along)
+        cut = along * min(1.0, _STEP / max(size, _STEP))
+        here, predicted = _take_step(machine, here, cut, predicted, searches=stays_stable and size > _CONVERGED)
+        if size <= _CONVERGED:
+            return here
+    return None
 
 
 def _take_step(

@@ -83,7 +83,7 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> Found
             raise
         there = forces_let_go(scene, work, here, strains, sizes).point.at
     after = spectrum(scene, there)
-    if after.unstable and not there.v.any():
+    if after.diverging and not there.v.any():
         raise SceneError(
             f"no stable equilibrium found: from the one that was, {_growing(scene, after)}; forces that follow what they "
             "act on may leave none"
@@ -137,7 +137,7 @@ def _warning(scene: CompiledScene, found: Settled) -> str | None:
     if not found.moved:
         return None
     # gyroscopic forces may hold an even number of motions that the stiffness does not (Thomson and Tait), no odd one
-    if after.unstable and (rests or after.negative % 2):
+    if after.diverging and (rests or after.diverging % 2):
         return (
             f"the equilibrium is unstable: {_growing(scene, after)}; stable=True searches for one that the machine "
             "settles in, path=fm.Continuation(to=...) shows where this one becomes unstable as the load grows"
@@ -151,10 +151,10 @@ def _warning(scene: CompiledScene, found: Settled) -> str | None:
 
 
 def _growing(scene: CompiledScene, after: MotionSpectrum) -> str:
-    """How many motions grow, and the coordinate that one of them moves most."""
-    parts = np.abs(after.growing_mode()) / coordinate_sizes(scene)
+    """How many motions lead away, and the coordinate that one of them moves most."""
+    parts = np.abs(after.diverging_mode()) / coordinate_sizes(scene)
     name = scene.velocity_names[int(np.argmax(parts))]
-    count = "one motion grows" if after.unstable == 1 else f"{after.unstable} independent motions grow"
+    count = "one motion grows" if after.diverging == 1 else f"{after.diverging} independent motions grow"
     return f"{count}, most of all in {name!r}"
 
 

@@ -49,14 +49,9 @@ class MotionSpectrum:
         return count_growing(self.values, self.round_off)
 
     @property
-    def negative(self) -> int:
-        """How many eigenvalues have passed zero, where limit points and bifurcations lie; without a potential 0 or 1.
-
-        There two of them may meet and part again, and only whether their number is odd is kept.
-        """
-        real = self.values.real[~flutters(self.values) & ~self.idle]
-        count = int(np.count_nonzero(real < 0.0))
-        return count if self.has_potential else count % 2
+    def diverging(self) -> int:
+        """How many of them grow without swinging: eigenvalues that are real and negative."""
+        return int(np.count_nonzero(self._diverge))
 
     @property
     def idle(self) -> NDArray[np.bool_]:
@@ -90,9 +85,13 @@ class MotionSpectrum:
         """(nv,) of eigenvalue k."""
         return self.shapes[:, k]
 
-    def growing_mode(self) -> FloatArray:
-        """(nv,) of the first eigenvalue whose motion grows."""
-        return self.shapes[:, int(np.argmax(grows(self.values, self.round_off)))]
+    def diverging_mode(self) -> FloatArray:
+        """(nv,) of the first of those that grow without swinging."""
+        return self.shapes[:, int(np.argmax(self._diverge))]
+
+    @property
+    def _diverge(self) -> NDArray[np.bool_]:
+        return np.asarray(grows(self.values, self.round_off) & ~flutters(self.values))
 
     def flutter_mode(self) -> FloatArray:
         """(nv,) of the two eigenvalues that became complex last."""

@@ -30,6 +30,8 @@ FloatArray = NDArray[np.float64]
 _ITERATIONS = 12
 _ALIKE = 1e-6  # of what is remembered: up to round-off
 _SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in the unit of its own stiffness
+_SOFT = 1e-8  # of the stiffest motion: so soft, nothing resists it
+_BALANCED = 1e-9  # of the forces at play: what drives nothing
 _APART = float(np.finfo(float).eps ** (1 / 3))  # rad, of the extent or the range: between points of a difference
 
 
@@ -53,6 +55,30 @@ class MachinePoint:
 
 
 @dataclass(frozen=True, eq=False)
+class StillMotions:
+    """Motions that nothing resists, which stay where they are while Newton's method finds the others' balance.
+
+    On its way the stiffness along them is that of forces out of balance, and no measure of where they are to go.
+
+    Attributes:
+        changes: (nz, k) of them, each coordinate in the unit of its own stiffness.
+        forces: (nz, k) that no other motion balances.
+    """
+
+    changes: FloatArray
+    forces: FloatArray
+
+    def beside(self, matrix: FloatArray, right: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Linear equations (n + 1,) in which these do not move; what they leave of the forces is unknown in turn."""
+        n, k = self.changes.shape
+        wide = np.pad(matrix, ((0, k), (0, k)))
+        wide[n + 1 :, :n] = self.changes.T
+        forces = scale[:, None] * self.forces
+        wide[:n, n + 1 :] = forces / np.linalg.norm(forces, axis=0)
+        return wide, np.append(right, np.zeros(k))
+
+
+@dataclass(frozen=True, eq=False)
 class MachineSpace:
     """A machine under loads that follow one factor.
 
@@ -65,8 +91,7 @@ class MachineSpace:
         v: (nv,) velocities at which it is in balance; zeros of an equilibrium.
         size: (nv,) of ``motion_sizes``, rad or m.
         typical: of these sizes, what counts as much as the range of factors in the product (``typical_motion``).
-        at_play: (nv,) J, of ``forces_at_play``, below whose round-off nothing resists a coordinate; zeros where no
-            coordinate has so little of its own.
+        at_play: (nv,) J, of ``forces_at_play``; zeros where no motion is so soft that their round-off would move it.
         remembers: whether force elements with memory note each point; else the path is no way that they went.
     """
 
@@ -127,7 +152,8 @@ class MachineSpace:
 
     def tangent(self, here: MachinePoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
-        return unit(self, self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
+        lacking = 0.0 * here.at.lacking
+        return unit(self, self._solution(here, onwards, lacking, 1.0, 0.0, still=self.still(here)))
 
     def other_path(self, here: MachinePoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
         """Unit direction of the path that crosses another one at a bifurcation.
@@ -159,7 +185,7 @@ class MachineSpace:
 
     def newton_step(self, here: MachinePoint, across: PathDirection) -> PathDirection:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
-        return self._solution(here, across, here.at.lacking, 0.0, 0.0)
+        return self._solution(here, across, here.at.lacking, 0.0, 0.0, still=self.still(here))
 
     def correct(
         self, start: MachinePoint, step: PathDirection, across: PathDirection, *, undetermined: int = 0
@@ -174,6 +200,7 @@ class MachineSpace:
             SceneError: as ``balance``, or the loops do not close.
         """
         x, factor, strained = start.x, start.factor, self.strains.at(start.x)
+        still = self.still(start)
 
         def iterate(change: PathDirection, iteration: int, close: bool) -> MachinePoint | PathDirection:
             nonlocal x, factor, strained
@@ -183,7 +210,7 @@ class MachineSpace:
             if close:
                 return here
             more = self.strains.stiffness(x, predicted - strained)
-            return self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
+            return self._solution(here, across, here.at.lacking, 0.0, more, undetermined, still)
 
         return corrected(self, step, iterate, most=_ITERATIONS)
 
@@ -213,6 +240,28 @@ class MachineSpace:
         """(nz,) unit of the independent coordinates' own stiffness."""
         return own_stiffness(stiffness, self.size[z], np.broadcast_to(self.at_play, self.scene.nv)[z])
 
+    def softest(self, here: MachinePoint) -> float:
+        """The smallest stiffness over the largest one, of motions in units of the coordinates' own; 1 of none."""
+        stiffness = here.at.stiffness()
+        if not len(stiffness):
+            return 1.0
+        scale = 1.0 / self._own(here.at.by.z, stiffness)
+        values = np.linalg.svd(scale[:, None] * stiffness * scale, compute_uv=False)
+        return float(values[-1] / values[0]) if values[0] > 0.0 else 0.0
+
+    def still(self, here: MachinePoint) -> StillMotions | None:
+        """The motions that nothing resists at a point and nothing drives, if there are any."""
+        if not np.any(self.at_play):
+            return None
+        z, stiffness = here.at.by.z, here.at.stiffness()
+        scale = 1.0 / self._own(z, stiffness)
+        left, values, across = np.linalg.svd(scale[:, None] * stiffness * scale)
+        forces = np.broadcast_to(self.at_play, self.scene.nv)[z] / self.size[z] * scale
+        nothing = _BALANCED * float(np.linalg.norm(forces))
+        driven = np.abs(left.T @ (scale[:, None] * np.stack([here.at.lacking, here.at.by.Vz.T @ here.slopes.force], 1)))
+        kept = (values <= _SOFT * values[0]) & (driven <= nothing).all(axis=1)
+        return StillMotions(across[kept].T, left[:, kept] / scale[:, None]) if kept.any() else None
+
     def _solution(
         self,
         here: MachinePoint,
@@ -221,6 +270,7 @@ class MachineSpace:
         along: float,
         more: FloatArray | float,
         undetermined: int = 0,
+        still: StillMotions | None = None,
     ) -> PathDirection:
         """The change that the linear equations give: nothing lacks any longer, and <across, change> = along.
 
@@ -238,11 +288,16 @@ class MachineSpace:
         weights = across.xi / (self.typical * self.size) ** 2
         matrix[n, :n] = (weights @ by.Vz) * scale
         matrix[n, n] = (weights @ follows) * self.width + across.factor / self.width
-        # the factor's column and the plane's row in units of their own
-        column, row = (float(np.abs(part).max()) or 1.0 for part in (matrix[:n, n], matrix[n]))
+        # the factor's column, then the plane's row in units of their own
+        column = float(np.abs(matrix[:n, n]).max(initial=0.0)) or 1.0
         matrix[:, n] /= column
+        row = float(np.abs(matrix[n]).max()) or 1.0
         matrix[n] /= row
-        found = _least_squares(matrix, np.append(-scale * lacking, along / row), undetermined)
+        right = np.append(-scale * lacking, along / row)
+        if still is not None:
+            found = _least_squares(*still.beside(matrix, right, scale), undetermined)[: n + 1]
+        else:
+            found = _least_squares(matrix, right, undetermined)
         found[n] /= column
         factor = float(found[n]) * self.width
         return PathDirection(by.Vz @ (found[:n] * scale) + follows * factor, factor)

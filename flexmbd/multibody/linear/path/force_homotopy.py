@@ -1,13 +1,15 @@
 """The equilibrium that a machine comes to when the forces that its start lacks are let go.
 
 All of them at once are Newton's step, which is taken where it stays near what the linear equations predict, does work
-and passes no change of the stiffness.  Otherwise they are held and let go along a path (Newton's homotopy; Allgower &
-Georg 1990, Numerical Continuation Methods, section 1.5), from a point of which to the next the same holds.
+and passes no change of the stiffness.  Shorter steps of his follow where the machine stays stable on the way.  Otherwise
+the forces are held and let go along a path (Newton's homotopy; Allgower & Georg 1990, Numerical Continuation Methods,
+section 1.5).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +20,12 @@ from flexmbd.continuation.space import PathDirection, typical_motion, unit, unti
 from flexmbd.continuation.station import station
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.linear.balance import ForceBalance
+from flexmbd.multibody.linear.balance import ForceBalance, step_size
+from flexmbd.multibody.linear.downhill import newton_cut
 from flexmbd.multibody.linear.forces_at_play import forces_at_play
 from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
-from flexmbd.multibody.linear.stability import MotionSpectrum
+from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -31,10 +34,11 @@ FloatArray = NDArray[np.float64]
 _LONGEST = 0.5  # rad, or of the extent: of a path's steps
 _POINTS = 60  # of a path
 _CONVERGED = 1e-9  # rad, or of the extent: a step so short is Newton's last one
+_REFINEMENTS, _DIGITS = 3, 1e-12  # further steps, and of what was gone what they need not tell
 _STRAIGHT = 0.1  # rad, or of the extent: by how much the middle of a step that is longer than 1 may lie off the path
-_RESOLVED = 1e-12  # of what the linear equations sum: what they leave, if they determine all motions
+_RESOLVED = 1e-12  # of what linear equations sum: what they leave where they determine all motions
 _NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
-_SLACK = 1e-8  # of the largest own stiffness: so much less may be round-off, and is compared with the forces at play
+_SLACK = 1e-8  # of the largest stiffness: so much less may be round-off, and is compared with the forces at play
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +74,12 @@ def forces_let_go(
         SceneError: there is none.
     """
     loading = LackingTakenAway(start.open_force(), len(scene.plan.rows))
-    at_play = _at_play(scene, work, start, sizes)
-    space = MachineSpace(scene, work, strains, loading, 1.0, start.v, sizes, at_play=at_play, remembers=False)
+    space = MachineSpace(scene, work, strains, loading, 1.0, start.v, sizes, remembers=False)
     goal = MachinePoint(start.x, 1.0, start, loading.slopes(work, start.x, start.v, factor=1.0, width=1.0), 0)
+    if _has_soft_motions(space, goal):
+        space = replace(space, at_play=forces_at_play(scene, work, start))
     step, before = space.newton_step(goal, space.along_factor(1.0)), space.spectrum(goal)
-    open_ = _unresolved(space, goal, step)
+    open_ = _unresolved(space, goal, step) if np.any(space.at_play) else np.zeros(len(start.by.z))
     if open_.any():
         return _along_the_path(space, goal, before, open_)
     if space.largest(step) <= _CONVERGED:
@@ -86,8 +91,16 @@ def forces_let_go(
         found = until(lambda: _at_once(space, goal, step))
         if found is not None:
             after = space.spectrum(found)
-            if _alike(before, after):
-                return _balanced(space, Settled(found, after, True, False))
+            if after.diverging == 0 or _alike(before, after):
+                return _balanced(space, goal, Settled(found, after, True, False))
+        if not np.any(space.at_play):
+            cut = partial(newton_cut, scene, work, start, strains, sizes, stays_stable=before.diverging == 0)
+            near = until(cut)
+            if near is not None:
+                there = MachinePoint(near.x, 1.0, near, goal.slopes, 0)
+                after = space.spectrum(there)
+                if after.diverging == 0:
+                    return _balanced(space, goal, Settled(there, after, True, False))
     return _along_the_path(space, goal, before, open_, sign=1.0 if works > 0.0 else -1.0)
 
 
@@ -123,6 +136,10 @@ def _along_the_path(
     onwards = space.against(held, open_) if open_.any() else space.along_factor(sign)
     if open_.any():
         onwards = unit(space, onwards)
+    if sign < 0.0:  # away from what is near: the forces that hold it come to many times those that the start lacks
+        tangent = space.tangent(held, onwards)
+        space = replace(space, width=max(1.0, abs(tangent.factor) / step_size(space.size, tangent.xi)))
+        onwards = space.along_factor(sign)
     space = replace(space, typical=typical_motion(space, space.tangent(held, onwards)))
     here, turned = station(space, held, onwards), False
     try:
@@ -138,7 +155,7 @@ def _along_the_path(
             f"no equilibrium found: as the forces that the start lacks are let go, on a path of {_POINTS} points at "
             f"most, {here.point.factor:.3g} of them are in the end; {_LOOK}"
         )
-    return _balanced(space, Settled(here.point, here.spectrum, True, turned and before.negative == 0))
+    return _balanced(space, goal, Settled(here.point, here.spectrum, True, turned and before.diverging == 0))
 
 
 _LOOK = (
@@ -147,13 +164,11 @@ _LOOK = (
 )
 
 
-def _at_play(scene: CompiledScene, work: Work, at: ForceBalance, sizes: FloatArray) -> FloatArray | float:
-    """(nv,) J where some coordinate has hardly a stiffness; else none is needed to tell it from round-off."""
-    size = sizes[at.by.z]
-    own = np.abs(at.stiffness()) @ size * size
-    if not len(own) or own.min() > _SLACK * own.max():
-        return 0.0
-    return forces_at_play(scene, work, at)
+def _has_soft_motions(space: MachineSpace, here: MachinePoint) -> bool:
+    """Whether round-off of the forces at play might move something, or be taken for a stiffness."""
+    size, stiffness = space.size[here.at.by.z], np.abs(here.at.stiffness())
+    own = stiffness @ size * size
+    return bool(own.min(initial=np.inf) <= _SLACK * own.max(initial=0.0)) or space.softest(here) <= _SLACK
 
 
 def _unresolved(space: MachineSpace, here: MachinePoint, step: PathDirection) -> FloatArray:
@@ -161,30 +176,46 @@ def _unresolved(space: MachineSpace, here: MachinePoint, step: PathDirection) ->
     at, z = here.at, here.at.by.z
     change, stiffness = step.xi[z], at.stiffness()
     left = at.lacking + stiffness @ change
-    if (np.abs(left) <= _RESOLVED * (np.abs(at.lacking) + np.abs(stiffness) @ np.abs(change))).all():
-        return np.zeros(len(left))
     at_play = forces_at_play(space.scene, space.work, at)
+    own = own_stiffness(stiffness, space.size[z], at_play[z])
+    solved = np.linalg.norm(np.abs(stiffness) @ np.abs(change) / own) + np.linalg.norm(at.lacking / own)
     carried = np.abs(at.by.Vz).T @ (at_play / space.size)
-    return np.where(np.abs(left) > _NOTHING * carried, left, 0.0)
+    open_ = (np.abs(left) > _NOTHING * carried) & (np.abs(left / own) > _RESOLVED * solved)
+    return np.where(open_, left, 0.0)
 
 
 def _alike(one: MotionSpectrum, other: MotionSpectrum) -> bool:
     """Whether no eigenvalue has passed zero from one to the other; two at once of forces without a potential may."""
     if one.has_potential and other.has_potential:
-        return one.negative == other.negative
-    return one.negative % 2 == other.negative % 2
+        return one.diverging == other.diverging
+    return one.diverging % 2 == other.diverging % 2
 
 
-def _balanced(space: MachineSpace, found: Settled) -> Settled:
-    """What was found, if no force is left along motions that nothing resists.
+def _balanced(space: MachineSpace, goal: MachinePoint, found: Settled) -> Settled:
+    """What was found, as exactly as round-off lets it be, if no force is left along motions that nothing resists.
 
     Raises:
         SceneError: some is.
     """
+    reach = space.largest(space.difference(goal, found.point))
+    found = replace(found, point=_refined(space, found.point, reach))
     if found.spectrum.idle.any():
         step = space.newton_step(found.point, space.along_factor(1.0))
         _refuse_open(space, found.point, _unresolved(space, found.point, step))
     return found
+
+
+def _refined(space: MachineSpace, point: MachinePoint, reach: float) -> MachinePoint:
+    """A point after further steps of Newton's method, as long as they become shorter and change digits of ``reach``."""
+    across, last = space.along_factor(1.0), np.inf
+    for _ in range(_REFINEMENTS):
+        step = space.newton_step(point, across)
+        size = space.largest(step)
+        if size <= _DIGITS * reach or not size <= 0.5 * last:
+            break
+        last = size
+        point = space.at(space.moved(point.x, 1.0, step)[0], 1.0)
+    return point
 
 
 def _refuse_open(space: MachineSpace, here: MachinePoint, open_: FloatArray) -> None:
