@@ -10,7 +10,7 @@ from flexmbd.continuation.space import AnyPoint, FloatArray, PathDirection, Path
 from flexmbd.continuation.station import Station, station
 from flexmbd.errors import SceneError
 
-_HALVINGS = 12
+_HALVINGS = 20
 
 
 def beside(

@@ -65,6 +65,8 @@ def angular_rate_matrix(plan: Plan, v: FloatArray) -> FloatArray:
     R exp(xi) has the angular velocity w + d xi/dt + w x xi in its own axes.
     """
     A = np.zeros((len(v), len(v)))
+    if not v.any():
+        return A
     for joint in tree_joints(plan):
         if joint.spin is not None:
             x, y, z = v[joint.spin]

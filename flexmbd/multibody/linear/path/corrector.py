@@ -69,12 +69,12 @@ class StillMotions:
     forces: FloatArray
 
     def beside(self, matrix: FloatArray, right: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Linear equations (n + 1,) in which these do not move; what they leave of the forces is unknown in turn."""
-        n, k = self.changes.shape
+        """Linear equations (m,), m >= nz, in which these do not move; what forces they leave is unknown in turn."""
+        (n, k), m = self.changes.shape, len(right)
         wide = np.pad(matrix, ((0, k), (0, k)))
-        wide[n + 1 :, :n] = self.changes.T
+        wide[m:, :n] = self.changes.T
         forces = scale[:, None] * self.forces
-        wide[:n, n + 1 :] = forces / np.linalg.norm(forces, axis=0)
+        wide[:n, m:] = forces / np.linalg.norm(forces, axis=0)
         return wide, np.append(right, np.zeros(k))
 
 
@@ -284,6 +284,9 @@ class MachineSpace:
         scale = 1.0 / self._own(by.z, stiffness)
         matrix = np.zeros((n + 1, n + 1))
         matrix[:n, :n] = scale[:, None] * stiffness * scale
+        if not across.xi.any() and along == 0.0:  # the factor stays, whatever forces nothing balances
+            found = _least_squares(matrix[:n, :n], -scale * lacking, undetermined, still, scale)
+            return PathDirection(by.Vz @ (found * scale), 0.0)
         matrix[:n, n] = scale * load * self.width
         weights = across.xi / (self.typical * self.size) ** 2
         matrix[n, :n] = (weights @ by.Vz) * scale
@@ -293,21 +296,22 @@ class MachineSpace:
         matrix[:, n] /= column
         row = float(np.abs(matrix[n]).max()) or 1.0
         matrix[n] /= row
-        right = np.append(-scale * lacking, along / row)
-        if still is not None:
-            found = _least_squares(*still.beside(matrix, right, scale), undetermined)[: n + 1]
-        else:
-            found = _least_squares(matrix, right, undetermined)
+        found = _least_squares(matrix, np.append(-scale * lacking, along / row), undetermined, still, scale)
         found[n] /= column
         factor = float(found[n]) * self.width
         return PathDirection(by.Vz @ (found[:n] * scale) + follows * factor, factor)
 
 
-def _least_squares(matrix: FloatArray, right: FloatArray, undetermined: int) -> FloatArray:
-    """The shortest solution, without the directions of the smallest singular values."""
+def _least_squares(
+    matrix: FloatArray, right: FloatArray, undetermined: int, still: StillMotions | None, scale: FloatArray
+) -> FloatArray:
+    """The shortest solution, without the directions of the smallest singular values, or what is to stay ``still``."""
+    n = len(right)
+    if still is not None:
+        matrix, right = still.beside(matrix, right, scale)
     if not undetermined:
         solution = scipy.linalg.lstsq(matrix, right, cond=_SINGULAR, lapack_driver="gelsy", check_finite=False)[0]
-        return np.asarray(solution, dtype=np.float64)
+        return np.asarray(solution, dtype=np.float64)[:n]
     left, values, across = np.linalg.svd(matrix)
     kept = len(values) - undetermined
-    return np.asarray(across[:kept].T @ ((left[:, :kept].T @ right) / values[:kept]), dtype=np.float64)
+    return np.asarray(across[:kept].T @ ((left[:, :kept].T @ right) / values[:kept]), dtype=np.float64)[:n]
