@@ -259,6 +259,25 @@ def test_a_branch_ends_where_it_first_passes_its_end(to, side):
     assert bent.beta(foot)[-1] == pytest.approx(angle, abs=1e-6)
 
 
+def test_a_branch_that_is_steep_at_first_ends_there_too():
+    """The right-angle frame of Argyris et al. 1979 leaves its plane at 1.088 N, by a quarter of its size up to 1.36 N."""
+    length, height, width = 0.24, 0.03, 6e-4
+    same = {"E": 7.124e10, "nu": 0.31, "rho": 100.0, "A": height * width, "Iy": height * width**3 / 12, "ky": 1.0}
+    same |= {"Iz": width * height**3 / 12, "J": height * width**3 / 3, "kz": 1.0}
+    ends = {"a": (0.0, 0.0, 0.0), "c": (length, 0.0, 0.0), "e": (length, -length, 0.0)}
+    sections = {"g": Parameters(**same, orientation=(0.0, 1.0, 0.0)), "h": Parameters(**same, orientation=(1.0, 0.0, 0.0))}
+    scene = fm.System()
+    frame = fm.ExactBeam(ends, {"g": [("a", "c")], "h": [("c", "e")]}, sections, {"g": 8, "h": 8})
+    scene.add(frame, name="frame")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), frame.frame("a"))
+    scene.add_force(fm.force.FrameForce(frame.frame("e"), (lambda t: t, 0.0, 0.0)))
+    (critical,) = scene.equilibrium(path=fm.Continuation(to=1.2)).critical
+    aside = scene.equilibrium(about=critical, path=fm.Continuation(to=1.2, most_points=20))
+    assert aside.end is fm.PathEnd.REACHED
+    assert aside.factors[-1] == aside.factors.max() == 1.2
+    assert (aside.unstable[1:] == 0).all()
+
+
 @pytest.mark.parametrize("stiffness", [5.0, 50.0, 5e4])
 def test_a_machine_starts_where_it_rests_on_its_stop(stiffness):
     """However deep it is pressed; a position that is given beyond it is refused as before."""

@@ -93,7 +93,7 @@ def forces_let_go(
             after = space.spectrum(found)
             if after.diverging == 0 or _alike(before, after):
                 return _balanced(space, goal, Settled(found, after, True, False))
-        if not np.any(space.at_play):
+        if space.still(goal) is None:
             cut = partial(newton_cut, scene, work, start, strains, sizes, stays_stable=before.diverging == 0)
             near = until(cut)
             if near is not None:
@@ -197,10 +197,10 @@ def _balanced(space: MachineSpace, goal: MachinePoint, found: Settled) -> Settle
     Raises:
         SceneError: some is.
     """
-    reach = space.largest(space.difference(goal, found.point))
-    found = replace(found, point=_refined(space, found.point, reach))
+    along = space.along_factor(1.0)
+    found = replace(found, point=_refined(space, found.point, space.largest(space.newton_step(goal, along))))
     if found.spectrum.idle.any():
-        step = space.newton_step(found.point, space.along_factor(1.0))
+        step = space.newton_step(found.point, along)
         _refuse_open(space, found.point, _unresolved(space, found.point, step))
     return found
 
@@ -211,7 +211,7 @@ def _refined(space: MachineSpace, point: MachinePoint, reach: float) -> MachineP
     for _ in range(_REFINEMENTS):
         step = space.newton_step(point, across)
         size = space.largest(step)
-        if size <= _DIGITS * reach or not size <= 0.5 * last:
+        if size <= _DIGITS * min(1.0, reach) or not size <= 0.5 * last:
             break
         last = size
         point = space.at(space.moved(point.x, 1.0, step)[0], 1.0)
