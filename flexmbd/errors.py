@@ -147,7 +147,8 @@ class PathWarning(UserWarning):
 class EquilibriumWarning(UserWarning):
     """An equilibrium that was found is unstable, or lies beyond a place where paths of equilibria turn or cross.
 
-    Remedy: ``stable=True`` searches downhill, ``path=fm.Continuation(to=...)`` follows the equilibria as the load grows.
+    Remedy: ``stable=True`` searches downhill; ``path=fm.Continuation(to=...)`` follows the equilibria as the load
+    grows.
     """
 
 

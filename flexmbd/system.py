@@ -241,8 +241,8 @@ class System(MachineAssembly):
 
         Raises:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
-                nothing stable is found; or a body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing,
-                the machine is a mechanism, moves, or holds bodies with history.
+                nothing stable is found; or a body with history has no balance, can only be stepped, or turns.  Of a
+                path: the loads do nothing, the machine is a mechanism, moves, or holds bodies with history.
             PathError: a path cannot be followed to its end; the error has what was found.
 
         Warns:

@@ -64,7 +64,8 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError PathError PictureError RecordError ReductionError SceneError VersionError "
-        "EquilibriumWarning EventWarning DamageWarning ModesWarning PathWarning RangeWarning StartWarning StepsWarning TableWarning",
+        "EquilibriumWarning EventWarning DamageWarning ModesWarning PathWarning RangeWarning StartWarning StepsWarning "
+        "TableWarning",
         "",
     ),
 }

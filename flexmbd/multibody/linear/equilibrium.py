@@ -85,8 +85,8 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> Found
     after = spectrum(scene, there)
     if after.diverging and not there.v.any():
         raise SceneError(
-            f"no stable equilibrium found: from the one that was, {_growing(scene, after)}; forces that follow what they "
-            "act on may leave none"
+            f"no stable equilibrium found: from the one that was, {_growing(scene, after)}; forces that follow what "
+            "they act on may leave none"
         )
     return FoundEquilibrium(_working_point(scene, work, there, after), None)
 

@@ -2,7 +2,6 @@
 
 import sys
 import warnings
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -118,15 +117,14 @@ def test_an_equilibrium_that_is_unstable_is_kept_or_told_or_left():
     assert kept.beta(hinge) == pytest.approx(np.pi, abs=1e-12)
     assert abs(np.sin(scene.equilibrium(stable=True).beta(hinge))) < 1e-9
     assert scene.equilibrium(stable=True).unstable == 0
-    # a rod on a slide that rises with its load: the upright rod stays upright
-    scene, hinge = pendulum(np.pi)
+    # an upright rod on a slide that its weight presses down
     lift = fm.System(gravity=(0.0, -9.81, 0.0))
     car = lift.add(fm.RigidBody(1.0, (0.1,) * 3), name="car")
     slide = lift.connect(fm.joint.Prismatic("y"), lift.ground.frame(), car.frame(), name="slide")
     lift.add_force(fm.force.JointSpring(slide, 500.0))
     rod = lift.add(fm.RigidBody(1.0, (0.01,) * 3, (0.0, 0.5, 0.0)), name="rod")
     lift.connect(fm.joint.Revolute("z"), car.frame(), rod.frame(), name="foot")
-    with pytest.warns(fm.EquilibriumWarning, match=r"unstable: one motion grows, most of all in 'foot\.angle'; stable="):
+    with pytest.warns(fm.EquilibriumWarning, match=r"one motion grows, most of all in 'foot\.angle'; stable="):
         assert lift.equilibrium().unstable == 1
     assert lift.equilibrium(stable=True).unstable == 0
 
@@ -180,8 +178,8 @@ def lattice(columns, rows, *, unit=1.0, far=0.0, angle=0.0, load=0.025):
         for di, dj in ((1, 0), (0, 1), (1, 1)):
             if (i + di, j + dj) in joints:
                 length = float(np.hypot(di, dj))
-                spring = fm.force.SpringDamper(frame, frames[i + di, j + dj], 4000.0 * unit, length, damping=10.0 * unit)
-                scene.add_force(spring)
+                ends = frame, frames[i + di, j + dj]
+                scene.add_force(fm.force.SpringDamper(*ends, 4000.0 * unit, length, damping=10.0 * unit))
     return scene, joints
 
 
@@ -232,7 +230,7 @@ def test_what_turns_about_a_line_that_moves_stays(balances):
 def test_a_load_that_nothing_carries_is_named_at_once(balances):
     scene, joints = lattice(3, 2)
     scene.add_force(fm.force.FrameForce(joints[2, 1].child, torque=(0.0, 0.0, 1e-3)))
-    with pytest.raises(SceneError, match=r"at 'p2_1\.angle' a force of 0\.001 .* stays unbalanced, for nothing resists"):
+    with pytest.raises(SceneError, match=r"at 'p2_1\.angle' a force of 0\.001 .* for nothing resists it; check"):
         scene.equilibrium()
     assert len(balances) < 20
 
@@ -260,12 +258,13 @@ def test_a_branch_ends_where_it_first_passes_its_end(to, side):
 
 
 def test_a_branch_that_is_steep_at_first_ends_there_too():
-    """The right-angle frame of Argyris et al. 1979 leaves its plane at 1.088 N, by a quarter of its size up to 1.36 N."""
+    """The right-angle frame of Argyris et al. 1979 leaves its plane at 1.088 N, by a quarter of its size at 1.36 N."""
     length, height, width = 0.24, 0.03, 6e-4
     same = {"E": 7.124e10, "nu": 0.31, "rho": 100.0, "A": height * width, "Iy": height * width**3 / 12, "ky": 1.0}
     same |= {"Iz": width * height**3 / 12, "J": height * width**3 / 3, "kz": 1.0}
     ends = {"a": (0.0, 0.0, 0.0), "c": (length, 0.0, 0.0), "e": (length, -length, 0.0)}
-    sections = {"g": Parameters(**same, orientation=(0.0, 1.0, 0.0)), "h": Parameters(**same, orientation=(1.0, 0.0, 0.0))}
+    sides = {"g": (0.0, 1.0, 0.0), "h": (1.0, 0.0, 0.0)}
+    sections = {name: Parameters(**same, orientation=side) for name, side in sides.items()}
     scene = fm.System()
     frame = fm.ExactBeam(ends, {"g": [("a", "c")], "h": [("c", "e")]}, sections, {"g": 8, "h": 8})
     scene.add(frame, name="frame")

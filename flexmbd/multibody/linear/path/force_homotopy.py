@@ -1,9 +1,9 @@
 """The equilibrium that a machine comes to when the forces that its start lacks are let go.
 
 All of them at once are Newton's step, which is taken where it stays near what the linear equations predict, does work
-and passes no change of the stiffness.  Shorter steps of his follow where the machine stays stable on the way.  Otherwise
-the forces are held and let go along a path (Newton's homotopy; Allgower & Georg 1990, Numerical Continuation Methods,
-section 1.5).
+and passes no change of the stiffness.  Where it does not, his steps are cut, as long as the machine stays stable on the
+way.  Otherwise the forces are held and let go along a path (Newton's homotopy; Allgower & Georg 1990, Numerical
+Continuation Methods, section 1.5).
 """
 
 from __future__ import annotations
