@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import forces_at_play
@@ -18,7 +18,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 200
-_FEW = 30  # iterations without anything unstable
+_FEW = 30  # of Newton's own steps, cut
 _STEP = 0.3  # rad, or of the machine's extent: the longest step
 _CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
 _NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
@@ -94,8 +94,8 @@ def newton_cut(
     sizes: FloatArray,
     *,
     stays_stable: bool,
-) -> ForceBalance | None:
-    """The equilibrium to which Newton's own steps lead, cut where they are long; None where they do not.
+) -> ForceBalance:
+    """The equilibrium to which Newton's own steps lead, cut where they are long.
 
     Args:
         scene: as of ``stable_below``, like those that follow.
@@ -104,20 +104,24 @@ def newton_cut(
         strains: as there.
         sizes: as there.
         stays_stable: give up where the machine is unstable on the way, and cut steps as in ``stable_below``.
+
+    Raises:
+        ConvergenceError: they lead to none.
+        SceneError: as ``balance``.
     """
     machine, here, predicted = _Machine(scene, work, strains, sizes), start, strains.at(start.x)
     for _ in range(_FEW):
         more = strains.stiffness(here.x, predicted - strains.at(here.x))
         step = _newton_step(machine, here, more)
         if step.unstable and stays_stable:
-            return None
+            break
         along = step.along if not step.unstable else -here.by.Vz @ np.linalg.solve(here.stiffness(more), here.lacking)
         size = step_size(sizes, along)
         cut = along * min(1.0, _STEP / max(size, _STEP))
         here, predicted = _take_step(machine, here, cut, predicted, searches=stays_stable and size > _CONVERGED)
         if size <= _CONVERGED:
             return here
-    return None
+    raise ConvergenceError("Newton's steps lead to no equilibrium")
 
 
 def _take_step(

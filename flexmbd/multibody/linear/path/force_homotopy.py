@@ -9,7 +9,6 @@ Continuation Methods, section 1.5).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,13 +93,11 @@ def forces_let_go(
             if after.diverging == 0 or _alike(before, after):
                 return _balanced(space, goal, Settled(found, after, True, False))
         if space.still(goal) is None:
-            cut = partial(newton_cut, scene, work, start, strains, sizes, stays_stable=before.diverging == 0)
-            near = until(cut)
-            if near is not None:
-                there = MachinePoint(near.x, 1.0, near, goal.slopes, 0)
-                after = space.spectrum(there)
+            found = until(lambda: _by_cut_steps(space, goal, stays_stable=before.diverging == 0))
+            if found is not None:
+                after = space.spectrum(found)
                 if after.diverging == 0:
-                    return _balanced(space, goal, Settled(there, after, True, False))
+                    return _balanced(space, goal, Settled(found, after, True, False))
     return _along_the_path(space, goal, before, open_, sign=1.0 if works > 0.0 else -1.0)
 
 
@@ -118,6 +115,12 @@ def _at_once(space: MachineSpace, goal: MachinePoint, step: PathDirection) -> Ma
         if not space.largest(space.newton_step(middle, across)) <= _STRAIGHT:
             raise ConvergenceError("Newton's step is too long")
     return space.correct(goal, step, across)
+
+
+def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool) -> MachinePoint:
+    """The equilibrium to which cut steps lead, as ``newton_cut``."""
+    found = newton_cut(space.scene, space.work, goal.at, space.strains, space.size, stays_stable=stays_stable)
+    return MachinePoint(found.x, 1.0, found, goal.slopes, 0)
 
 
 def _along_the_path(
@@ -155,7 +158,8 @@ def _along_the_path(
             f"no equilibrium found: as the forces that the start lacks are let go, on a path of {_POINTS} points at "
             f"most, {here.point.factor:.3g} of them are in the end; {_LOOK}"
         )
-    return _balanced(space, goal, Settled(here.point, here.spectrum, True, turned and before.diverging == 0))
+    turned = turned and before.diverging == 0
+    return _balanced(space, goal, Settled(here.point, space.spectrum(here.point), True, turned))
 
 
 _LOOK = (
