@@ -33,7 +33,7 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import is_compiled
-from flexmbd.multibody.linear.equilibrium import FoundEquilibrium, equilibrium_at_rest, find_equilibrium
+from flexmbd.multibody.linear.equilibrium import ToldEquilibrium, equilibrium_at_rest, find_equilibrium
 from flexmbd.multibody.linear.path.continuation import equilibrium_path
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
@@ -283,7 +283,7 @@ class System(MachineAssembly):
         ranges.judge(whole.factors, np.array([one.x for one in whole.points]))
         return whole
 
-    def _told(self, found: FoundEquilibrium) -> WorkingPoint:
+    def _told(self, found: ToldEquilibrium) -> WorkingPoint:
         """What was found; its warning is told by rank 0."""
         if found.warning is not None and self.team.is_root:
             warn(found.warning, EquilibriumWarning)

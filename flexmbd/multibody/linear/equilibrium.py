@@ -32,7 +32,7 @@ _CONVERGED = 1e-9  # rad, or of the extent: a step so short is Newton's last one
 
 
 @dataclass(frozen=True, eq=False)
-class FoundEquilibrium:
+class ToldEquilibrium:
     """An equilibrium, and what is to be told of it, if anything."""
 
     point: WorkingPoint
@@ -40,7 +40,7 @@ class FoundEquilibrium:
 
 
 @refuse_overflow("an equilibrium")
-def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> FoundEquilibrium:
+def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> ToldEquilibrium:
     """The equilibrium near the start, or the motion with the start's velocities and no accelerations.
 
     It is the one that Newton's step leads to if that is near what the linear equations predict, else the one at the end
@@ -71,11 +71,11 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> Found
                 "stable=True asks for a search downhill, but states of users' equations have no energy; leave it out"
             )
         there = _with_states(scene, work, here, sizes)
-        return FoundEquilibrium(_working_point(scene, work, there, None), None)
+        return ToldEquilibrium(_working_point(scene, work, there, None), None)
     strains = strain_predictor(scene.plan, work, scene.nv)
     if not stable:
         found = forces_let_go(scene, work, here, strains, sizes)
-        return FoundEquilibrium(_working_point(scene, work, found.point.at, found.spectrum), _warning(scene, found))
+        return ToldEquilibrium(_working_point(scene, work, found.point.at, found.spectrum), _warning(scene, found))
     try:
         there = stable_below(scene, work, here, strains, sizes)
     except SceneError:
@@ -88,10 +88,10 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> Found
             f"no stable equilibrium found: from the one that was, {_growing(scene, after)}; forces that follow what "
             "they act on may leave none"
         )
-    return FoundEquilibrium(_working_point(scene, work, there, after), None)
+    return ToldEquilibrium(_working_point(scene, work, there, after), None)
 
 
-def equilibrium_at_rest(start: Start, work: Work, *, stable: bool = False) -> FoundEquilibrium:
+def equilibrium_at_rest(start: Start, work: Work, *, stable: bool = False) -> ToldEquilibrium:
     """As ``find_equilibrium``, with prescribed motions held still where they are."""
     work.time[:-1, 1:] = 0.0
     return find_equilibrium(replace(start, v=np.zeros_like(start.v)), work, stable=stable)
