@@ -281,7 +281,7 @@ class MachineSpace:
         follows = by.Xu.sum(axis=1)  # of its one input, or none
         load = by.Vz.T @ (here.slopes.force + (at.of.stiffness + more) @ follows)
         stiffness, n = at.stiffness(more), len(by.z)
-        scale: FloatArray = 1.0 / self._own(by.z, stiffness)
+        scale = np.asarray(1.0 / self._own(by.z, stiffness), dtype=np.float64)
         matrix = np.zeros((n + 1, n + 1))
         matrix[:n, :n] = scale[:, None] * stiffness * scale
         if not across.xi.any() and along == 0.0:  # the factor stays, whatever forces nothing balances
