@@ -168,7 +168,8 @@ class CompiledMachine:
         memories = None if about is None else about.interiors
         start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
         mark_compiled(STARTING)
-        refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
+        if about is None:  # a machine that has settled on a stop presses it
+            refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         refuse_false_energies(scene, work, start.x)
         forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held_v)
         for complaint in (start.strain.warning, forbidden):

@@ -152,6 +152,14 @@ class PathWarning(UserWarning):
     """
 
 
+class EquilibriumWarning(UserWarning):
+    """An equilibrium that was found is unstable, or lies beyond a place where paths of equilibria turn or cross.
+
+    Remedy: ``stable=True`` searches downhill; ``path=fm.Continuation(to=...)`` follows the equilibria as the load
+    grows.
+    """
+
+
 class TableWarning(UserWarning):
     """A table's cubics would leave the range of its points by more than that range, as beside a jump: it is monotone.
 

@@ -9,6 +9,7 @@ from flexmbd.errors import AssemblyError as AssemblyError
 from flexmbd.errors import ConvergenceError as ConvergenceError
 from flexmbd.errors import DamageWarning as DamageWarning
 from flexmbd.errors import EnsembleError as EnsembleError
+from flexmbd.errors import EquilibriumWarning as EquilibriumWarning
 from flexmbd.errors import EventWarning as EventWarning
 from flexmbd.errors import ExportError as ExportError
 from flexmbd.errors import FlexmbdError as FlexmbdError

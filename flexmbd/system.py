@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.compiled_machine import STARTING, CompiledMachine
 from flexmbd.continuation.request import Continuation
-from flexmbd.errors import SceneError
+from flexmbd.errors import EquilibriumWarning, SceneError, warn
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
@@ -33,7 +33,7 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import is_compiled
-from flexmbd.multibody.linear.equilibrium import equilibrium_at_rest, find_equilibrium
+from flexmbd.multibody.linear.equilibrium import ToldEquilibrium, equilibrium_at_rest, find_equilibrium
 from flexmbd.multibody.linear.path.continuation import equilibrium_path
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
@@ -201,23 +201,31 @@ class System(MachineAssembly):
         return self._machine(scene).start_of(scene, t, about)
 
     @overload
-    def equilibrium(self, *, t: float = ..., about: WorkingPoint | None = ..., path: None = ...) -> WorkingPoint: ...
+    def equilibrium(
+        self, *, t: float = ..., about: WorkingPoint | None = ..., path: None = ..., stable: bool = ...
+    ) -> WorkingPoint: ...
 
     @overload
     def equilibrium(
-        self, *, t: float = ..., about: WorkingPoint | None = ..., path: Continuation
+        self, *, t: float = ..., about: WorkingPoint | None = ..., path: Continuation, stable: bool = ...
     ) -> EquilibriumPath: ...
 
-    @checked("t")
+    @checked("t", "stable")
     def equilibrium(
-        self, *, t: float = 0.0, about: WorkingPoint | None = None, path: Continuation | None = None
+        self,
+        *,
+        t: float = 0.0,
+        about: WorkingPoint | None = None,
+        path: Continuation | None = None,
+        stable: bool = False,
     ) -> WorkingPoint | EquilibriumPath:
         """Find an equilibrium near the start, or with the start's velocities a steady motion.
 
-        Newton's method, which goes downhill where the machine is unstable; see ``multibody.equilibrium``.  Bodies with
-        history find their own balance in each step; the equilibrium keeps their state.  Whether it is stable its
-        ``unstable`` tells.  In a steady motion the whole turns at one rate about one line, or moves straight on, and
-        inside symmetric rotors turn.
+        By Newton's method, and where that leads astray along a path on which the forces that the start lacks are let
+        go.  Whether what is found is stable its ``unstable`` tells; a start that is in equilibrium is kept.  What
+        nothing resists stays where it is, and is named by ``neutral``.  Bodies with history find their own balance in
+        each step; the equilibrium keeps their state.  In a steady motion the whole turns at one rate about one line, or
+        moves straight on, and inside symmetric rotors turn.
 
         Args:
             t: s, at which forces and motions are taken.
@@ -226,18 +234,21 @@ class System(MachineAssembly):
             path: follow the equilibria from there on, with the time as the factor of the loads, through limit points
                 and past bifurcations (``fm.Continuation``).  The path begins at ``about`` under its own factor, or at
                 the equilibrium at ``t``; from a bifurcation of another path it is the one that crosses.
+            stable: search downhill for one that the machine would settle in, and leave what is unstable.
 
         Returns:
             The equilibrium; with ``path`` an ``EquilibriumPath``.
 
         Raises:
             SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
-                the motion is not steady, with the coordinate that would accelerate; or a body with history has no
-                balance, can only be stepped, or turns.  Of a path: the loads do nothing, the machine is a mechanism,
-                moves, or holds bodies with history.
+                nothing stable is found; or the motion is not steady, with the coordinate that would accelerate; or a
+                body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing, the
+                machine is a mechanism, moves, or holds bodies with history.
             PathError: a path cannot be followed to its end; the error has what was found.
 
         Warns:
+            EquilibriumWarning: what was found is unstable, or lies beyond a place where paths of equilibria turn or
+                cross.
             RangeWarning: a reduced body is bent or spins beyond what its record knows (docs/limits.md).
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
@@ -254,7 +265,7 @@ class System(MachineAssembly):
         evaluate_inputs(start.scene, work, t)
         ranges = RangeWatch(start.scene, self._bodies if self.team.is_root else ())
         if path is None:
-            found = find_equilibrium(start, work)
+            found = self._told(find_equilibrium(start, work, stable=stable))
             ranges.judge(np.array([found.t]), found.x[None], found.v[None])
             return found
         for connection in self._connections:
@@ -263,10 +274,19 @@ class System(MachineAssembly):
                     f"a path of equilibria is of a machine at rest, but joint {connection.name!r} is given a velocity; "
                     "take it away"
                 )
-        begin = equilibrium_at_rest(start, work) if about is None else replace(about, scene=start.scene)
+        if about is None:
+            begin = self._told(equilibrium_at_rest(start, work, stable=stable))
+        else:
+            begin = replace(about, scene=start.scene)
         whole = equilibrium_path(begin, path, work, evaluate_inputs)
         ranges.judge(whole.factors, np.array([one.x for one in whole.points]))
         return whole
+
+    def _told(self, found: ToldEquilibrium) -> WorkingPoint:
+        """What was found; its warning is told by rank 0."""
+        if found.warning is not None and self.team.is_root:
+            warn(found.warning, EquilibriumWarning)
+        return found.point
 
     @checked("t", "modes")
     def linearize(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import partial
 
 from flexmbd.continuation.crossing import CriticalKind
-from flexmbd.continuation.request import Continuation
+from flexmbd.continuation.request import Continuation, bounds_of
 from flexmbd.continuation.space import AnyPoint, FloatArray, PathDirection, PathSpace, unit, until
 from flexmbd.continuation.station import Station, station
 from flexmbd.errors import SceneError
 
-_HALVINGS = 12
+_HALVINGS = 20
 
 
 def beside(
@@ -22,7 +22,7 @@ def beside(
     mode: FloatArray,
     tangent: PathDirection,
 ) -> Station[AnyPoint]:
-    """A station beside a critical point.
+    """A station beside a critical point, before the factor at which the path is to end.
 
     Args:
         space: that the path runs through.
@@ -42,10 +42,10 @@ def beside(
         # no point of the first path lies in a plane along it
         across = unit(space, direction.plus(along.times(-space.product(direction, along))))
     direction, across = direction.times(float(path.side)), across.times(float(path.side))
-    share = path.longest_step / space.largest(direction)
+    share, bounds = path.longest_step / space.largest(direction), bounds_of(path, begin=there.factor)
     for _ in range(_HALVINGS):
         point = until(partial(space.correct, there, direction.times(share), across))
-        if point is not None:
+        if point is not None and bounds.passed(there.factor, point.factor) is None:
             found = station(space, space.remembered(point, point.factor), direction)
             if space.product(found.tangent, direction) > 0.5:
                 return found

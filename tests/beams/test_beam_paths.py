@@ -1,6 +1,7 @@
 """Paths of equilibria of exact beams: the elastica, followers, Beck's flutter; thin beams take no more steps."""
 
 import dataclasses
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -90,7 +91,9 @@ def follower_tip(force):
 def test_a_follower_winds_the_beam_up(load):
     """Found at once, though a force that follows has no potential; it may be unstable, and says so."""
     scene, tip = cantilever(12, (0.0, 0.0, load), follows=True)
-    wound = scene.equilibrium()
+    told = pytest.warns(fm.EquilibriumWarning, match=r"2 independent motions grow, most of all in 'beam\.rod\.8\.wx'")
+    with told if load > 27.0 else nullcontext():
+        wound = scene.equilibrium()
     x, y, z = wound.position(tip)
     assert (x, abs(z)) == pytest.approx(abs(follower_tip(load)) * [np.sign(x), 1.0], abs=2e-5 * load)
     assert abs(y) < 1e-12

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexmbd.continuation.flutter import count_growing, flutters, parted
+from flexmbd.continuation.flutter import count_growing, flutters, grows, parted
 from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.linear.balance import ForceBalance
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -49,6 +49,11 @@ class MotionSpectrum:
         return count_growing(self.values, self.round_off)
 
     @property
+    def diverging(self) -> int:
+        """How many of them grow without swinging: eigenvalues that are real and negative."""
+        return int(np.count_nonzero(self._diverge))
+
+    @property
     def idle(self) -> NDArray[np.bool_]:
         """(nz,) whether nothing resists a motion, or drives it, up to round-off."""
         return np.asarray(np.abs(self.values) <= self.round_off)
@@ -80,20 +85,31 @@ class MotionSpectrum:
         """(nv,) of eigenvalue k."""
         return self.shapes[:, k]
 
+    def diverging_mode(self) -> FloatArray:
+        """(nv,) of the first of those that grow without swinging."""
+        return self.shapes[:, int(np.argmax(self._diverge))]
+
+    @property
+    def _diverge(self) -> NDArray[np.bool_]:
+        return np.asarray(grows(self.values, self.round_off) & ~flutters(self.values))
+
     def flutter_mode(self) -> FloatArray:
         """(nv,) of the two eigenvalues that became complex last."""
         pairs = np.flatnonzero(flutters(self.values))
         return self.shapes[:, pairs[np.argmin(parted(self.values[pairs]))]]
 
 
-def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 0.0) -> MotionSpectrum:
-    """Of the tangent stiffness of a balance, with ``more`` (nv, nv) beside it."""
+def spectrum(
+    scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 0.0, *, at_play: FloatArray | float = 0.0
+) -> MotionSpectrum:
+    """Of the tangent stiffness of a balance, with ``more`` (nv, nv) beside it; ``at_play``: of ``own_stiffness``."""
     Vz, stiffness = at.by.Vz, at.stiffness(more)
     if not len(stiffness):
         return MotionSpectrum(np.zeros(0, complex), np.zeros((len(Vz), 0)), True, 0.0)
-    own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
+    z = at.by.z
+    own = own_stiffness(stiffness, coordinate_sizes(scene)[z], np.broadcast_to(at_play, scene.nv)[z])
     scaled = stiffness / np.outer(own, own)
-    if has_potential(scene, at):
+    if has_potential(scene, at, at_play=at_play):
         values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
         round_off = len(values) * _ROUND_OFF
         return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), True, round_off)
@@ -108,11 +124,11 @@ def spectrum(scene: CompiledScene, at: ForceBalance, more: FloatArray | float = 
     return MotionSpectrum(values, Vz @ shapes, False, round_off)
 
 
-def has_potential(scene: CompiledScene, at: ForceBalance) -> bool:
+def has_potential(scene: CompiledScene, at: ForceBalance, *, at_play: FloatArray | float = 0.0) -> bool:
     """Whether the forces at a state have a potential, as far as their derivatives there tell.
 
     Along rotations, in axes that turn with them, second derivatives of a potential commute up to the moment that is
-    out of balance: K_12 - K_21 = - f_3.
+    out of balance: K_12 - K_21 = - f_3.  ``at_play``: of ``own_stiffness``.
     """
     skew = at.of.stiffness - at.of.stiffness.T
     force = at.open_force()
@@ -121,11 +137,15 @@ def has_potential(scene: CompiledScene, at: ForceBalance) -> bool:
             x, y, z = force[joint.spin]
             skew[joint.spin, joint.spin] += [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
     skew, stiffness = at.by.Vz.T @ skew @ at.by.Vz, at.stiffness()
-    own = own_stiffness(stiffness, coordinate_sizes(scene)[at.by.z])
+    z = at.by.z
+    own = own_stiffness(stiffness, coordinate_sizes(scene)[z], np.broadcast_to(at_play, scene.nv)[z])
     return bool((np.abs(skew / np.outer(own, own)) <= _HAS_POTENTIAL).all())
 
 
-def own_stiffness(stiffness: FloatArray, size: FloatArray) -> FloatArray:
-    """(n,) the root of each coordinate's own stiffness, of all that its row has in the machine's sizes."""
-    energy = np.abs(stiffness) @ size * size
+def own_stiffness(stiffness: FloatArray, size: FloatArray, at_play: FloatArray | float = 0.0) -> FloatArray:
+    """(n,) the root of each coordinate's own stiffness, of all that its row has in the machine's sizes.
+
+    It is no less than forces ``at_play`` (n,), J, make of it where they turn: what is left of these is round-off.
+    """
+    energy = np.maximum(np.abs(stiffness) @ size * size, at_play)
     return np.where(energy > 0.0, np.sqrt(energy) / size, 1.0)

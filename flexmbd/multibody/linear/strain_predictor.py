@@ -19,17 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.beam_strains import beam_elements_alone, beam_strains, slack_elsewhere
 from flexmbd.multibody.kernels.reading.tree import MembraneStretch, membrane_stretches
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
-from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 
 FloatArray = NDArray[np.float64]
-
-_DIFFERENCE = 1e-4  # of a step: over how much strains of beams are differenced
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,28 +36,25 @@ class StrainPredictor:
         bodies: those that have membranes.
         beams: the plan with elements of exact beams as its only forces.
         work: scratch.
+        tangents: scratch of the beams' stiffness.
         nv: number of the machine's velocities.
     """
 
     bodies: tuple[MembraneStretch, ...]
     beams: Plan
     work: Work
+    tangents: TangentWork
     nv: int
 
     def at(self, x: FloatArray) -> FloatArray:
         """(m,) at a configuration x (nx,): of membranes e + s, J^(1/2), their forces as well; of beams m and rad."""
         parts = [one.slope @ x[one.x] + 0.5 * (one.second @ x[one.x]) @ x[one.x] for one in self.bodies]
-        return np.concatenate([np.zeros(0), *parts, self._of_beams(x)])
+        return np.concatenate([np.zeros(0), *parts, self._of_beams(x, np.zeros(self.nv))[0]])
 
     def change(self, x: FloatArray, step: FloatArray) -> FloatArray:
         """(m,) of the strains at x by a small step (nv,)."""
         parts = [(one.slope + one.second @ x[one.x]) @ step[one.v] for one in self.bodies]
-        sides = []
-        for side in (-_DIFFERENCE, _DIFFERENCE):
-            moved = x.copy()
-            retract(self.beams, x, side * step, moved)
-            sides.append(self._of_beams(moved))
-        return np.concatenate([np.zeros(0), *parts, (sides[1] - sides[0]) / (2.0 * _DIFFERENCE)])
+        return np.concatenate([np.zeros(0), *parts, self._of_beams(x, step)[1]])
 
     def force(self, x: FloatArray, excess: FloatArray) -> FloatArray:
         """(nv,) on the machine's coordinates, as ``kernels.residual`` counts, by strains (m,) beside those at x."""
@@ -87,15 +80,15 @@ class StrainPredictor:
             return total
         rest, none, found = np.zeros(self.nv), np.zeros(len(self.beams.rows)), np.zeros((2, self.nv, self.nv))
         for plan, part in zip((self.beams, self._with(excess[first:])), found, strict=True):
-            tw = new_tangent_work(plan, self.nv, sizes=np.ones((2, self.nv)))
-            tangent(plan, self.work, tw, x, rest, rest, none, 1.0, 0.0, 0.0, part)
+            tangent(plan, self.work, self.tangents, x, rest, rest, none, 1.0, 0.0, 0.0, part)
         return total + found[1] - found[0]
 
-    def _of_beams(self, x: FloatArray) -> FloatArray:
-        if not len(self.beams.elements):
-            return np.zeros(0)
-        forward_kinematics(self.beams, self.work, x, *np.zeros((2, self.nv)))
-        return beam_strains(self.beams, self.work).ravel()
+    def _of_beams(self, x: FloatArray, v: FloatArray) -> FloatArray:
+        """(2, 6 k) strains of k elements, and their rates by velocities v (nv,)."""
+        found = np.zeros((2, len(self.beams.elements), 6))
+        if found.size:
+            beam_strains(self.beams, self.work, x, v, np.zeros(self.nv), found)
+        return found.reshape(2, -1)
 
     def _with(self, excess: FloatArray) -> Plan:
         return slack_elsewhere(self.beams, -excess.reshape(-1, 6))
@@ -103,4 +96,6 @@ class StrainPredictor:
 
 def strain_predictor(plan: Plan, work: Work, nv: int) -> StrainPredictor:
     """Of a machine's plan with nv velocities."""
-    return StrainPredictor(tuple(membrane_stretches(plan)), beam_elements_alone(plan), work, nv)
+    beams = beam_elements_alone(plan)
+    tangents = new_tangent_work(beams, nv, sizes=np.ones((2, nv)))
+    return StrainPredictor(tuple(membrane_stretches(plan)), beams, work, tangents, nv)

@@ -32,6 +32,8 @@ class WorkingPoint(Instant):
         unstable: of an equilibrium how many independent motions have a negative tangent stiffness: with none it is
             stable; None of a state of a trajectory. In a steady motion gyroscopic forces may hold what they count.
         steady_accelerations: (nv,) of a steady motion; None where all are zero.
+        neutral: of an equilibrium names of coordinates, one for each independent motion that nothing resists; they
+            stay where they were.
     """
 
     scene: CompiledScene
@@ -42,6 +44,7 @@ class WorkingPoint(Instant):
     interiors: InteriorSnapshot = NO_INTERIORS
     unstable: int | None = None
     steady_accelerations: FloatArray | None = field(default=None, kw_only=True)
+    neutral: tuple[str, ...] = field(default=(), kw_only=True)
 
     __repr__ = brief
 

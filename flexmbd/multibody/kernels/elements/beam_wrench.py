@@ -47,6 +47,15 @@ def _strain_rate(d, theta, rate, turn):
 
 
 @kernel
+def strain_and_rate(row, data, d, R, rate, spin):
+    """s of an element, and its rate, each as two vectors."""
+    theta = rotation_vector(R)
+    s, turn = _strain(data, row[at.EL_DATA], d, theta)
+    along, twist = _strain_rate(d, theta, rate, left_jacobian_inverse(theta, spin))
+    return s, turn, along, twist
+
+
+@kernel
 def _resultants(data, o, d, theta, rate, spin):
     """K s + C s', as two vectors."""
     n, m = six_times(data, o, *_strain(data, o, d, theta))

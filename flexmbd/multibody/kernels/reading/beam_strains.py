@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.beams.pose_logarithm import pose_logarithm
+from flexmbd.multibody.kernels.algebra.so3 import store3
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT, REST
+from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT, REST, strain_and_rate
 from flexmbd.multibody.kernels.elements.table import are_of
-from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
+from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.reading.force_tables import without_loads
 
 FloatArray = NDArray[np.float64]
@@ -22,17 +24,20 @@ def beam_elements_alone(plan: Plan) -> Plan:
     return without_loads(plan).replace(elements=kept)
 
 
-def beam_strains(plan: Plan, work: Work) -> FloatArray:
-    """(k, 6) m and rad: logarithm of the pose of the second section in the first, of each element.
+@entry_kernel
+def beam_strains(plan, work, x, v, rest, out):
+    """Fill ``out`` (2, k, 6) with the strains of each element, m and rad, and their rates.
 
-    ``plan`` is of ``beam_elements_alone``, ``work`` has its kinematics.
+    ``plan`` is of ``beam_elements_alone``; ``rest`` (nv,) are zeros.
     """
-    places, turns = [], []
-    for row in plan.elements:
-        first, second = (world_motion(plan, work, int(row[end])) for end in (at.EL_F, at.EL_G))
-        places.append(first.R.T @ (second.p - first.p))
-        turns.append(first.R.T @ second.R)
-    return pose_logarithm(np.array(places).reshape(-1, 3), np.array(turns).reshape(-1, 3, 3))
+    forward_kinematics(plan, work, x, v, rest)
+    for i in range(plan.elements.shape[0]):
+        row = plan.elements[i]
+        motion = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+        found = strain_and_rate(row, plan.data, *motion)
+        for part in range(2):
+            store3(out[part, i], 0, found[2 * part])
+            store3(out[part, i], 3, found[2 * part + 1])
 
 
 def slack_elsewhere(plan: Plan, shift: FloatArray) -> Plan:

@@ -20,8 +20,9 @@ from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
-from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes, load_slopes
+from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes
 from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness, spectrum
+from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -30,6 +31,8 @@ FloatArray = NDArray[np.float64]
 _ITERATIONS = 12
 _ALIKE = 1e-6  # of what is remembered: up to round-off
 _SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in the unit of its own stiffness
+_SOFT = 1e-8  # of the stiffest motion: so soft, nothing resists it
+_BALANCED = 1e-9  # of the forces at play: what drives nothing
 _APART = float(np.finfo(float).eps ** (1 / 3))  # rad, of the extent or the range: between points of a difference
 
 
@@ -53,6 +56,30 @@ class MachinePoint:
 
 
 @dataclass(frozen=True, eq=False)
+class StillMotions:
+    """Motions that nothing resists, which stay where they are while Newton's method finds the others' balance.
+
+    On its way the stiffness along them is that of forces out of balance, and no measure of where they are to go.
+
+    Attributes:
+        changes: (nz, k) of them, each coordinate in the unit of its own stiffness.
+        forces: (nz, k) that no other motion balances.
+    """
+
+    changes: FloatArray
+    forces: FloatArray
+
+    def beside(self, matrix: FloatArray, right: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Linear equations (m,), m >= nz, in which these do not move; what forces they leave is unknown in turn."""
+        (n, k), m = self.changes.shape, len(right)
+        wide = np.pad(matrix, ((0, k), (0, k)))
+        wide[m:, :n] = self.changes.T
+        forces = scale[:, None] * self.forces
+        wide[:n, m:] = forces / np.linalg.norm(forces, axis=0)
+        return wide, np.append(right, np.zeros(k))
+
+
+@dataclass(frozen=True, eq=False)
 class MachineSpace:
     """A machine under loads that follow one factor.
 
@@ -65,6 +92,9 @@ class MachineSpace:
         v: (nv,) velocities at which it is in balance; zeros of an equilibrium.
         size: (nv,) of ``motion_sizes``, rad or m.
         typical: of these sizes, what counts as much as the range of factors in the product (``typical_motion``).
+        at_play: (nv,) J, of ``forces_at_play``; zeros where no motion is so soft that their round-off would move it.
+        remembers: whether force elements with memory note each point; else the path is no way that they went.
+        motion: the steady motion in which it is in balance; None at rest.
     """
 
     scene: CompiledScene
@@ -75,6 +105,9 @@ class MachineSpace:
     v: FloatArray
     size: FloatArray
     typical: float = 1.0
+    at_play: FloatArray | float = 0.0
+    remembers: bool = True
+    motion: SteadyMotion | None = None
 
     def product(self, a: PathDirection, b: PathDirection) -> float:
         """<a, b>."""
@@ -91,14 +124,16 @@ class MachineSpace:
         Raises:
             SceneError: as ``balance``.
         """
-        slopes = load_slopes(self.scene, self.work, self.loading, x, self.v, factor=factor, width=self.width)
+        slopes = self.loading.slopes(self.work, x, self.v, factor=factor, width=self.width)
         further = self.loading.apply(self.work, factor)
-        found = balance(self.scene, self.work, x, self.v, given=slopes.given, further=further)
+        found = balance(
+            self.scene, self.work, x, self.v, given=slopes.given, further=further, motion=self.motion
+        )
         return MachinePoint(x, factor, found, slopes, iterations)
 
     def spectrum(self, here: MachinePoint) -> MotionSpectrum:
         """Of its stiffness."""
-        return spectrum(self.scene, here.at)
+        return spectrum(self.scene, here.at, at_play=self.at_play)
 
     def along_factor(self, sign: float) -> PathDirection:
         """The factor's own direction."""
@@ -122,7 +157,8 @@ class MachineSpace:
 
     def tangent(self, here: MachinePoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
-        return unit(self, self._solution(here, onwards, 0.0 * here.at.lacking, 1.0, 0.0))
+        lacking = 0.0 * here.at.lacking
+        return unit(self, self._solution(here, onwards, lacking, 1.0, 0.0, still=self.still(here)))
 
     def other_path(self, here: MachinePoint, mode: PathDirection, tangent: PathDirection) -> PathDirection:
         """Unit direction of the path that crosses another one at a bifurcation.
@@ -132,12 +168,12 @@ class MachineSpace:
         Analysis, section 5.6.2): s = 0 where bending to either side is alike.
         """
         z, stiffness = here.at.by.z, here.at.stiffness()
-        scale = 1.0 / own_stiffness(stiffness, self.size[z])
+        scale = 1.0 / self._own(z, stiffness)
         left = scale * np.linalg.svd(scale[:, None] * stiffness * scale)[0][:, -1]
 
         def slope(along: PathDirection) -> float:
             length = _APART / self.largest(along)
-            beside = [self.at(*self._moved(here.x, here.factor, along.times(side))).at for side in (-length, length)]
+            beside = [self.at(*self.moved(here.x, here.factor, along.times(side))).at for side in (-length, length)]
             if not all(np.array_equal(one.by.z, z) for one in beside):  # of a loop whose dependent coordinates change
                 return 0.0
             change = beside[1].stiffness() - beside[0].stiffness()
@@ -147,9 +183,14 @@ class MachineSpace:
         share = -0.5 * slope(mode) / by_path if by_path != 0.0 else 0.0
         return unit(self, mode.plus(tangent.times(share)))
 
+    def against(self, here: MachinePoint, unresolved: FloatArray) -> PathDirection:
+        """The direction in which forces (nz,) push, each coordinate by as much as its own stiffness would let it."""
+        z = here.at.by.z
+        return PathDirection(here.at.by.Vz @ (-unresolved / self._own(z, here.at.stiffness()) ** 2), 0.0)
+
     def newton_step(self, here: MachinePoint, across: PathDirection) -> PathDirection:
         """Newton's step towards the equilibrium in the plane that is normal to ``across``."""
-        return self._solution(here, across, here.at.lacking, 0.0, 0.0)
+        return self._solution(here, across, here.at.lacking, 0.0, 0.0, still=self.still(here))
 
     def correct(
         self, start: MachinePoint, step: PathDirection, across: PathDirection, *, undetermined: int = 0
@@ -163,17 +204,18 @@ class MachineSpace:
             ConvergenceError: Newton's method does not converge.
             SceneError: as ``balance``, or the loops do not close.
         """
-        x, factor = start.x, start.factor
+        x, factor, strained = start.x, start.factor, self.strains.at(start.x)
+        still = self.still(start)
 
         def iterate(change: PathDirection, iteration: int, close: bool) -> MachinePoint | PathDirection:
-            nonlocal x, factor
-            predicted = self.strains.at(x) + self.strains.change(x, change.xi)
-            x, factor = self._moved(x, factor, change)
-            here = self.at(x, factor, iteration)
+            nonlocal x, factor, strained
+            predicted = strained + self.strains.change(x, change.xi)
+            x, factor = self.moved(x, factor, change)
+            here, strained = self.at(x, factor, iteration), self.strains.at(x)
             if close:
                 return here
-            more = self.strains.stiffness(x, predicted - self.strains.at(x))
-            return self._solution(here, across, here.at.lacking, 0.0, more, undetermined)
+            more = self.strains.stiffness(x, predicted - strained)
+            return self._solution(here, across, here.at.lacking, 0.0, more, undetermined, still)
 
         return corrected(self, step, iterate, most=_ITERATIONS)
 
@@ -185,19 +227,45 @@ class MachineSpace:
     def remembered(self, here: MachinePoint, factor: float) -> MachinePoint:
         """The point, its factor rounded to the given one, with what elements with memory note of it."""
         here = replace(here, factor=factor)
-        if not memories_end(self.scene.plan):
+        if not self.remembers or not memories_end(self.scene.plan):
             return here
         x = here.x.copy()
         self.loading.apply(self.work, here.factor)
         remember(self.scene.plan, self.work, x, here.at.v, here.factor)
         return replace(here, x=x)
 
-    def _moved(self, x: FloatArray, factor: float, change: PathDirection) -> tuple[FloatArray, float]:
+    def moved(self, x: FloatArray, factor: float, change: PathDirection) -> tuple[FloatArray, float]:
         """After a change."""
         factor = factor + change.factor
         self.loading.apply(self.work, factor)
         after = moved(self.scene, self.work, x, change.xi, driven=True)
         return after, factor
+
+    def _own(self, z: NDArray[np.int64], stiffness: FloatArray) -> FloatArray:
+        """(nz,) unit of the independent coordinates' own stiffness."""
+        return own_stiffness(stiffness, self.size[z], np.broadcast_to(self.at_play, self.scene.nv)[z])
+
+    def softest(self, here: MachinePoint) -> float:
+        """The smallest stiffness over the largest one, of motions in units of the coordinates' own; 1 of none."""
+        stiffness = here.at.stiffness()
+        if not len(stiffness):
+            return 1.0
+        scale = 1.0 / self._own(here.at.by.z, stiffness)
+        values = np.linalg.svd(scale[:, None] * stiffness * scale, compute_uv=False)
+        return float(values[-1] / values[0]) if values[0] > 0.0 else 0.0
+
+    def still(self, here: MachinePoint) -> StillMotions | None:
+        """The motions that nothing resists at a point and nothing drives, if there are any."""
+        if not np.any(self.at_play):
+            return None
+        z, stiffness = here.at.by.z, here.at.stiffness()
+        scale = 1.0 / self._own(z, stiffness)
+        left, values, across = np.linalg.svd(scale[:, None] * stiffness * scale)
+        forces = np.broadcast_to(self.at_play, self.scene.nv)[z] / self.size[z] * scale
+        nothing = _BALANCED * float(np.linalg.norm(forces))
+        driven = np.abs(left.T @ (scale[:, None] * np.stack([here.at.lacking, here.at.by.Vz.T @ here.slopes.force], 1)))
+        kept = (values <= _SOFT * values[0]) & (driven <= nothing).all(axis=1)
+        return StillMotions(across[kept].T, left[:, kept] / scale[:, None]) if kept.any() else None
 
     def _solution(
         self,
@@ -207,6 +275,7 @@ class MachineSpace:
         along: float,
         more: FloatArray | float,
         undetermined: int = 0,
+        still: StillMotions | None = None,
     ) -> PathDirection:
         """The change that the linear equations give: nothing lacks any longer, and <across, change> = along.
 
@@ -214,31 +283,40 @@ class MachineSpace:
         stiffness.
         """
         by, at = here.at.by, here.at
-        follows = by.Xu[:, 0]
+        follows = by.Xu.sum(axis=1)  # of its one input, or none
         load = by.Vz.T @ (here.slopes.force + (at.of.stiffness + more) @ follows)
         stiffness, n = at.stiffness(more), len(by.z)
-        scale = 1.0 / own_stiffness(stiffness, self.size[by.z])
+        scale = np.asarray(1.0 / self._own(by.z, stiffness), dtype=np.float64)
         matrix = np.zeros((n + 1, n + 1))
         matrix[:n, :n] = scale[:, None] * stiffness * scale
+        if not across.xi.any() and along == 0.0:  # the factor stays, whatever forces nothing balances
+            found = _least_squares(matrix[:n, :n], -scale * lacking, undetermined, still, scale)
+            return PathDirection(by.Vz @ (found * scale), 0.0)
         matrix[:n, n] = scale * load * self.width
         weights = across.xi / (self.typical * self.size) ** 2
         matrix[n, :n] = (weights @ by.Vz) * scale
         matrix[n, n] = (weights @ follows) * self.width + across.factor / self.width
-        # the factor's column and the plane's row in units of their own
-        column, row = (float(np.abs(part).max()) or 1.0 for part in (matrix[:n, n], matrix[n]))
+        # the factor's column, then the plane's row in units of their own
+        column = float(np.abs(matrix[:n, n]).max(initial=0.0)) or 1.0
         matrix[:, n] /= column
+        row = float(np.abs(matrix[n]).max()) or 1.0
         matrix[n] /= row
-        found = _least_squares(matrix, np.append(-scale * lacking, along / row), undetermined)
+        found = _least_squares(matrix, np.append(-scale * lacking, along / row), undetermined, still, scale)
         found[n] /= column
         factor = float(found[n]) * self.width
         return PathDirection(by.Vz @ (found[:n] * scale) + follows * factor, factor)
 
 
-def _least_squares(matrix: FloatArray, right: FloatArray, undetermined: int) -> FloatArray:
-    """The shortest solution, without the directions of the smallest singular values."""
+def _least_squares(
+    matrix: FloatArray, right: FloatArray, undetermined: int, still: StillMotions | None, scale: FloatArray
+) -> FloatArray:
+    """The shortest solution, without the directions of the smallest singular values, or what is to stay ``still``."""
+    n = len(right)
+    if still is not None:
+        matrix, right = still.beside(matrix, right, scale)
     if not undetermined:
         solution = scipy.linalg.lstsq(matrix, right, cond=_SINGULAR, lapack_driver="gelsy", check_finite=False)[0]
-        return np.asarray(solution, dtype=np.float64)
+        return np.asarray(solution, dtype=np.float64)[:n]
     left, values, across = np.linalg.svd(matrix)
     kept = len(values) - undetermined
-    return np.asarray(across[:kept].T @ ((left[:, :kept].T @ right) / values[:kept]), dtype=np.float64)
+    return np.asarray(across[:kept].T @ ((left[:, :kept].T @ right) / values[:kept]), dtype=np.float64)[:n]

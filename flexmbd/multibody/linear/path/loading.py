@@ -29,6 +29,9 @@ class Loading(Protocol):
     def apply(self, work: Work, factor: float) -> FloatArray | float:
         """Bring ``work.time`` to a factor; (nv,) forces to be added to the residual."""
 
+    def slopes(self, work: Work, x: FloatArray, v: FloatArray, *, factor: float, width: float) -> LoadSlopes:
+        """Derivatives by the factor at x (nx,), v (nv,), in a range of factors; leaves ``work.time`` at the factor."""
+
 
 @dataclass(frozen=True, eq=False)
 class TimeAsFactor:
@@ -50,16 +53,31 @@ class TimeAsFactor:
         work.time[:-1, 1:] = 0.0
         return 0.0
 
+    def slopes(self, work: Work, x: FloatArray, v: FloatArray, *, factor: float, width: float) -> LoadSlopes:
+        """As of ``Loading``, by central differences."""
+        return load_slopes(self.scene, work, self, x, v, factor=factor, width=width)
+
 
 @dataclass(frozen=True, eq=False)
 class LackingTakenAway:
-    """Newton's homotopy: the forces that are out of balance at a start are held, and let go as the factor goes to 1."""
+    """Newton's homotopy: the forces that are out of balance at a start are held, and let go as the factor goes to 1.
+
+    Attributes:
+        lacking: (nv,) those forces.
+        rows: how many constraint rows there are, which the factor leaves as they are.
+    """
 
     lacking: FloatArray
+    rows: int
 
     def apply(self, work: Work, factor: float) -> FloatArray | float:
         """As of ``Loading``: what holds the rest."""
         return (factor - 1.0) * self.lacking
+
+    def slopes(self, work: Work, x: FloatArray, v: FloatArray, *, factor: float, width: float) -> LoadSlopes:
+        """As of ``Loading``."""
+        motion, row = np.zeros((3, len(self.lacking), 1)), np.zeros((2, self.rows, 1))
+        return LoadSlopes(self.lacking, Prescribed(motion, row, np.zeros((1, 1))))
 
 
 @dataclass(frozen=True, eq=False)

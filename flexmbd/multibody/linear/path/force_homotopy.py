@@ -1,0 +1,235 @@
+"""The equilibrium that a machine comes to when the forces that its start lacks are let go.
+
+All of them at once are Newton's step, which is taken where it stays near what the linear equations predict, does work
+and passes no change of the stiffness.  Where it does not, his steps are cut, as long as the machine stays stable on the
+way.  Otherwise the forces are held and let go along a path (Newton's homotopy; Allgower & Georg 1990, Numerical
+Continuation Methods, section 1.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.continuation.follow import follow
+from flexmbd.continuation.request import Bounds
+from flexmbd.continuation.space import PathDirection, typical_motion, unit, until
+from flexmbd.continuation.station import station
+from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.linear.balance import ForceBalance, step_size
+from flexmbd.multibody.linear.downhill import newton_cut
+from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
+from flexmbd.multibody.linear.path.loading import LackingTakenAway
+from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness
+from flexmbd.multibody.linear.strain_predictor import StrainPredictor
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+FloatArray = NDArray[np.float64]
+
+_LONGEST = 0.5  # rad, or of the extent: of a path's steps
+_POINTS = 60  # of a path
+_CONVERGED = 1e-9  # rad, or of the extent: a step so short is Newton's last one
+_REFINEMENTS, _DIGITS = 3, 1e-12  # further steps, and of what was gone what they need not tell
+_STRAIGHT = 0.1  # rad, or of the extent: by how much the middle of a step that is longer than 1 may lie off the path
+_RESOLVED = 1e-12  # of what linear equations sum: what they leave where they determine all motions
+_NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
+_SLACK = 1e-8  # of the largest stiffness: so much less may be round-off, and is compared with the forces at play
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """An equilibrium.
+
+    Attributes:
+        point: it.
+        spectrum: of its stiffness.
+        moved: whether the start was another state.
+        turned: whether the path there from a stable start turned back on the way.
+    """
+
+    point: MachinePoint
+    spectrum: MotionSpectrum
+    moved: bool
+    turned: bool
+
+
+def forces_let_go(
+    scene: CompiledScene, work: Work, start: ForceBalance, strains: StrainPredictor, sizes: FloatArray
+) -> Settled:
+    """The equilibrium to which Newton's step leads, or else the path.
+
+    Args:
+        scene: the machine.
+        work: scratch; ``work.time`` holds the functions of time.
+        start: where it starts.
+        strains: of its bodies.
+        sizes: (nv,) of ``motion_sizes``.
+
+    Raises:
+        SceneError: there is none.
+    """
+    loading = LackingTakenAway(start.open_force(), len(scene.plan.rows))
+    space = MachineSpace(scene, work, strains, loading, 1.0, start.v, sizes, remembers=False, motion=start.motion)
+    goal = MachinePoint(start.x, 1.0, start, loading.slopes(work, start.x, start.v, factor=1.0, width=1.0), 0)
+    if _has_soft_motions(space, goal):
+        space = replace(space, at_play=forces_at_play(scene, work, start))
+    step, before = space.newton_step(goal, space.along_factor(1.0)), space.spectrum(goal)
+    open_ = _unresolved(space, goal, step) if np.any(space.at_play) else np.zeros(len(start.by.z))
+    if open_.any():
+        return _along_the_path(space, goal, before, open_)
+    if space.largest(step) <= _CONVERGED:
+        x, _ = space.moved(start.x, 1.0, step)
+        there = space.at(x, 1.0)
+        return Settled(there, space.spectrum(there), False, False)
+    works = -float(start.lacking @ step.xi[start.by.z])
+    if works > 0.0:
+        found = until(lambda: _at_once(space, goal, step))
+        if found is not None:
+            after = space.spectrum(found)
+            if after.diverging == 0 or _alike(before, after):
+                return _balanced(space, goal, Settled(found, after, True, False))
+        if space.still(goal) is None:
+            found = until(lambda: _by_cut_steps(space, goal, stays_stable=before.diverging == 0))
+            if found is not None:
+                after = space.spectrum(found)
+                if after.diverging == 0:
+                    return _balanced(space, goal, Settled(found, after, True, False))
+    return _along_the_path(space, goal, before, open_, sign=1.0 if works > 0.0 else -1.0)
+
+
+def _at_once(space: MachineSpace, goal: MachinePoint, step: PathDirection) -> MachinePoint:
+    """The equilibrium at the end of Newton's step.
+
+    Raises:
+        ConvergenceError: it is not near there.
+        SceneError: as ``balance``.
+    """
+    across = space.along_factor(1.0)
+    if space.largest(step) > 1.0:  # so far that an angle may have turned round: it must go straight
+        x, _ = space.moved(goal.x, 1.0, step.times(0.5))
+        middle = space.at(x, 0.5)
+        if not space.largest(space.newton_step(middle, across)) <= _STRAIGHT:
+            raise ConvergenceError("Newton's step is too long")
+    return space.correct(goal, step, across)
+
+
+def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool) -> MachinePoint:
+    """The equilibrium to which cut steps lead, as ``newton_cut``."""
+    found = newton_cut(space.scene, space.work, goal.at, space.strains, space.size, stays_stable=stays_stable)
+    return MachinePoint(found.x, 1.0, found, goal.slopes, 0)
+
+
+def _along_the_path(
+    space: MachineSpace, goal: MachinePoint, before: MotionSpectrum, open_: FloatArray, *, sign: float = 1.0
+) -> Settled:
+    """The end of the path.
+
+    Args:
+        space: the machine.
+        goal: its start, with nothing held.
+        before: of the start.
+        open_: (nz,) forces there that nothing resists; the path goes along these if there are any.
+        sign: of the change of the factor at the start, along which the forces do work.
+    """
+    held = space.at(goal.x, 0.0)
+    onwards = space.against(held, open_) if open_.any() else space.along_factor(sign)
+    if open_.any():
+        onwards = unit(space, onwards)
+    if sign < 0.0:  # away from what is near: the forces that hold it come to many times those that the start lacks
+        tangent = space.tangent(held, onwards)
+        space = replace(space, width=max(1.0, abs(tangent.factor) / step_size(space.size, tangent.xi)))
+        onwards = space.along_factor(sign)
+    space = replace(space, typical=typical_motion(space, space.tangent(held, onwards)))
+    here, turned = station(space, held, onwards), False
+    try:
+        for stretch in follow(space, here, Bounds(to=1.0, back_to=-np.inf, longest=_LONGEST, points=_POINTS)):
+            here = stretch.after
+            turned = turned or here.tangent.factor < 0.0
+            if open_.any() and abs(here.point.factor) <= _NOTHING:
+                _refuse_open(space, goal, open_)
+    except ConvergenceError as reason:
+        raise SceneError(f"no equilibrium found: {reason}; {_LOOK}") from reason
+    if here.point.factor != 1.0:
+        raise SceneError(
+            f"no equilibrium found: as the forces that the start lacks are let go, on a path of {_POINTS} points at "
+            f"most, {here.point.factor:.3g} of them are in the end; {_LOOK}"
+        )
+    turned = turned and before.diverging == 0
+    return _balanced(space, goal, Settled(here.point, space.spectrum(here.point), True, turned))
+
+
+_LOOK = (
+    "start nearer to it, as from one under a part of the load (about=), or look at the path of equilibria as the load "
+    "grows, path=fm.Continuation(to=...)"
+)
+
+
+def _has_soft_motions(space: MachineSpace, here: MachinePoint) -> bool:
+    """Whether round-off of the forces at play might move something, or be taken for a stiffness."""
+    size, stiffness = space.size[here.at.by.z], np.abs(here.at.stiffness())
+    own = stiffness @ size * size
+    return bool(own.min(initial=np.inf) <= _SLACK * own.max(initial=0.0)) or space.softest(here) <= _SLACK
+
+
+def _unresolved(space: MachineSpace, here: MachinePoint, step: PathDirection) -> FloatArray:
+    """(nz,) the forces that no small motion brings into balance; zeros where that is round-off of those at play."""
+    at, z = here.at, here.at.by.z
+    change, stiffness = step.xi[z], at.stiffness()
+    left = at.lacking + stiffness @ change
+    at_play = forces_at_play(space.scene, space.work, at)
+    own = own_stiffness(stiffness, space.size[z], at_play[z])
+    solved = np.linalg.norm(np.abs(stiffness) @ np.abs(change) / own) + np.linalg.norm(at.lacking / own)
+    carried = np.abs(at.by.Vz).T @ (at_play / space.size)
+    open_ = (np.abs(left) > _NOTHING * carried) & (np.abs(left / own) > _RESOLVED * solved)
+    return np.where(open_, left, 0.0)
+
+
+def _alike(one: MotionSpectrum, other: MotionSpectrum) -> bool:
+    """Whether no eigenvalue has passed zero from one to the other; two at once of forces without a potential may."""
+    if one.has_potential and other.has_potential:
+        return one.diverging == other.diverging
+    return one.diverging % 2 == other.diverging % 2
+
+
+def _balanced(space: MachineSpace, goal: MachinePoint, found: Settled) -> Settled:
+    """What was found, as exactly as round-off lets it be, if no force is left along motions that nothing resists.
+
+    Raises:
+        SceneError: some is.
+    """
+    along = space.along_factor(1.0)
+    found = replace(found, point=_refined(space, found.point, space.largest(space.newton_step(goal, along))))
+    if found.spectrum.idle.any():
+        step = space.newton_step(found.point, along)
+        _refuse_open(space, found.point, _unresolved(space, found.point, step))
+    return found
+
+
+def _refined(space: MachineSpace, point: MachinePoint, reach: float) -> MachinePoint:
+    """A point after further steps of Newton's method, as long as they become shorter and change digits of ``reach``."""
+    across, last = space.along_factor(1.0), np.inf
+    for _ in range(_REFINEMENTS):
+        step = space.newton_step(point, across)
+        size = space.largest(step)
+        if size <= _DIGITS * min(1.0, reach) or not size <= 0.5 * last:
+            break
+        last = size
+        point = space.at(space.moved(point.x, 1.0, step)[0], 1.0)
+    return point
+
+
+def _refuse_open(space: MachineSpace, here: MachinePoint, open_: FloatArray) -> None:
+    """Raise SceneError where forces are left that nothing resists."""
+    if not open_.any():
+        return
+    z = here.at.by.z
+    worst = int(np.argmax(np.abs(open_ * space.size[z])))
+    name = space.scene.velocity_names[z[worst]]
+    raise SceneError(
+        f"no equilibrium found: at {name!r} a force of {-open_[worst]:.6g} (N, N m, or modal) stays unbalanced, for "
+        "nothing resists it; check that something carries this load, or prescribe the motion"
+    )
