@@ -78,7 +78,7 @@ def wound(form, steps, *, means=False, turning=0.0):
     return rotation.T @ brick.stress @ rotation / yield_stress, brick.alpha
 
 
-@pytest.mark.parametrize("steps", [5, 20])
+@pytest.mark.parametrize("steps", [5, 10])
 @pytest.mark.parametrize("means", [True, False])
 def test_a_shear_that_flows_makes_no_pressure(steps, means):
     """Strains of two thirds, a thousand times that of first yield, at constant volume: any steps do.

@@ -106,7 +106,7 @@ def positive_mass(trial: Trial) -> Outcome:
 def symmetry(trial: Trial) -> Outcome:
     """Tangents at rest and at a displacement, and the mass, are symmetric.
 
-    Of a law in rates, which refers to the updated configuration, at rest alone: elastic as it may be, it has no potential.
+    Of a law in rates, which refers to the updated configuration, at rest alone: even where elastic it has no potential.
     """
     d, rates = trial.scale, trial.form.REFERENCE == "UPDATED" and not trial.has_energy
     figures = []
