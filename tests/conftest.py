@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 import sharing
 from _pytest._io import TerminalWriter
-from sharing import pytest_collection_modifyitems as pytest_collection_modifyitems  # hooks
-from sharing import pytest_xdist_make_scheduler as pytest_xdist_make_scheduler
+from sharing import pytest_xdist_make_scheduler as pytest_xdist_make_scheduler  # hooks
 from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -40,12 +39,13 @@ PATIENCE = 400.0
 TOLD = ("Locking", "Pulse", "Range", "Start", "Steps", "Table", "Unit")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let warnings of a user's errors be errors where the documents' examples run."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let warnings of a user's errors be errors where the documents' examples run; then see ``sharing``."""
     for item in items:
         if item.path.name.endswith("docs.py"):
             for kind in TOLD:
                 item.add_marker(pytest.mark.filterwarnings(f"error::flexmbd.errors.{kind}Warning"))
+    sharing.choose_and_order(config, items)
 
 
 @pytest.fixture

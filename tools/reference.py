@@ -64,8 +64,8 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError OutOfMemoryError PathError PictureError RecordError ReductionError SceneError "
-        "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning ModesWarning PathWarning PulseWarning "
-        "RangeWarning StartWarning StepsWarning TableWarning ToleranceWarning UnitWarning",
+        "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning ModesWarning PathWarning "
+        "PulseWarning RangeWarning StartWarning StepsWarning TableWarning ToleranceWarning UnitWarning",
         "",
     ),
 }

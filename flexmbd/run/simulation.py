@@ -111,11 +111,10 @@ def _run(
     began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
-    watched = bodies.values() if team.is_root else ()
-    watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, watched)
+    watch = StretchWatch(start.scene, bodies.values())
+    ranges = RangeWatch(start.scene, bodies.values() if team.is_root else ())
     updates = UpdateWatch(integration, start.scene.interiors)
     fixed = FixedStepWatch(start.scene.velocity_names, integration.state, method)
-    shown = settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
         interrupt_ends() as early,
@@ -140,8 +139,7 @@ def _run(
             bar.update(integration.t - before)
             stop = stops.pop(0) if code == st.DONE and stops else np.inf
             if integration.t >= stop and (stops or stop in settings.checkpoints):
-                snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
-                checkpoint = Checkpoint(method.name, start.scene.digest(), begun, snapshot)
+                checkpoint = _checkpoint(integration, begun, search)
                 if stop in settings.checkpoints:
                     kept.append(checkpoint)
                 if stream is not None:  # which then holds all up to where a restart begins
@@ -165,6 +163,12 @@ def _run(
     refuse_torn_loops(start, trajectory)
     _refuse_early_end(start, integration, trajectory, code=code, error=error, watch=watch, budget=budget)
     return trajectory
+
+
+def _checkpoint(integration: Integration, begun: float, search: EventSearch | None) -> Checkpoint:
+    """Of a simulation that began at ``begun`` (s), where it is."""
+    snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
+    return Checkpoint(integration.method.name, integration.start.scene.digest(), begun, snapshot)
 
 
 def _refuse_early_end(

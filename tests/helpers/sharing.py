@@ -39,7 +39,7 @@ def number_of_workers(config: pytest.Config, *, cores: int) -> int:
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def choose_and_order(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what is asked for by its marker alone. Of a worker: the longest files first, each in its own order."""
     asked = str(config.getoption("markexpr"))
     names = [name for name in ASKED_FOR if name not in asked]

@@ -190,7 +190,8 @@ def test_rotations_that_nothing_resists_stay_and_are_named():
         found = scene.equilibrium()
     assert found.unstable == 0
     places = np.array([found.beta(joint) for joint in joints.values()])
-    assert places[:, 2] == pytest.approx(0.4, abs=1e-12)
+    # a tenth of what counts as Newton's last step, of which round-off of the others' motion is 5e-12
+    assert places[:, 2] == pytest.approx(0.4, abs=1e-10)
     assert places[:, 1].min() < -1e-3
     assert sorted(found.neutral) == sorted(f"p{i}_{j}.angle" for i, j in joints)
 
