@@ -48,7 +48,7 @@ from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
 from flexmbd.run.recording import Recording
 from flexmbd.run.run_on_root import run_on_root
 from flexmbd.run.sampling import code_of
-from flexmbd.run.settings import RunSettings
+from flexmbd.run.settings import RunSettings, choice_of
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.snapshot import new_snapshot
 from flexmbd.run.stepping import evaluate_inputs
@@ -277,7 +277,7 @@ class CompiledMachine:
         """Run a variant on the ranks of this machine's team, each of which steps."""
         refuse_false_rates(scene, settings.starts, settings.t_end)
         start = self.start_of(scene, settings.begun, settings.about)
-        choice = settings.choice(start)
+        choice = choice_of(settings, start)
         method = choice.method
         if settings.restart is None:
             snapshot = new_snapshot(
@@ -317,7 +317,7 @@ class CompiledMachine:
             return None
         try:
             start = self.start_of(self.scene, settings.begun)
-            made = PreparedRuns(start, settings.choice(start).method, settings)
+            made = PreparedRuns(start, settings.method(start), settings)
         except FlexmbdError:
             return None
         return made if made.is_of_use else None

@@ -173,7 +173,7 @@ class PreparedRuns:
             return False
         if self._settings.h is None:
             s.numbers[st.STEP] = first_step(self.scene, s.numbers, s.v, s.a, self.method.order)
-        if self._settings.integrator == "auto" and self._settings.choice(self.start()).method != self.method:
+        if self._settings.integrator == "auto" and self._settings.method(self.start()) != self.method:
             return False
         self._stepper.begin()
         try:

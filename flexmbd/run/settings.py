@@ -157,11 +157,16 @@ class RunSettings:
         """When the simulation began (s) of which this run is the whole, or the rest after a checkpoint."""
         return self.t_start if self.restart is None else self.restart.t_start
 
-    def choice(self, start: Start) -> IntegratorChoice:
+    def method(self, start: Start) -> Integrator:
         """The integrator asked for, or the one that suits this start."""
-        if self.integrator == "auto":
-            return choose(start, t=self.begun, rtol=self.rtol, h=self.h)
-        return IntegratorChoice(self.integrator, "as asked")
+        return choice_of(self, start).method
+
+
+def choice_of(settings: RunSettings, start: Start) -> IntegratorChoice:
+    """The integrator asked for, or the one that suits this start, and what its choice foresees."""
+    if settings.integrator == "auto":
+        return choose(start, t=settings.begun, rtol=settings.rtol, h=settings.h)
+    return IntegratorChoice(settings.integrator, "as asked")
 
 
 @dataclass(frozen=True)
