@@ -158,9 +158,10 @@ def propose_step(rule, knots, state, groups):
         number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING], number[st.STABLE_STEP])
         if number[st.STEP] * rate > rule.longest:
             number[st.STEP] = rule.room * rule.longest / rate
-        least = shortest_step(state)
-        if not number[st.STEP] >= least:  # a rate beyond all steps: the shortest one, which fails
-            number[st.STEP] = least
+        if not number[st.STEP] >= number[st.STEP_FLOOR_SIZE]:  # a rate beyond all steps: the shortest one, which fails
+            least = shortest_step(state)
+            if not number[st.STEP] >= least:
+                number[st.STEP] = least
     h = number[st.STEP]
     if number[st.STEP_REMAINDER] > 0.0:
         h = number[st.STEP_REMAINDER]
@@ -249,7 +250,7 @@ def _after_rejection(rule, state, h):
         number[st.STEP_REMAINDER] = max(number[st.STEP_REMAINDER], h)
         number[st.STEP_PART] = 0.5 * h
         return st.DONE
-    if h <= shortest_step(state):
+    if h <= number[st.STEP_FLOOR_SIZE] and h <= shortest_step(state):
         return why
     count[st.JUMPED] = 0
     count[st.NO_GROWTH] = rule.hold
@@ -269,7 +270,7 @@ def accept_or_reject(plan, rule, state, groups, record, h):
     if outcome == st.DONE and state.numbers[st.ERROR_RATIO] <= 1.0:
         st.store(plan, state, groups, record, h)
         _after_acceptance(rule, state, h)
-        return count_shortest(state, h)
+        return count_shortest(state, h) if state.numbers[st.JUMP_SPENT] > 0.0 else st.DONE
     return _after_rejection(rule, state, h)
 
 
