@@ -98,13 +98,19 @@ def test_the_step_that_is_named_is_stable_and_nearly_the_longest():
 
 
 def test_what_grows_by_itself_is_not_refused():
-    """An inverted pendulum falls over, by physics: exp(t (g/l)^(1/2)) is 1e9 over the run."""
+    """An inverted pendulum falls over, by physics: exp(t (g/l)^(1/2)) is 1e9; beside what is nearly too fast."""
     scene = fm.System(gravity=(0, -9.81, 0))
     bob = scene.add(fm.RigidBody(1.0, (1e-9,) * 3, (0, 1.0, 0)))
     hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), bob.frame())
     hinge.position = 1e-13
-    for method in (fm.ExplicitRungeKutta(), CENTRAL):
-        run = scene.simulate(7.0, h=0.02, integrator=method)
+    fast = scene.add(fm.RigidBody(1.0, (1.0,) * 3))
+    rail = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), fast.frame())
+    scene.add_force(spring := fm.force.JointSpring(rail, 1.0))
+    machine = scene.compile(parameters={"k": vary.OfForce(spring, "stiffness")})
+    for method, reach in ((fm.ExplicitRungeKutta(fm.Pair.CLASSICAL_4), 2.8), (CENTRAL, 1.99)):
+        with pytest.raises(fm.SceneError, match="beyond the stability"):
+            machine.simulate(7.0, h=0.02, integrator=method, k=(1.1 * reach / 0.02) ** 2)
+        run = machine.simulate(7.0, h=0.02, integrator=method, k=(reach / 0.02) ** 2)
         grown = run.beta(hinge).ravel()[-1] / 1e-13
         assert grown == pytest.approx(math.cosh(7.0 * math.sqrt(9.81)), rel=0.05)
 
