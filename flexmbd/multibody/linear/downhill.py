@@ -18,7 +18,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 200
-_FEW = 30  # of Newton's own steps, cut
+_FEW = 30  # steps of ``newton_cut``
 _STEP = 0.3  # rad, or of the machine's extent: the longest step
 _CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
 _NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
@@ -95,7 +95,7 @@ def newton_cut(
     *,
     stays_stable: bool,
 ) -> ForceBalance:
-    """The equilibrium to which Newton's own steps lead, cut where they are long.
+    """The equilibrium to which few of Newton's steps lead, cut as in ``stable_below``.
 
     Args:
         scene: as of ``stable_below``, like those that follow.
@@ -103,7 +103,7 @@ def newton_cut(
         start: as there.
         strains: as there.
         sizes: as there.
-        stays_stable: give up where the machine is unstable on the way, and cut steps as in ``stable_below``.
+        stays_stable: give up where the machine is unstable on the way; from a start that is, go where forces push.
 
     Raises:
         ConvergenceError: they lead to none.
@@ -111,14 +111,12 @@ def newton_cut(
     """
     machine, here, predicted = _Machine(scene, work, strains, sizes), start, strains.at(start.x)
     for _ in range(_FEW):
-        more = strains.stiffness(here.x, predicted - strains.at(here.x))
-        step = _newton_step(machine, here, more)
+        step = _newton_step(machine, here, strains.stiffness(here.x, predicted - strains.at(here.x)))
         if step.unstable and stays_stable:
             break
-        along = step.along if not step.unstable else -here.by.Vz @ np.linalg.solve(here.stiffness(more), here.lacking)
-        size = step_size(sizes, along)
-        cut = along * min(1.0, _STEP / max(size, _STEP))
-        here, predicted = _take_step(machine, here, cut, predicted, searches=stays_stable and size > _CONVERGED)
+        size = step_size(sizes, step.along)
+        cut = step.along * min(1.0, _STEP / max(size, _STEP))
+        here, predicted = _take_step(machine, here, cut, predicted, searches=not step.unstable and size > _CONVERGED)
         if size <= _CONVERGED:
             return here
     raise ConvergenceError("Newton's steps lead to no equilibrium")
