@@ -111,10 +111,12 @@ def _run(
     began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
-    watch = StretchWatch(start.scene, bodies.values())
-    ranges = RangeWatch(start.scene, bodies.values() if team.is_root else ())
-    updates = UpdateWatch(integration, start.scene.interiors)
-    fixed = FixedStepWatch(start.scene.velocity_names, integration.state, method)
+    watch, ranges, updates, fixed = (
+        StretchWatch(start.scene, bodies.values()),
+        RangeWatch(start.scene, bodies.values() if team.is_root else ()),
+        UpdateWatch(integration, start.scene.interiors),
+        FixedStepWatch(start.scene.velocity_names, integration.state, method),
+    )
     with (
         open_recorder(settings, integration, team) as recorder,
         interrupt_ends() as early,

@@ -210,7 +210,8 @@ def test_a_flexible_body_without_a_surface_says_why_it_is_drawn_as_sticks():
         "rigid": fm.RigidBody(1.0, (1.0, 1.0, 1.0)),
     }
     for name, body in bodies.items():
-        scene.add(body, name=name)
+        body.name = name
+        scene.add(body)  # type: ignore[type-var]
         scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), body.frame())
     (note,) = drawn_scene(scene.at_start(), np.zeros(1), notes=["t = 0 s"]).notes
     first, second = note.splitlines()
