@@ -145,6 +145,10 @@ def _ramp(t: float) -> float:
     return 2.0 * t
 
 
+def _sided(t: float, y: float, v: float, side: float) -> float:
+    return side
+
+
 @cache
 def _compiled() -> fm.Compiled:
     return fm.compiled(_ramp)
@@ -204,6 +208,7 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "EquilibriumPath.q": {"body": lambda w: _bending()[1]},
     "Moment.set_rate": {"connection": lambda w: _during()[1], "rate": lambda w: 1.0},
     "Piecewise": {"function": lambda w: _ramp, "breaks": lambda w: [0.5]},
+    "Switched": {"law": lambda w: _sided, "when": lambda w: lambda t, y, v: y},
     "PseudoRigidSwarm.step": {"h": lambda w: 1e-3},
     "Slab.__call__": {"x": lambda w: np.zeros((3, 2))},
     "Solid.moved": {"p": lambda w: np.zeros(3), "R": lambda w: np.eye(3)},

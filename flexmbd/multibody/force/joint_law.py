@@ -8,7 +8,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate
 from flexmbd.multibody.functions.callback import Law
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
-from flexmbd.multibody.functions.switched import Switched
+from flexmbd.multibody.functions.switched import Switched, at_side, refuse_other_law, switch_number, switched_now
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 
@@ -34,7 +34,7 @@ class JointLaw(OnCoordinate):
         """Raise SceneError for a joint without that coordinate, or unless the law is a function of three arguments."""
         super().check()
         if isinstance(self.law, Switched):
-            self.law.refuse_other(Signature.LAW, f"{self.what}: a law of t, beta, its rate and its side")
+            refuse_other_law(self.law, Signature.LAW, f"{self.what}: a law of t, beta, its rate and its side")
         elif isinstance(self.law, Compiled):
             if self.law.signature is not Signature.LAW:
                 raise SceneError(f"{self.what}: {self.law.name} must take three arguments, t, beta and its rate")
@@ -45,9 +45,9 @@ class JointLaw(OnCoordinate):
         """One row with the function's address."""
         x, v = table.coordinate(self.connection, self.coordinate)
         if isinstance(self.law, Switched):
-            law = self.law.as_it_is_now()
-            up, down = (table.law(law.at(side), self.what) for side in (1.0, -1.0))
-            side = table.side(law, lambda side, t, every, rates: law.number(side, t, every[x], rates[v]), self.what)
-            table.element(USER_LAW, self.what, x=x, v=v, address=up, derivative=down, side=side)
+            law = switched_now(self.law)
+            up, down = (table.law(at_side(law, side), self.what) for side in (1.0, -1.0))
+            place = table.side(law, lambda side, t, q, dq: switch_number(law, side, t, q[x], dq[v]), self.what)
+            table.element(USER_LAW, self.what, x=x, v=v, address=up, derivative=down, side=place)
             return
         table.element(USER_LAW, self.what, x=x, v=v, address=table.law(self.law, self.what))

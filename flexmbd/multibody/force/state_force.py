@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.force.protocol import ElementTable, OnState
 from flexmbd.multibody.functions.callback import StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
-from flexmbd.multibody.functions.switched import Switched
+from flexmbd.multibody.functions.switched import Switched, at_side, refuse_other_law, switch_number, switched_now
 from flexmbd.multibody.kernels.elements.user_state_force import STATE_FORCE
 
 
@@ -42,7 +43,7 @@ class StateForce(OnState):
     def check(self) -> None:
         """Raise SceneError unless it is a function of the state."""
         if isinstance(self.function, Switched):
-            self.function.refuse_other(Signature.STATE, f"{self.what}: forces by t, x, v and their side")
+            refuse_other_law(self.function, Signature.STATE, f"{self.what}: forces by t, x, v and their side")
         elif isinstance(self.function, Compiled):
             if self.function.signature is not Signature.STATE:
                 raise SceneError(f"{self.what}: it must take four arguments, t, x, v and out")
@@ -52,9 +53,9 @@ class StateForce(OnState):
     def assemble(self, table: ElementTable) -> None:
         """One row with the function's address."""
         if isinstance(self.function, Switched):
-            function = self.function.as_it_is_now()
-            up, down = (table.state_function(function.at(side), self.what) for side in (1.0, -1.0))
-            side = table.side(function, function.number, self.what)
+            function = switched_now(self.function)
+            up, down = (table.state_function(at_side(function, side), self.what) for side in (1.0, -1.0))
+            side = table.side(function, partial(switch_number, function), self.what)
             table.element(STATE_FORCE, self.what, address=up, derivative=down, side=side)
             return
         table.element(STATE_FORCE, self.what, address=table.state_function(self.function, self.what))

@@ -17,7 +17,7 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.linear_system import LinearSystem
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table
-from flexmbd.multibody.functions.switched import Switched
+from flexmbd.multibody.functions.switched import Switched, at_side, refuse_other_law, switch_number, switched_now
 from flexmbd.multibody.functions.time_function import Sine, answered
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.fingerprint import fingerprint
@@ -187,14 +187,14 @@ class States:
             table.states(self, (self._address(table, 1.0, whole=whole), 0), quantities, whole=whole)
             return
         addresses = (self._address(table, 1.0, whole=whole), self._address(table, -1.0, whole=whole))
-        number = _SwitchNumber(self, switched.as_it_is_now(), quantities, whole=whole)
+        number = _SwitchNumber(self, switched_now(switched), quantities, whole=whole)
         if whole:
             table.when_built(number.take)
         number.place = table.states(self, addresses, quantities, whole=whole, switch=(switched, number))
 
     def _address(self, table: ElementTable, side: float, *, whole: bool) -> int:
         """Address of the equations on a side of their switch."""
-        f, g = (one.at(side) if isinstance(one, Switched) else one for one in (self.rates, self.outputs))
+        f, g = (at_side(one, side) if isinstance(one, Switched) else one for one in (self.rates, self.outputs))
         if isinstance(f, Compiled) and (g is None or isinstance(g, Compiled)) and not whole:
             return table.compiled_states(f, g, self.count, len(self.inputs))
         equations = _PythonEquations(self, (f, g))
@@ -282,7 +282,7 @@ class _SwitchNumber:
             u = np.concatenate([np.zeros(0), *(measure(_of_instant(q), now) for q in self._states.measurements)])
         else:
             u = np.array([x[place] if kind == OF_POSITION else v[place] for kind, place, _ in self._quantities])
-        return self._switched.number(side, t, self._states.scales * v[self.place], u)
+        return switch_number(self._switched, side, t, self._states.scales * v[self.place], u)
 
 
 def _of_instant(quantity: Any) -> Any:
@@ -292,7 +292,7 @@ def _of_instant(quantity: Any) -> Any:
 
 def _refuse_no_equation(function: object, what: str) -> None:
     if isinstance(function, Switched):
-        function.refuse_other(Signature.STATE, what)
+        refuse_other_law(function, Signature.STATE, what)
     elif isinstance(function, Compiled):
         if function.signature is not Signature.STATE:
             raise SceneError(f"{what}: a compiled function must take t, z, u and out")

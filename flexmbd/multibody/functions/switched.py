@@ -58,45 +58,54 @@ class Switched:
         elif not callable(self.when):
             raise SceneError(f"{what}: when must be a function of the arguments of the law but its side")
 
-    def refuse_other(self, signature: Signature, what: str) -> None:
-        """Raise SceneError where a compiled law or ``when`` has other arguments than those of a signature."""
-        for one in (self.law, self.when):
-            if isinstance(one, Compiled) and abs(one.signature.value) != signature.value:
-                raise SceneError(f"{what}: {one.name} has other arguments; see fm.Switched")
-
-    def as_it_is_now(self) -> Switched:
-        """Its compiled functions with the values that they read from outside as they are now (`Compiled`)."""
-        parts = (one.as_it_is_now() if isinstance(one, Compiled) else one for one in (self.law, self.when))
-        return Switched(*parts)
-
     @property
     def name(self) -> str:
         """The law's own."""
         return self.law.name if isinstance(self.law, Compiled) else getattr(self.law, "__name__", "law")
+
+    @functools.cached_property
+    def follows_side(self) -> bool:
+        """Whether ``when``, in Python, takes the side as well."""
+        return takes_side(self.when)
 
     @property
     def code(self) -> str:
         """Tells them from others."""
         return " ".join(fingerprint(one.source if isinstance(one, Compiled) else one) for one in (self.law, self.when))
 
-    def at(self, side: float) -> Any:
-        """The law on one side, 1.0 or -1.0, without that argument."""
-        if isinstance(self.law, Compiled):
-            return self.law.as_it_is_now().sides[0 if side > 0.0 else 1]
-        return functools.partial(self.law, side=side)
 
-    def number(self, side: float, *arguments: Any) -> Any:
-        """What ``when`` gives for a side and the law's other arguments."""
-        when = self.when
-        if not isinstance(when, Compiled):
-            return when(*arguments, side) if takes_side(when) else when(*arguments)
-        if when.sides:
-            when = when.sides[0 if side > 0.0 else 1]
-        if when.signature is Signature.LAW:
-            return when.keep.ctypes(*arguments)
-        out = np.zeros(max(1, len(arguments[-1])))
-        when.source(*arguments, out)
-        return out[0]
+def refuse_other_law(switched: Switched, signature: Signature, what: str) -> None:
+    """Raise SceneError where a compiled law or ``when`` has other arguments than those of a signature."""
+    for one in (switched.law, switched.when):
+        if isinstance(one, Compiled) and abs(one.signature.value) != signature.value:
+            raise SceneError(f"{what}: {one.name} has other arguments; see fm.Switched")
+
+
+def switched_now(switched: Switched) -> Switched:
+    """The same with the values that its compiled functions read from outside as they are now (`Compiled`)."""
+    parts = (one.as_it_is_now() if isinstance(one, Compiled) else one for one in (switched.law, switched.when))
+    return Switched(*parts)
+
+
+def at_side(switched: Switched, side: float) -> Any:
+    """The law on one side, 1.0 or -1.0, without that argument."""
+    if isinstance(switched.law, Compiled):
+        return switched.law.as_it_is_now().sides[0 if side > 0.0 else 1]
+    return functools.partial(switched.law, side=side)
+
+
+def switch_number(switched: Switched, side: float, *arguments: Any) -> Any:
+    """What ``when`` gives for a side and the law's other arguments."""
+    when = switched.when
+    if not isinstance(when, Compiled):
+        return when(*arguments, side) if switched.follows_side else when(*arguments)
+    if when.sides:
+        when = when.sides[0 if side > 0.0 else 1]
+    if when.signature is Signature.LAW:
+        return when.keep.ctypes(*arguments)
+    out = np.zeros(max(1, len(arguments[-1])))
+    when.source(*arguments, out)
+    return out[0]
 
 
 def takes_side(function: Callable[..., Any]) -> bool:
