@@ -43,7 +43,6 @@ from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.results.range_watch import RangeWatch
-from flexmbd.multibody.results.spin_watch import SpinWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
 from flexmbd.multibody.team import Team, on_every_rank
@@ -237,8 +236,7 @@ class System(MachineAssembly):
             PathError: a path cannot be followed to its end; the error has what was found.
 
         Warns:
-            RangeWarning: a reduced body with nonlinear stiffness is bent beyond what it was compared for, or one
-                without modes spins so fast that it matters how it is stiffened.
+            RangeWarning: a reduced body is bent or spins beyond what its record knows (docs/limits.md).
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
         refuse_other(path, (Continuation, NoneType), "path", wanted="fm.Continuation(to=...)")
@@ -255,8 +253,7 @@ class System(MachineAssembly):
         ranges = RangeWatch(start.scene, self._bodies if self.team.is_root else ())
         if path is None:
             found = find_equilibrium(start, work)
-            ranges.judge(np.array([found.t]), found.x[None])
-            self._judge_spin(found)
+            ranges.judge(np.array([found.t]), found.x[None], found.v[None])
             return found
         for connection in self._connections:
             if connection.velocity is not None and np.any(connection.velocity):
@@ -331,12 +328,9 @@ class System(MachineAssembly):
             team=self.team,
         )
         if about is None:  # of what was found before the equilibrium or the run has told
-            self._judge_spin(point)
+            ranges = RangeWatch(point.scene, self._bodies if self.team.is_root else ())
+            ranges.judge(np.array([point.t]), point.x[None], point.v[None])
         return machine
-
-    def _judge_spin(self, point: WorkingPoint) -> None:
-        watch = SpinWatch(point.scene, self._bodies if self.team.is_root else ())
-        watch.judge(np.array([point.t]), point.x[None], point.v[None])
 
     @checked("rtol", "h")
     def explain(

@@ -41,7 +41,7 @@ class HeldModes:
     def frequencies(self) -> FloatArray:
         """(m,) Hz."""
         with np.errstate(divide="ignore"):
-            return 1.0 / (2.0 * np.pi * self.period)
+            return np.asarray(0.5 / np.pi / self.period)
 
     def damping(self, ratios: FloatArray) -> FloatArray:
         """(n, n) 1/s, D_qq by which each mode has its ratio of (m,), or all have the same."""

@@ -21,6 +21,9 @@ ACCELERATIONS = tuple(f"acceleration {axis}" for axis in AXES)
 ANGULAR_ACCELERATIONS = tuple(f"angular acceleration {axis}" for axis in AXES)
 CENTRIFUGAL = tuple(f"angular velocity {AXES[a]}{AXES[b]}" for a, b in SPIN_PRODUCTS)
 
+#: In the provenance of a body that was reduced about the state of a spin: that spin, (3,) rad/s along B's axes.
+PRESTRESS_SPIN = "prestress angular velocity"
+
 #: (6, 3, 3) S_ab of each product.
 CENTRIFUGAL_FIELDS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(SPIN_PRODUCTS):

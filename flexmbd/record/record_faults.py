@@ -17,8 +17,18 @@ _ROUND_OFF = 1e-6
 
 
 class _RecordParts(Protocol):
-    """What is looked at of a `ReducedBody` beside its arrays by name; its constructor asks."""
+    """What is looked at of a `ReducedBody`, whose constructor asks."""
 
+    @property
+    def gram(self) -> FloatArray: ...
+    @property
+    def damping(self) -> FloatArray: ...
+    @property
+    def partition(self) -> FloatArray: ...
+    @property
+    def p_MB_M(self) -> FloatArray: ...
+    @property
+    def R_MB(self) -> FloatArray: ...
     @property
     def stiffness(self) -> FloatArray: ...
     @property

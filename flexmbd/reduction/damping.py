@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import ufl
@@ -300,7 +301,7 @@ def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> list[fem
     return assembly.derivatives_at_rest(terms, u)
 
 
-def _names(held: object) -> tuple[str, ...]:
+def _names(held: Any) -> tuple[str, ...]:
     if not is_list(held) or not all(isinstance(name, str) for name in held):
         raise ReductionError(f"held must be a list of interfaces' names, as held=['root'], got {shown(held)}")
     if len(set(held)) != len(held):

@@ -36,6 +36,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
 from flexmbd.record.groups import IntArray
+from flexmbd.record.inertia_loads import PRESTRESS_SPIN
 from flexmbd.record.reduced_body import (
     DistributedLoads,
     FurtherUnknowns,
@@ -195,7 +196,7 @@ def optional_parts(
     rotors = gyroscopic_group(model, modes=own, p=p, R=R)
     if rotors is not None:
         parts["gyroscopic"] = rotors
-    provenance = _notes(model, contents)
+    provenance = _notes(model, contents, R=R)
     if contents.geometric_stiffness:
         groups, notes = _stiffening_groups(model, contents, found, modes=modes, stiffness=stiffness, resolved=resolved)
         parts.update(groups)
@@ -209,11 +210,13 @@ def optional_parts(
     return parts, _kept(model, contents.keep, modes, frames=frames, p=p, R=R), provenance
 
 
-def _notes(model: LinearModel, contents: Contents) -> dict[str, str]:
+def _notes(model: LinearModel, contents: Contents, *, R: FloatArray) -> dict[str, str]:
     """What the provenance says of the loaded state and of damping."""
     notes = {}
     if model.state is not None:
         notes["prestress"] = "\n".join([*model.state.loads, model.state.note])
+        if model.state.spin.any():
+            notes[PRESTRESS_SPIN] = " ".join(repr(float(rate)) for rate in R.T @ model.state.spin)
     said = [str(contents.damping)] if contents.damping is not None else []
     if has_dissipation(model):
         said.append("dissipation of the formulation")

@@ -27,8 +27,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_de
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.misplaced_elements import misplaced_elements, placed_elements
-from flexmbd.multibody.results.spin_watch import SpinWatch
-from flexmbd.multibody.results.turn_watch import TurnWatch
+from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.start.consistent_start import Start, is_dense_tree
 from flexmbd.multibody.start.energy_check import gives_energies
 from flexmbd.run.limits import MOST_ROWS
@@ -121,7 +120,7 @@ class PreparedRuns:
         whole = [np.empty(1 + MOST_ROWS), *(np.empty((1 + MOST_ROWS, size)) for size in sizes)]
         t, x, v, a, multipliers = (part[1:] for part in whole)
         self._series, self._record = whole[:4], st.Record(t, x, v, a, multipliers, self._work)
-        self._watches = SpinWatch(self.scene, scene.index.bodies), TurnWatch(self.scene, scene.index.bodies)
+        self._ranges = RangeWatch(self.scene, scene.index.bodies)
 
     @property
     def is_of_use(self) -> bool:
@@ -183,7 +182,7 @@ class PreparedRuns:
         """Step to the end; None where the run fails, which ``simulation.run`` has the words for.
 
         Warns:
-            RangeWarning: as of any run, of a body that spins too fast or an element that winds up.
+            RangeWarning: as of any run, of a body beyond what its record knows.
         """
         s, began = self._state, time.perf_counter()
         for part, value in zip(self._series, (s.numbers[st.TIME], s.x, s.v, s.a), strict=True):
@@ -203,8 +202,7 @@ class PreparedRuns:
             return None
         found = [np.concatenate(parts) for parts in zip(*blocks, strict=True)] or [part[rows] for part in self._series]
         t, x, v, a = found
-        for watch in self._watches:
-            watch.judge(t, x, v)
+        self._ranges.judge(t, x, v)
         return SteppedRows(t, x, v, a, time.perf_counter() - began, interrupt)
 
 

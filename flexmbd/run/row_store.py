@@ -62,7 +62,7 @@ class RowStore:
         return self._blocks[-1]
 
     def since(self, row: int) -> RowArrays:
-        """The rows from ``row`` on."""
+        """The rows from ``row`` on, to be read: what stands in one block is not copied."""
         first, parts = self.count, list[RowArrays]()
         for block in reversed(self._blocks):
             if first <= row:
@@ -73,7 +73,8 @@ class RowStore:
             parts.append(self._spilled())
             first = 0
         parts.reverse()
-        return tuple(part[row - first :] for part in self._joined(parts))
+        joined = parts[0] if len(parts) == 1 else self._joined(parts)
+        return tuple(part[row - first :] for part in joined)
 
     def keep(self, count: int) -> None:
         """Keep the first rows alone."""

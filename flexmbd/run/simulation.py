@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
@@ -18,9 +18,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.range_watch import RangeWatch
-from flexmbd.multibody.results.spin_watch import SpinWatch
 from flexmbd.multibody.results.stretch_watch import StretchWatch
-from flexmbd.multibody.results.turn_watch import TurnWatch
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.team import Team
 from flexmbd.run.checkpoint import Checkpoint
@@ -96,17 +94,12 @@ def _run(
     saved = saves.times(begun, integration.t, t_end) if saves is not None else []
     stops = [*sorted({*settings.checkpoints, *saved}), t_end]
     kept: list[Checkpoint] = []
-    began = time.perf_counter()
-    compiled = began
+    began = compiled = time.perf_counter()
     code = st.DONE
     error: FlexmbdError | KeyboardInterrupt | None = None
     watched = bodies.values() if team.is_root else ()
-    watch, ranges, creep = (
-        StretchWatch(start.scene, bodies.values()),
-        (RangeWatch(start.scene, watched), TurnWatch(start.scene, watched), SpinWatch(start.scene, watched)),
-        CreepWatch(integration, t_end),
-    )
-    shown = settings.progress and team.is_root
+    watch, ranges = StretchWatch(start.scene, bodies.values()), RangeWatch(start.scene, watched)
+    creep, shown = CreepWatch(integration, t_end), settings.progress and team.is_root
     with (
         open_recorder(settings, integration, team) as recorder,
         interrupt_ends() as early,
@@ -147,6 +140,7 @@ def _run(
             recordings=() if recorder is None else recorder.recordings,
         )
     error = error or (KeyboardInterrupt() if early.seen or late.seen else None)
+    ranges.look(integration.stored, last=True)
     refuse_torn_loops(start, trajectory)
     _refuse_flat(watch, integration, trajectory)
     refuse_broken_off(error, trajectory)
@@ -212,7 +206,7 @@ def _advance(
     search: EventSearch | None,
     stop: float,
     recorder: Recorder | None,
-    ranges: Iterable[RangeWatch | TurnWatch | SpinWatch],
+    ranges: RangeWatch,
 ) -> int:
     """Step towards ``stop`` (s) and keep the rows; the stepper's code."""
     try:
@@ -223,8 +217,7 @@ def _advance(
         finally:  # what comes before a break that cannot be left is kept
             integration.keep_rows()
     finally:
-        for one in ranges:
-            one.look(integration.stored)
+        ranges.look(integration.stored)
         if recorder is not None:
             recorder.write()
 

@@ -2,6 +2,7 @@
 
 import ast
 import os
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -145,10 +146,10 @@ def mesh(path, craft, secret):
 
 
 KINDS = {
-    "record": lambda *made: tree_file(*made, RECORD),
-    "trajectory": lambda *made: tree_file(*made, TRAJECTORY),
-    "run": lambda *made: tree_log(*made, STREAM),
-    "recording": lambda *made: tree_log(*made, RECORDING),
+    "record": partial(tree_file, kind=RECORD),
+    "trajectory": partial(tree_file, kind=TRAJECTORY),
+    "run": partial(tree_log, kind=STREAM),
+    "recording": partial(tree_log, kind=RECORDING),
     "ensemble": ensemble,
     "mesh": mesh,
 }

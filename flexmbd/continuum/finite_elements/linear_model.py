@@ -44,6 +44,7 @@ class StaticState:
         rigid_error: of the static shapes at rest; see `flexmbd.reduction.static_shapes.statics`.
         loads: what the body is loaded with, as text.
         note: what became of it.
+        spin: (3,) rad/s of the body, along the mesh's axes.
     """
 
     frame: str
@@ -53,6 +54,7 @@ class StaticState:
     rigid_error: float
     loads: tuple[str, ...]
     note: str
+    spin: FloatArray
 
 
 class LinearModel(PicturedModel):

@@ -19,7 +19,7 @@ class Bushing(BetweenFrames):
 
     d = p_FG_F (m) and theta the rotation vector of R_FG (rad), both in F's axes; slack where G lies on F.  The wrench
     is the exact derivative at any size of u, so no energy is lost or made; turns stay below half a revolution, where
-    theta changes its direction.
+    theta changes its direction, which a run tells (`fm.RangeWarning`).
 
     Attributes:
         frame_F, frame_G: its ends.
@@ -31,6 +31,11 @@ class Bushing(BetweenFrames):
     frame_G: Frame
     stiffness: ArrayLike
     damping: ArrayLike = (0.0,) * 6
+
+    @property
+    def resists_turns(self) -> bool:
+        """Whether a turn meets forces or moments."""
+        return any(self._matrix(name)[3:].any() for name in ("stiffness", "damping"))
 
     def check(self) -> None:
         """Raise SceneError for matrices that store or dissipate a negative energy."""

@@ -1,96 +1,77 @@
-"""Watches when bodies with nonlinear stiffness leave the states and loads at which they were compared."""
+"""One watch of the rows of a run against what the records of its bodies know, and what its elements can measure.
+
+Each kind of limit is a file of its own: `compared_range`, `spin_range`, `bend_range`, `turn_range`.  It is told once
+a run, with body, time, what is missing and about how much, and a remedy; of an ensemble once of each subject
+(`told_once`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import RangeWarning, warn
 from flexmbd.multibody.bodies.body import Body
-from flexmbd.multibody.kernels.physics.elasticity import strain_energies, strain_forces
-from flexmbd.multibody.kernels.reading.tree import flexible_row
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.results.locked_energy import LockedEnergy
+from flexmbd.multibody.results.bend_range import bend_limits
+from flexmbd.multibody.results.compared_range import compared_limits
+from flexmbd.multibody.results.spin_range import spin_limits
+from flexmbd.multibody.results.state_rows import Before, Limit, StateRows
 from flexmbd.multibody.results.stretch_watch import StoredRows
+from flexmbd.multibody.results.turn_range import turn_limits
 
 FloatArray = NDArray[np.float64]
 
-
-@dataclass(eq=False)
-class _KnownStates:
-    """A body's largest known strain energy, J, what locks it, and which of the two it has not left so far."""
-
-    most: float
-    locks: LockedEnergy
-    inside: bool = True
-    free: bool = True
+# Rows that are waited for: to look costs some 100 us however few there are.
+_AT_ONCE = 1024
 
 
 class RangeWatch:
-    """Looks through the rows of a simulation as they come, and warns once of each body."""
+    """Looks through the rows of a simulation as they come, and warns once of each limit."""
 
     def __init__(self, scene: CompiledScene, bodies: Iterable[Body]) -> None:
-        self._scene = scene
-        records = ((body, scene.index.now(body).reduced()) for body in bodies)
-        self._watched = {
-            body: _KnownStates(float(record.nonlinear.energy[0]), LockedEnergy(record, record.nonlinear))
-            for body, record in records
-            if record is not None and record.nonlinear is not None
-        }
+        self._scene, watched = scene, tuple(bodies)
+        made = (compared_limits, spin_limits, bend_limits, turn_limits)
+        self._limits: tuple[Limit, ...] = tuple(chain.from_iterable(make(scene, watched) for make in made))
+        self._open = self._limits
         self._rows = 0
+        self._work = new_work(scene.plan) if self._limits else None
+        self._before: Before | None = None
 
-    def look(self, stored: StoredRows) -> None:
-        """Look at the rows that came since; each begins with its time (s) and its configuration.
+    def look(self, stored: StoredRows, *, last: bool = False) -> None:
+        """Look at the rows that came since; each begins with time (s), configuration and velocities.
+
+        Args:
+            stored: the run's rows.
+            last: whether no more will come, so that few are looked at as well.
 
         Warns:
-            RangeWarning: a body has left its range, or locks under loads beside it; each once a body.
+            RangeWarning: a limit is passed.
         """
-        if not self._watched:
+        if not self._open or stored.count - self._rows < (1 if last else _AT_ONCE):
             return
-        t, x, *_ = stored.since(self._rows)
-        self._rows += len(t)
-        self.judge(t, x)
+        t, x, v, *_ = stored.since(self._rows)
+        self._rows = stored.count
+        rows = StateRows(self._scene, t, x, v, work=self._work, before=self._before)
+        self._open = tuple(limit for limit in self._open if not limit.tells(rows))
+        self._before = rows.after()
 
-    def judge(self, t: FloatArray, x: FloatArray) -> None:
-        """The same of states that are no run's, as equilibria: times or load factors (k,), configurations (k, nx)."""
-        for body, watched in tuple(self._watched.items()):
-            flex = flexible_row(self._scene.plan, self._scene.index.bodies[body])
-            place, x = self._scene.index.modes[body].x, np.ascontiguousarray(x)
-            energy = np.zeros(len(t))
-            strain_energies(self._scene.plan, flex, x, place.start, energy)
-            if watched.inside:
-                self._judge_energy(body, watched, t, energy)
-            if watched.free:
-                n = place.stop - place.start
-                force = np.zeros((len(t), n))
-                strain_forces(self._scene.plan, flex, x, place.start, np.zeros(n), np.zeros(n), force)
-                self._judge_loads(body, watched, t, watched.locks.share(force, energy))
-            if not (watched.inside or watched.free):
-                del self._watched[body]
+    def judge(self, t: FloatArray, x: FloatArray, v: FloatArray | None = None) -> None:
+        """The same of other states, as equilibria, paths of them, or the rows of a whole run.
 
-    def _judge_energy(self, body: Body, watched: _KnownStates, t: FloatArray, energy: FloatArray) -> None:
-        beyond = np.flatnonzero(energy > watched.most)
-        if len(beyond):
-            watched.inside = False
-            warn(
-                f"flexible body {body.name!r} stores {energy[beyond[0]]:.4g} J at t = {t[beyond[0]]:.6g} s, more "
-                f"than the {watched.most:.4g} J up to which it was compared with its full model: from there on nothing "
-                "is known of its error; reduce it for a larger range of loads, or cut it in several pieces",
-                RangeWarning,
-            )
+        Args:
+            t: (k,) times, s, or load factors.
+            x: (k, nx) configurations.
+            v: (k, nv) velocities; none: at rest.
 
-    def _judge_loads(self, body: Body, watched: _KnownStates, t: FloatArray, share: FloatArray) -> None:
-        allowed = watched.locks.tolerance
-        beyond = np.flatnonzero(share > allowed)
-        if len(beyond):
-            watched.free = False
-            warn(
-                f"flexible body {body.name!r} locks at t = {t[beyond[0]]:.6g} s under loads in directions that it was "
-                f"not reduced for: {100.0 * share[beyond[0]]:.2g} % of its strain energy is what no shape relieves "
-                f"({100.0 * allowed:.2g} % were allowed), so that it is too stiff there; give ModalDerivatives loads "
-                "in these directions as well, as forces and moments of bending in this plane",
-                RangeWarning,
-            )
+        Warns:
+            RangeWarning: a limit is passed.
+        """
+        if not self._limits or not len(t):
+            return
+        rows = StateRows(self._scene, t, x, np.zeros((len(t), self._scene.nv)) if v is None else v, work=self._work)
+        for limit in self._limits:
+            limit.tells(rows)

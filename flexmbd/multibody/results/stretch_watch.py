@@ -20,6 +20,10 @@ FloatArray = NDArray[np.float64]
 class StoredRows(Protocol):
     """The interface of a run's rows so far."""
 
+    @property
+    def count(self) -> int:
+        """How many rows there are."""
+
     def since(self, row: int) -> tuple[FloatArray, ...]:
         """The rows from ``row`` on: times (k,), configurations (k, nx), ..."""
 

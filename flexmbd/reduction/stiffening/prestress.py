@@ -117,6 +117,7 @@ def prestressed(
         rigid_error=rigid_error,
         loads=texts or ("no loads",),
         note="at rest",
+        spin=spin,
     )
     found = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin).state()
     _check_rotations(model, found)

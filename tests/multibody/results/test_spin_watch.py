@@ -95,7 +95,7 @@ def said(ask):
 
 
 def percents(texts):
-    return [float(re.search(r"off by \+([\d.]+) %", text)[1]) for text in texts]
+    return [float(re.search(r"off by about \+([\d.]+) %", text)[1]) for text in texts]
 
 
 @pytest.mark.parametrize("axis", ["y", "z", (0.0, 0.8, -0.6)])
