@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.jumps import count_shortest, leave_jump, shortest_step
+from flexmbd.integrate.jumps import count_shortest, is_endless, leave_jump, shortest_step
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -251,7 +251,7 @@ def _after_rejection(rule, state, h):
         number[st.STEP_PART] = 0.5 * h
         return st.DONE
     if h <= number[st.STEP_FLOOR_SIZE] and h <= shortest_step(state):
-        return why
+        return st.ENDLESS_JUMPS if solved and is_endless(state) else why
     count[st.JUMPED] = 0
     count[st.NO_GROWTH] = rule.hold
     shrink = rule.failed
@@ -265,7 +265,7 @@ def _after_rejection(rule, state, h):
 def accept_or_reject(plan, rule, state, groups, record, h):
     """Accept the attempt at h and store its end, or set a shorter step; DONE to go on, else the code to stop with."""
     outcome = state.counts[st.OUTCOME]
-    if outcome in (st.CALLBACK_FAILED, st.ENDLESS_JUMPS):
+    if outcome == st.CALLBACK_FAILED:
         return outcome
     if outcome == st.DONE and state.numbers[st.ERROR_RATIO] <= 1.0:
         st.store(plan, state, groups, record, h)
