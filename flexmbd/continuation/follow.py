@@ -63,9 +63,9 @@ def follow(
     Warns:
         PathWarning: critical points could not be located.
     """
-    here, share = first, _FIRST * bounds.longest / space.largest(first.tangent)
+    here, share = first, _FIRST * _longest_share(space, first, bounds)
     for _ in range(bounds.points - 1):
-        share = min(share, bounds.longest / space.largest(here.tangent))
+        share = min(share, _longest_share(space, here, bounds))
         stretch, tries = None, 0
         while stretch is None:
             if not share * space.largest(here.tangent) >= _SHORTEST:  # nor is a tangent that is no number
@@ -90,6 +90,12 @@ def follow(
         here = stretch.after
         if stretch.closes or here.point.factor in (bounds.to, bounds.back_to):
             return
+
+
+def _longest_share(space: PathSpace[AnyPoint], here: Station[AnyPoint], bounds: Bounds) -> float:
+    """How many tangents the longest step has; none of a tangent that has no length, as of a path without a direction."""
+    size = space.largest(here.tangent)
+    return bounds.longest / size if size != 0.0 else 0.0
 
 
 def found_end(factors: Sequence[float], met: Sequence[float], bounds: Bounds, *, closes: bool) -> PathEnd:

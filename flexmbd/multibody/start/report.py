@@ -13,6 +13,7 @@ from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
 from flexmbd.multibody.start.loop_closing import CLOSED, own_rate
+from flexmbd.overflow import looked_at
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -101,6 +102,7 @@ def moved_coordinates(
     return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
 
 
+@looked_at()
 def changed_velocities(scene: CompiledScene, wanted: FloatArray, v: FloatArray, *, held: Mask) -> str:
     """A complaint where velocities (nv,) that the user set were changed by more than a tenth; empty without.
 
