@@ -93,7 +93,7 @@ def follow(
 
 
 def _longest_share(space: PathSpace[AnyPoint], here: Station[AnyPoint], bounds: Bounds) -> float:
-    """How many tangents the longest step has; none of a tangent that has no length, as of a path without a direction."""
+    """How many tangents the longest step has; none of a tangent without length, as of a path without a direction."""
     size = space.largest(here.tangent)
     return bounds.longest / size if size != 0.0 else 0.0
 
