@@ -352,7 +352,7 @@ def test_what_cannot_leave_is_refused(tmp_path, monkeypatch):
     there = Arm()
     torque, position = fm.force.JointTorque, fm.output.Position
 
-    def refused(words, error=ExportError, scene=there.scene, h=H, **options):
+    def refused(words, error=ExportError, scene=there.scene, h=SHORT, **options):
         with pytest.raises(error, match=words):
             fm.export.fmu_machine(scene, path, h=h, **options)
 

@@ -83,8 +83,8 @@ def test_a_force_with_memory(folder, tmp_path):
         joint = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), body.frame())
         force = scene.add_force(module(folder, "stick").Stick(joint, stiffness, most))
         joint.velocity = speed
-        run = scene.simulate(0.2, rtol=1e-5, integrator=method, checkpoints=[0.1])
-        again = scene.simulate(0.2, rtol=1e-5, integrator=method, restart=run.checkpoints[0])
+        run = scene.simulate(0.2, rtol=2e-6, integrator=method, checkpoints=[0.1])
+        again = scene.simulate(0.2, rtol=2e-6, integrator=method, restart=run.checkpoints[0])
         np.testing.assert_array_equal(again.x, run.x[-len(again.t) :])
         kept = run.remembered(force)
         # the work of the sliding force and what is stored in the stretched stick are all there is

@@ -143,6 +143,8 @@ def intrinsic(name: str, kind: Scalar, given: Sequence[str]) -> str:
         right = f"({kind.bits}u - {by} % {kind.bits}u)" if name == "fshl" else f"({by} % {kind.bits}u)"
         whole = fitted(low if name == "fshr" else high, kind)
         return f"{by} % {kind.bits}u == 0 ? {whole} : {fitted(f'({high} << {left} | {low} >> {right})', kind)}"
+    elif name == "is.fpclass":
+        return f"of_class({given[0]}, {given[1]})"
     elif name == "expect":
         return given[0]
     raise no_c(f"the function llvm.{name} is not known")

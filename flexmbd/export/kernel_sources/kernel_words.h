@@ -43,6 +43,17 @@ static inline int64_t shifted(int64_t v, int by) { return v < 0 ? ~(~v >> by) : 
 
 static inline int unordered(double a, double b) { return isnan(a) || isnan(b); }
 
+/* Whether a number is of one of the classes whose bits a mask has, in LLVM's order: NaNs (two), then from -inf to inf. */
+static inline uint8_t of_class(double v, unsigned mask) {
+    int below = signbit(v) != 0;
+    unsigned of = isnan(v) ? 3u
+        : isinf(v) ? (below ? 4u : 512u)
+        : v == 0.0 ? (below ? 32u : 64u)
+        : fabs(v) < 0x1p-1022 ? (below ? 16u : 128u)
+        : (below ? 8u : 256u);
+    return (of & mask) != 0;
+}
+
 static inline uint64_t whole(double v) {
     return v >= -0x1p63 && v < 0x1p63 ? (uint64_t)(int64_t)v : (uint64_t)1 << 63;
 }

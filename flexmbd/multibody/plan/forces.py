@@ -32,7 +32,13 @@ from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
-from flexmbd.multibody.plan.state_loads import Quantities, StateRows, followed_times, refuse_set_twice, set_loads
+from flexmbd.multibody.plan.state_loads import (
+    Quantities,
+    StateEquationRows,
+    followed_times,
+    refuse_set_twice,
+    set_loads,
+)
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, StatePlaces
 
 FloatArray = NDArray[np.float64]
@@ -87,7 +93,7 @@ class ForceTable:
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
-        self._states: list[StateRows] = []
+        self._states: list[StateEquationRows] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
@@ -201,7 +207,7 @@ class ForceTable:
         self._numbering.index.states[states] = StatePlaces(
             slots, states.scales, states.first, states.what, tuple(states.inputs)
         )
-        self._states.append(StateRows(states, slots.start, addresses, tuple(quantities), whole, switch))
+        self._states.append(StateEquationRows(states, slots.start, addresses, tuple(quantities), whole, switch))
         return slots
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:

@@ -19,7 +19,7 @@ Quantities: TypeAlias = Sequence[tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
-class StateRows:
+class StateEquationRows:
     """State equations, as ``ForceTable.states`` takes them; ``first``: their first place in v."""
 
     states: StateEquations
