@@ -46,7 +46,7 @@ MUTANTS = (
     Mutant("interface: sign of a lever", "flexmbd/continuum/finite_elements/interface.py",
            "np.cross(np.eye(3), end - start)", "np.cross(np.eye(3), start - end)",
            ("tests/continuum/test_interface.py",)),
-    Mutant("modal damping: factor", "flexmbd/reduction/damping.py", "np.diag(2.0 *", "np.diag(1.0 *",
+    Mutant("modal damping: factor", "flexmbd/record/held_modes.py", "(2.0 * ratios", "(1.0 * ratios",
            ("tests/reduction/test_damping.py",)),
     Mutant("rotors: index of their momentum", "flexmbd/reduction/gyroscopic.py",
            "skew[1, 2], skew[2, 0], skew[0, 1]", "skew[1, 2], skew[0, 2], skew[0, 1]",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.beams.discrete_frame import DiscreteFrame
 from flexmbd.beams.lumps import Lumping, gram
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, shown
+from flexmbd.given import checked, is_list, shown
 from flexmbd.record.held_modes import HeldModes, held_modes
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
 
@@ -50,6 +50,8 @@ def discrete_body(
         SceneError: an interface is not a node, is given twice, or is not there; more modes than there are;
             ratios that are not numbers from 0 to 1.
     """
+    if not is_list(damping_held) or not all(isinstance(name, str) for name in damping_held):
+        raise SceneError(f"damping_held must be a list of interfaces' names, as ['root'], got {shown(damping_held)}")
     rows = _interface_nodes(lumped, interfaces, frame)
     basis = _basis(lumped, rows, floating=frame is None, modes=modes)
     x = lumped.mesh.x

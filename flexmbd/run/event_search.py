@@ -333,6 +333,8 @@ class EventSearch:
         return self._values_of(Moment(self._integration.scene, t, x, v, a))
 
     def _values_now(self) -> NDArray[np.float64]:
+        if self._events:  # which may keep the moment
+            return self._values_of(self._moment())
         s = self._integration.state
         return self._values_at(self._integration.t, s.x, s.v, s.a)
 

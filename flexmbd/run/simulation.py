@@ -141,7 +141,7 @@ def _run(
             bar.update(integration.t - before)
             stop = stops.pop(0) if code == st.DONE and stops else np.inf
             if integration.t >= stop and (stops or stop in settings.checkpoints):
-                checkpoint = _checkpoint(integration, begun, search)
+                checkpoint = _checkpoint(start, integration, begun, search)
                 if stop in settings.checkpoints:
                     kept.append(checkpoint)
                 if stream is not None:  # which then holds all up to where a restart begins
@@ -167,10 +167,10 @@ def _run(
     return trajectory
 
 
-def _checkpoint(integration: Integration, begun: float, search: EventSearch | None) -> Checkpoint:
-    """Of a simulation that began at ``begun`` (s), where it is."""
+def _checkpoint(start: Start, integration: Integration, begun: float, search: EventSearch | None) -> Checkpoint:
+    """Of a simulation that began at ``begun`` (s), where it is; of the scene before controllers set its signals."""
     snapshot = replace(integration.checkpoint(), events=NO_EVENTS if search is None else search.memory())
-    return Checkpoint(integration.method.name, integration.start.scene.digest(), begun, snapshot)
+    return Checkpoint(integration.method.name, start.scene.digest(), begun, snapshot)
 
 
 def _refuse_early_end(

@@ -283,7 +283,7 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "ensemble.Ensemble.output": {"name": lambda w: "end"},
     "ensemble.Ensemble.values": {"k": lambda w: 0},
     "ensemble.Sampled": {"t": lambda w: (0.001, 0.002)},
-    "export.fmu_machine": {"h": lambda w: 1e-3, "path": lambda w: "a.fmu", "binary": lambda w: False},
+    "export.fmu_machine": {"h": lambda w: 1e-4, "path": lambda w: "a.fmu", "binary": lambda w: False},
     "export.openfast": {"lossy": lambda w: True, "interface": lambda w: "root"},
     "export.read_npz": {"path": lambda w: body_file(export.npz, "b.npz")},
     "export.read_dmig": {"path": lambda w: body_file(export.dmig, "b.pch")},
