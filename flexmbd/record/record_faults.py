@@ -14,7 +14,7 @@ from flexmbd.record.groups import GROUPS, FloatArray, InterfaceFrame, NonlinearS
 
 # Of matrices in their own scales: files of other programs have eight digits.
 _ROUND_OFF = 1e-6
-# Of a mode's mass what solvers leave beside others that are a million times as stiff; its frequency is off by half of it.
+# Of a mode's mass what solvers leave beside others that are a million times as stiff.
 _UNIT_MASS = 1e-4
 
 
