@@ -106,11 +106,11 @@ def moved_coordinates(
 def changed_velocities(scene: CompiledScene, wanted: FloatArray, v: FloatArray, *, held: Mask) -> str:
     """A complaint where velocities (nv,) that the user set were changed by more than a tenth; empty without.
 
-    One that was set to zero counts beside the machine's largest rate.
+    One that was set to zero counts beside the machine's largest rate, and so does one that is nothing beside it.
     """
     size = coordinate_sizes(scene)
     rate = float(np.abs(v / size).max(initial=0.0))
-    allowed = _CHANGED * np.where(wanted == 0.0, rate * size, np.abs(wanted))
+    allowed = np.maximum(_CHANGED * np.where(wanted == 0.0, rate * size, np.abs(wanted)), _SET * rate * size)
     changed = np.flatnonzero(held & (np.abs(v - wanted) > allowed))
     if not len(changed):
         return ""
