@@ -42,7 +42,7 @@ PAGES = {
     "joints": ("Joints", "Way Multipliers Penalty AugmentedLagrangian", "joint"),
     "forces": (
         "Forces and functions of time",
-        "Table Beyond Sine Motion Piecewise Signal TimeFunction compiled Compiled",
+        "Table Beyond Sine Motion Piecewise Switched Signal TimeFunction compiled Compiled",
         "force",
     ),
     "record": (

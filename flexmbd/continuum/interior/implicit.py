@@ -129,8 +129,9 @@ class ImplicitContinuum:
         self._observer = BodyObserver(body, self._memory)
         self._loads = LoadsInMotion(body, bonds, loads)
         self._undeformed = body.snapshot()
-        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=0.0)
         eps = float(np.finfo(float).eps)
+        # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
+        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps)
         self._round_off = eps * stiffness.getDiagonal().norm() * self._extent_of(body.layout.node_x)
         self._mass_size = eps * self._M.getDiagonal().norm()
         self._gravity: FloatArray = np.zeros(3)
