@@ -99,7 +99,7 @@ def write_pages(folder: Path) -> None:
 def _room(room: ModuleType, shown: set[int]) -> Iterator[str]:
     """A room's own text, and what it offers that was not shown before: classes and functions, or whole modules."""
     yield f"## {room.__name__}"
-    yield f"```{{eval-rst}}\n.. automodule:: {room.__name__}\n   :no-members:\n```"
+    yield f"```{{eval-rst}}\n.. automodule:: {room.__name__}\n   :no-members:\n   :ignore-module-all:\n```"
     for name in sorted(vars(room)):
         thing = vars(room)[name]
         own = getattr(thing, "__module__", "") or ""
