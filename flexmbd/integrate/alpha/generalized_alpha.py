@@ -26,6 +26,7 @@ from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 ORDER = 2
@@ -155,13 +156,20 @@ def _attempt(method, state, groups, h):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
-            if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a, 1.0, h):
-                ratio = 1.0
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             accept(state, scratch, h)
     elif count[st.OUTCOME] == st.DONE:
         count[st.OUTCOME] = st.NOT_CONVERGED
+
+
+@deferred_kernel()
+def _pass_jump(method, state, groups, h):
+    """Accept an attempt whose error is too large where it passes a jump (see ``jumps``)."""
+    scratch = method.scratch
+    if take_jump(method.plan.free, state, groups, state.a, scratch.a, 1.0, h):
+        state.numbers[st.ERROR_RATIO] = 1.0
+        accept(state, scratch, h)
 
 
 @entry_kernel
@@ -173,3 +181,5 @@ def advance(method, rule, knots, state, groups, record):
         if h == 0.0:
             return state.counts[st.OUTCOME]
         _attempt(method, state, groups, h)
+        if not state.numbers[st.ERROR_RATIO] <= 1.0:
+            _pass_jump(method, state, groups, h)
