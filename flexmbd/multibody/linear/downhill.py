@@ -181,7 +181,10 @@ def _newton_step(machine: _Machine, here: ForceBalance, more: FloatArray) -> _St
         parts = np.abs(Vz @ shapes).T @ (at_play / machine.sizes)
         pull[idle & (np.abs(pull) <= _NOTHING * parts)] = 0.0
     if unstable == 0 and not idle.any():
-        step = -np.linalg.solve(stiffness, here.lacking)
+        try:
+            step = -np.linalg.solve(stiffness, here.lacking)
+        except np.linalg.LinAlgError:  # its symmetric part alone shows that nothing is idle
+            step = -np.linalg.lstsq(stiffness, here.lacking, rcond=None)[0]
     else:
         step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])

@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.downhill import stable_below
-from flexmbd.multibody.linear.path.force_homotopy import Settled, forces_let_go
+from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
 from flexmbd.multibody.linear.steadiness import refuse_changing, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
@@ -93,8 +93,16 @@ def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> 
         return ToldEquilibrium(_working_point(scene, work, there, None), None)
     strains = strain_predictor(scene.plan, work, scene.nv)
     if not stable:
-        found = forces_let_go(scene, work, here, strains, sizes)
-        return ToldEquilibrium(_working_point(scene, work, found.point.at, found.spectrum), _warning(scene, found))
+        try:
+            found = forces_let_go(scene, work, here, strains, sizes)
+            return ToldEquilibrium(_working_point(scene, work, found.point.at, found.spectrum), _warning(scene, found))
+        except LostPathError as reason:
+            # as where a symmetric body turns freely: out of balance its stiffness shows no motion that nothing resists
+            try:
+                there = stable_below(scene, work, here, strains, sizes)
+            except SceneError:
+                raise reason from reason.__cause__
+            return ToldEquilibrium(_working_point(scene, work, there, spectrum(scene, there)), None)
     try:
         there = stable_below(scene, work, here, strains, sizes)
     except SceneError:

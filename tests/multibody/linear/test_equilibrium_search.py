@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
@@ -294,3 +295,21 @@ def test_a_machine_starts_where_it_rests_on_its_stop(stiffness):
     hinge.position = -0.3
     with pytest.raises(SceneError, match="lies beyond the limits"):
         scene.simulate(0.1)
+
+
+@pytest.mark.parametrize("start", [0.4, 0.6, 0.7, 0.8, 0.9])
+def test_a_symmetric_body_on_a_ball_hangs_wherever_it_starts(start):
+    """Held by constraints, its frame beside the ball: its own turn is a motion that nothing resists."""
+    turned = Rotation.from_rotvec([0.3, 1.0, 0.2]).as_matrix()
+    place = np.array([0.3, -0.2, 0.1])
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    inertia = turned.T @ np.diag([0.02, 0.02, 0.01]) @ turned
+    body = fm.RigidBody(1.0, inertia, tuple(turned.T @ (np.array([0.0, 0.0, -0.5]) - place)))
+    scene.add(body, name="bob")
+    ball = scene.connect(
+        fm.joint.Spherical(), scene.ground.frame(), body.frame(turned.T @ -place, R=turned.T), way=fm.Way.CONSTRAINTS
+    )
+    ball.position = [np.cos(0.5 * start), 0.0, np.sin(0.5 * start), 0.0]
+    found = scene.equilibrium()
+    centre = found.position(body.frame(body.com))
+    assert centre == pytest.approx([0.0, 0.0, -0.5], abs=1e-8)

@@ -40,6 +40,10 @@ _NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions 
 _SLACK = 1e-8  # of the largest stiffness: so much less may be round-off, and is compared with the forces at play
 
 
+class LostPathError(SceneError):
+    """The path of the lacking forces goes on, and Newton's method no longer finds it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Settled:
     """An equilibrium.
@@ -152,7 +156,7 @@ def _along_the_path(
             if open_.any() and abs(here.point.factor) <= _NOTHING:
                 _refuse_open(space, goal, open_)
     except ConvergenceError as reason:
-        raise SceneError(f"no equilibrium found: {reason}; {_LOOK}") from reason
+        raise LostPathError(f"no equilibrium found: {reason}; {_LOOK}") from reason
     if here.point.factor != 1.0:
         raise SceneError(
             f"no equilibrium found: as the forces that the start lacks are let go, on a path of {_POINTS} points at "
