@@ -320,3 +320,30 @@ def test_an_fmu_takes_no_switches(tmp_path) -> None:
     scene, _ = CONTACT.scene(SWITCHED)
     with pytest.raises(fm.FlexmbdError, match="JointLaw on joint 'drop 0'"):
         fm.export.fmu_machine(scene, tmp_path / "ball.fmu", h=1e-3)
+
+
+def test_a_function_of_the_state_may_write_into_what_it_is_given():
+    """The machine's state is not the one that `when` gets."""
+
+    def law(t, x, v, side):
+        return np.array([-2000.0 * x[0] if side < 0.0 else -9.81])
+
+    def clean(t, x, v):
+        return x[0]
+
+    def careless(t, x, v):
+        found = float(x[0])
+        x[:], v[:] = np.nan, np.nan
+        return found
+
+    ends = []
+    for when in (clean, careless):
+        scene = fm.System()
+        ball = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="ball")
+        slide = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(), ball.frame())
+        slide.position = 0.05
+        scene.add_force(fm.force.StateForce(fm.Switched(law, when=when)))
+        run = scene.simulate(0.4, rtol=1e-6)
+        assert run.stats.switches > 0
+        ends.append(run.x[-1])
+    np.testing.assert_array_equal(*ends)

@@ -102,7 +102,9 @@ def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> 
                 there = stable_below(scene, work, here, strains, sizes)
             except SceneError:
                 raise reason from reason.__cause__
-            return ToldEquilibrium(_working_point(scene, work, there, spectrum(scene, there)), None)
+            after = spectrum(scene, there)
+            told = _unstable(scene, after) if after.diverging and not there.v.any() else None
+            return ToldEquilibrium(_working_point(scene, work, there, after), told)
     try:
         there = stable_below(scene, work, here, strains, sizes)
     except SceneError:
@@ -166,16 +168,20 @@ def _warning(scene: CompiledScene, found: Settled) -> str | None:
         return None
     # gyroscopic forces may hold an even number of motions that the stiffness does not (Thomson and Tait), no odd one
     if after.diverging and (rests or after.diverging % 2):
-        return (
-            f"the equilibrium is unstable: {_growing(scene, after)}; stable=True searches for one that the machine "
-            "settles in, path=fm.Continuation(to=...) shows where this one becomes unstable as the load grows"
-        )
+        return _unstable(scene, after)
     if found.turned and rests:
         return (
             "between the start and the equilibrium that was found the path of equilibria turns: the machine comes "
             "there by a jump, if at all, as the load grows; path=fm.Continuation(to=...) follows the path"
         )
     return None
+
+
+def _unstable(scene: CompiledScene, after: MotionSpectrum) -> str:
+    return (
+        f"the equilibrium is unstable: {_growing(scene, after)}; stable=True searches for one that the machine "
+        "settles in, path=fm.Continuation(to=...) shows where this one becomes unstable as the load grows"
+    )
 
 
 def _growing(scene: CompiledScene, after: MotionSpectrum) -> str:

@@ -42,7 +42,8 @@ def switch_numbers(
 
 def _number(switch: Switch, t: float, x: FloatArray, v: FloatArray) -> float:
     try:
-        return float(answered(switch.value(float(x[switch.place]), t, x, v), ()))
+        # copies: a user's function may write into what it is given, or keep it
+        return float(answered(switch.value(float(x[switch.place]), t, x.copy(), v.copy()), ()))
     except Exception as reason:
         raise SceneError(f"the switch of {switch.name} at t = {t:g} s: {described(reason)}") from reason
 
