@@ -227,7 +227,7 @@ def _convected(stress: Expr, d: Expr) -> Expr:
 
 
 def _elastic_part(d: Expr, trial: Expr, state: Expr, p: Parameters) -> Expr:
-    """What of the stretching d does not flow: by a return of `trial`, Pa, at the yield stress of the step's begin."""
+    """The elastic part of the stretching d, by a return of `trial`, Pa, at the yield stress of the step's begin."""
     size = j2_plasticity.von_mises(ufl.dev(trial), p)
     over = ufl.max_value(size - p.yield_stress - p.hardening.growth(state[6]), 0.0)
     return d - over / (2 * shear_modulus(p) * size) * ufl.dev(trial)

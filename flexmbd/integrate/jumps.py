@@ -145,7 +145,7 @@ def take_jump(free, state, groups, begin, found, gain, h):
 
 @kernel
 def put_widest(begin, found, out):
-    """Write accelerations (nv,) that differ from those at the start by as much as those at any instant, ``found``."""
+    """Write into ``out`` (nv,) the accelerations at the start and, beyond them, their largest change in ``found`` (k, nv)."""
     for k in range(begin.shape[0]):
         most = 0.0
         for i in range(found.shape[0]):

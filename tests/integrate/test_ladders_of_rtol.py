@@ -144,7 +144,7 @@ def test_frames_of_the_ground_say_nothing_of_sizes(method):
 @pytest.mark.parametrize("method", ["Radau", "generalized-alpha"])
 @pytest.mark.parametrize("rtol", [1e-1, 1e-3])
 def test_a_start_of_a_motor_is_forgotten(method, rtol):
-    """After it as many steps as the machine takes that begins there, but for the few in which it is forgotten."""
+    """Behind the start the steps are as many as in a run that begins there, but for a few."""
     integrator = METHODS[method][0]
     scene, (drive,), _ = kicked()
     run = scene.simulate(3.0, rtol=rtol, integrator=integrator)
