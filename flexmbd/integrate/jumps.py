@@ -145,7 +145,7 @@ def take_jump(free, state, groups, begin, found, gain, h):
 
 @kernel
 def put_widest(begin, found, out):
-    """Write into ``out`` (nv,) the accelerations at the start and, beyond them, their largest change in ``found`` (k, nv)."""
+    """Write accelerations ``begin`` (nv,) with their largest changes in ``found`` (k, nv) added into ``out`` (nv,)."""
     for k in range(begin.shape[0]):
         most = 0.0
         for i in range(found.shape[0]):
