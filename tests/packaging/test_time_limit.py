@@ -106,7 +106,9 @@ def test_a_worker_that_ends_names_its_test_once_and_the_next_one_goes_on(tmp_pat
     done = run(tmp_path, text + others, "-ra", "--numprocesses=2", "--dist=loadfile", "--no-loadscope-reorder")
     said = done.stdout + done.stderr
     assert done.returncode == 1, said
-    assert said.count(f"crashed while running 'test_some.py::{name}'") == 1, said
+    # The summary's line of the test repeats this message whole where the variable CI is set: it is not counted.
+    told = [line for line in said.splitlines() if line.startswith("worker ")]
+    assert [line.split("crashed while running ")[1] for line in told] == [f"'test_some.py::{name}'"], said
     passed = 2 if text is HANGS else 3
     assert f"1 failed, {passed} passed" in said, said
     assert text is DIES or "in test_that_hangs" in said, said
