@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+COMING_FROM = ROOT / "docs" / "coming_from.md"
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "tutorials" / "slider_crank.md"
 
 
@@ -51,3 +52,13 @@ def test_the_slider_crank_runs(tmp_path):
     assert "modes below" in done.stdout or "tolerance of eigenvalues" in done.stdout
     written = {path.name for path in tmp_path.iterdir()}
     assert {"rod.h5", "rod.fem", "rod.npz", "rod.SID_FEM", "rod.pch", "rod.fmu", "machine.fmu"} <= written
+
+
+def test_the_same_scene_ends_where_exudyn_ends(tmp_path):
+    text = COMING_FROM.read_text()
+    (theirs,) = re.findall(r"print\(mbs.GetSensorValues\(tip\)\) +# (.*)", text)
+    done = ran(examples(COMING_FROM), tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = [float(number) for number in done.stdout.strip(" []\n").split()]
+    expected = [float(number) for number in theirs.split()]
+    assert max(abs(a - b) for a, b in zip(found, expected, strict=True)) < 2e-8
