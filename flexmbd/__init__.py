@@ -9,7 +9,7 @@ names of this root, which `flexmbd/names.py` lists, load numpy, scipy and numba;
 import importlib
 import typing
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _ROOMS = frozenset(
     {
