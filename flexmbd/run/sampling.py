@@ -231,6 +231,11 @@ class Sampling:
             for row in rows:
                 scene.plan.time_data[constant_place(scene.plan, row)] = value
 
+    def forget(self) -> None:
+        """Let go of all samples but the last of each controller."""
+        for log in self._log:
+            del log[:-1]
+
     def snapshot(self) -> SamplingMemory:
         """A copy of what is remembered."""
         states = np.concatenate([np.zeros(0), *(state.ravel() for state in self._states)])
