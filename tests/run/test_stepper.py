@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import warnings
+from itertools import pairwise
 
 import mechanisms
 import numpy as np
@@ -216,7 +217,8 @@ def test_outputs_are_those_of_a_trajectory(which):
     run = scene.simulate(0.02, h=1e-3, integrator=fm.GeneralizedAlpha())
     asked = [*places(scene), lambda now: now.rotation(bodies_of(scene)[0].frame()).ravel()]
     stepper = scene.stepper(h=1e-3, integrator=fm.GeneralizedAlpha(), outputs=asked)
-    named = scene.stepper(h=1e-3, integrator=fm.GeneralizedAlpha(), outputs={"all": asked[0], "time": lambda now: now.t})
+    by_name = {"all": asked[0], "time": lambda now: now.t}
+    named = scene.stepper(h=1e-3, integrator=fm.GeneralizedAlpha(), outputs=by_name)
     expected = np.hstack([told(run, scene), run.rotation(bodies_of(scene)[0].frame()).reshape(len(run.t), 9)])
     np.testing.assert_allclose(stepper.outputs(), expected[0], rtol=1e-14, atol=1e-14)
     for k in range(1, 20):
@@ -272,10 +274,12 @@ def test_controllers_and_states_of_the_machine_go_along():
     scene, slide, push = cart(stiffness=STIFFNESS)
     steer = fm.Signal("steer")
     scene.add_force(fm.force.JointForce(slide, steer))
+
+    def law(t, y, total):
+        return -5.0 * total[0], total + y
+
     measured = [fm.output.Position(slide)]
-    scene.add_controller(
-        lambda t, y, total: (-5.0 * total[0], total + y), period=0.03, measurements=measured, inputs=[steer], state=[0.0]
-    )
+    scene.add_controller(law, period=0.03, measurements=measured, inputs=[steer], state=[0.0])
     run = scene.simulate(0.5, h=0.01, integrator=fm.GeneralizedAlpha())
     stepper = scene.stepper(h=0.01, integrator=fm.GeneralizedAlpha(), inputs=[push])
     stepper.step(0.5)
@@ -368,7 +372,7 @@ def test_order_of_coupling_two_steppers(interpolation, order):
     """Against the closed form of two masses on three springs, their sum and their difference."""
     exact = 0.5 * (0.6 * math.cos(math.sqrt(20.0 / MASS)) + 1.4 * math.cos(math.sqrt(50.0 / MASS)))
     errors = [abs(coupled(dt, interpolation) - exact) for dt in (1.0 / 64.0, 1.0 / 128.0, 1.0 / 256.0)]
-    rates = [math.log2(coarse / fine) for coarse, fine in zip(errors, errors[1:], strict=False)]
+    rates = [math.log2(coarse / fine) for coarse, fine in pairwise(errors)]
     assert rates == pytest.approx([order, order], abs=0.25)
 
 
@@ -422,13 +426,13 @@ def test_wrong_steppers_are_refused():
 
 
 def test_a_snapshot_of_another_machine_is_refused():
-    scene, slide, push = cart()
+    scene, _, push = cart()
     stepper = scene.stepper(h=1e-3, inputs=[push])
     others = [cart(stiffness=1.0)[0].stepper(h=1e-3), scene.stepper(h=2e-3, inputs=[push]), scene.stepper(h=1e-3)]
     for other in others:
         with pytest.raises(SceneError, match="of another machine"):
             stepper.restore(other.snapshot())
-    with pytest.raises(SceneError, match="what is restored must be what stepper.snapshot"):
+    with pytest.raises(SceneError, match="what is restored must be what stepper"):
         stepper.restore(0.1)
     stepper.restore(scene.stepper(h=1e-3, inputs=[push]).snapshot())
 
@@ -469,12 +473,14 @@ def test_what_a_run_warns_of_a_stepper_does():
         stepper.step(0.02)
     with pytest.warns(fm.RangeWarning, match="turned") as caught:
         stepper.step(0.5)
-        stepper.step(0.5)
     assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stepper.step(0.5)
 
 
 def test_two_steppers_and_a_run_of_one_machine_do_not_meet():
-    scene, slide, push = cart(stiffness=STIFFNESS)
+    scene, _, push = cart(stiffness=STIFFNESS)
     machine = scene.compile(parameters={"m": fm.parameter.Mass(bodies_of(scene)[0])})
     one, heavy = machine.stepper(h=1e-2, inputs=[push]), machine.stepper(h=1e-2, inputs=[push], values={"m": 9.0})
     alone = scene.stepper(h=1e-2, inputs=[push])
