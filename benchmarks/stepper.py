@@ -22,6 +22,7 @@ import scenes
 from benchmark import Report
 
 import flexmbd as fm
+from flexmbd.output import Output
 
 MINUTES = 0.5
 PEERS: tuple[str, ...] = ()
@@ -30,25 +31,20 @@ PEERS: tuple[str, ...] = ()
 METHODS = {"5(4)": (fm.ExplicitRungeKutta(), 5e-5), "generalized-alpha": (fm.GeneralizedAlpha(), 1e-3)}
 
 
-def pendulum(modes: int) -> tuple[fm.System, fm.Signal, list[fm.output.Position | fm.output.Velocity]]:
+def pendulum(modes: int) -> tuple[fm.System, fm.Signal, list[Output]]:
     """The beam on a hinge; the torque on it, and what is told."""
     files = beam_record.beam("5k", modes, folder=Path("out_simulation"))
-    scene, _ = scenes.flexible_chain(fm.ReducedBody.load(files.plain), 1)
-    machine = scene.compile()
-    hinge, (beam, *_) = machine.connections[0], machine.bodies
-    torque = fm.Signal("torque")
-    scene.add_force(fm.force.JointTorque(hinge, torque))
-    return scene, torque, [fm.output.Position(hinge), fm.output.Velocity(hinge), fm.output.Position(beam.frame())]
+    return with_ports(scenes.flexible_chain(fm.ReducedBody.load(files.plain), 1)[0])
 
 
-def chain() -> tuple[fm.System, fm.Signal, list[fm.output.Position | fm.output.Velocity]]:
-    """Two rigid links, for a short run that needs no record."""
-    scene, _ = scenes.rigid_chain(2)
+def with_ports(scene: fm.System) -> tuple[fm.System, fm.Signal, list[Output]]:
+    """The scene with a torque on its first hinge, and what is told of it."""
     machine = scene.compile()
-    hinge, torque = machine.connections[0], fm.Signal("torque")
+    hinge, body, torque = machine.connections[0], machine.bodies[-1], fm.Signal("torque")
+    if not isinstance(body, fm.FlexibleBody | fm.RigidBody):
+        raise TypeError(f"{body} has no frames to ask for")
     scene.add_force(fm.force.JointTorque(hinge, torque))
-    outputs = [fm.output.Position(hinge), fm.output.Velocity(hinge), fm.output.Position(machine.bodies[1].frame())]
-    return scene, torque, outputs
+    return scene, torque, [fm.output.Position(hinge), fm.output.Velocity(hinge), fm.output.Position(body.frame())]
 
 
 def microseconds(call: Callable[[], object], count: int) -> float:
@@ -94,7 +90,7 @@ def quartiles(values: np.ndarray) -> str:
 
 
 def measure(
-    report: Report, scene: fm.System, torque: fm.Signal, outputs: list[fm.output.Position | fm.output.Velocity], *,
+    report: Report, scene: fm.System, torque: fm.Signal, outputs: list[Output], *,
     steps: int, turns: int,
 ) -> None:  # fmt: skip
     """A row for each method."""
@@ -111,7 +107,7 @@ def measure(
 
 def quick(report: Report) -> None:
     """Two rigid links, a few steps."""
-    measure(report, *chain(), steps=100, turns=3)
+    measure(report, *with_ports(scenes.rigid_chain(2)[0]), steps=100, turns=3)
 
 
 def full(report: Report) -> None:

@@ -59,7 +59,7 @@ scene.add_force(fm.force.JointForce(slide, push))
 
 
 class FlexibleCartPole(gym.Env[np.ndarray, np.ndarray]):
-    """Keep the pole upright; observed are the cart's place and speed, the pole's angle and rate (m, m/s, rad, rad/s)."""
+    """Keep the pole upright; seen are the cart's place and speed, the pole's angle and rate (m, m/s, rad, rad/s)."""
 
     def __init__(self) -> None:
         most = np.array([2.4, 20.0, 0.5, 20.0])  # beyond which the pole has fallen, or the cart has left

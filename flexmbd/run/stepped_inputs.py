@@ -171,13 +171,12 @@ class SteppedInputs:
             found = numbers(given)
         if found.ndim == 0 and len(self.names) == 1:
             found = found.reshape(1)
-        values_given = tuple(found.tolist()) if found.ndim == 1 else ()
-        if len(values_given) != len(self.names) or not all(map(math.isfinite, values_given)):
+        if found.shape != (len(self.names),) or not np.isfinite(found).all():
             raise SceneError(
                 f"the inputs of a step must be {len(self.names)} finite numbers, of "
                 f"{', '.join(map(repr, self.names)) or 'no input'}, or some by their names, got {shown(given)}"
             )
-        return values_given
+        return tuple(map(float, found))
 
     def memory(self) -> InputMemory:
         """What is remembered."""

@@ -340,8 +340,9 @@ class SteppedIntegration:
         start, scene = self._integration.start, self._scene
         stats = spent(scene.method.name, self._state.counts, seconds=0.0, compile_seconds=0.0)
         kept = tuple(start.choice.rows) if start.scene.redundant else None
+        t, x, v, a, multipliers = (part.copy() for part in rows)
         return Trajectory(
-            scene.start.unreduced, *(part.copy() for part in rows), stats, scene.bodies, scene.team, kept_rows=kept
+            scene.start.unreduced, t, x, v, a, multipliers, stats, scene.bodies, scene.team, kept_rows=kept
         )
 
     def _fail(self, code: int) -> None:

@@ -191,12 +191,14 @@ class SteppedMachine:
             return found
         answer, self._t, failure = self._team.on_root(lambda: self._told(question))
         if failure is None:
-            return answer
-        kind, message, stats, rows = failure
+            told: T = answer
+            return told
+        kind, message, stats, (t, x, v, a, multipliers) = failure
         scene = self._scene
-        raise kind(message, Trajectory(scene.start.unreduced, *rows, stats, scene.bodies, self._team))
+        run = Trajectory(scene.start.unreduced, t, x, v, a, multipliers, stats, scene.bodies, self._team)
+        raise kind(message, run)
 
-    def _told(self, question: Callable[[SteppedIntegration], T]) -> tuple[T | None, float, tuple[Any, ...] | None]:
+    def _told(self, question: Callable[[SteppedIntegration], T]) -> tuple[Any, float, tuple[Any, ...] | None]:
         """On rank 0: the answer, the time (s) reached, and what a failed step is told by."""
         stepping: Any = self._stepping
         with self._scene.start.scene.callbacks.alone():

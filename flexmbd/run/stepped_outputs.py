@@ -87,7 +87,10 @@ class SteppedOutputs:
 
     def _of_frames(self, several: Sequence[SteppedOutput], scene: CompiledScene) -> None:
         """Add the frames to a plan of its own; where their motions go."""
-        plan, rows, out, at = without_forces(scene.plan), [], [], []
+        plan = without_forces(scene.plan)
+        rows: list[int] = []
+        out: list[int] = []
+        at: list[int] = []
         for place, one in zip(self._places, several, strict=True):
             if isinstance(one, Output) and isinstance(one.of, Frame):
                 plan = scene.index.with_probe(plan, one.of)
@@ -97,7 +100,7 @@ class SteppedOutputs:
                 rows.append(len(plan.frames) - 1)
         self._rows = np.array(rows, np.int64)
         self._frames = np.array(out, np.int64), np.array(at, np.int64)
-        self._plan, self._work = (plan, new_work(plan)) if rows else (None, None)
+        self._plan, self._work = plan, new_work(plan)
         self._motions = np.zeros((len(rows), N_MOTION))
 
     def take(self, s: st.State, now: Callable[[], Instant]) -> OutputValues:
@@ -105,7 +108,7 @@ class SteppedOutputs:
         y = np.empty(self._size)
         for order, out, at in self._coordinates:
             y[out] = (s.x, s.v, s.a)[order][at]
-        if self._plan is not None:
+        if len(self._rows):
             frame_motions(self._plan, self._work, self._rows, s.x, s.v, s.a, self._motions)
             out, at = self._frames
             y[out] = self._motions.ravel()[at]

@@ -395,6 +395,8 @@ def test_bad_input_is_refused_and_moves_nothing():
     assert stepper.inputs == {"push": 2.0}
     with pytest.raises(SceneError, match="no input 'pull'; it has none"):
         scene.stepper(h=1e-3).step(0.1, {"pull": 1.0})
+    with pytest.raises(SceneError, match="must be 0 finite numbers, of no input"):
+        scene.stepper(h=1e-3).step(0.1, 1.0)
 
 
 def test_wrong_steppers_are_refused():
