@@ -122,8 +122,8 @@ class SteppedInputs:
         """
         if given is None:
             values = self.values
-        elif type(given) is float and len(self.names) == 1 and math.isfinite(given):
-            values = (given,)
+        elif isinstance(given, float) and len(self.names) == 1 and math.isfinite(given):
+            values = (float(given),)  # numpy's are floats, too
         else:
             values = self.taken(given)
         before, self.values = self.values, values

@@ -235,7 +235,7 @@ class SteppedIntegration:
     def step(self, dt: float, given: InputValues | None) -> OutputValues:
         """Go on by dt (s); as ``step_to``."""
         if type(dt) is not float:
-            dt = _time(dt, "the step dt")
+            dt = float(dt) if isinstance(dt, float) else _time(dt, "the step dt")
         return self.step_to(self.t + dt, given)
 
     def step_to(self, t_end: float, given: InputValues | None) -> OutputValues:
