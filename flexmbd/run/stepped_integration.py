@@ -389,7 +389,6 @@ class SteppedIntegration:
             self._look()
         self._ranges.begin_anew()
         self._integration.restore(memory.snapshot)
-        self._integration.drop_factors()
         self._integration.empty_buffer()
         self._inputs.restore(memory.inputs)
         if self._search is not None:

@@ -443,13 +443,9 @@ class Integration:
         if self._sampling is not None:
             self._sampling.forget()
 
-    def drop_factors(self) -> None:
-        """Forget the iteration matrix: what comes then hangs on what a snapshot holds alone."""
-        self._stepper.drop_factors()
-
     def checkpoint(self) -> Snapshot:
         """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
-        self.drop_factors()
+        self._stepper.drop_factors()
         snapshot = self.snapshot()
         if self._interiors is not None:  # which forget their factors by it
             self._interiors.restore(self.scene.plan, snapshot.interiors)

@@ -481,16 +481,21 @@ def test_what_a_run_warns_of_a_stepper_does():
         stepper.step(0.5)
 
 
-def test_two_steppers_and_a_run_of_one_machine_do_not_meet():
+def test_steppers_and_runs_of_one_machine_do_not_meet():
+    """Nor do their inputs, which one of them holds while another one's change."""
     scene, _, push = cart(stiffness=STIFFNESS)
     machine = scene.compile(parameters={"m": fm.parameter.Mass(bodies_of(scene)[0])})
     one, heavy = machine.stepper(h=1e-2, inputs=[push]), machine.stepper(h=1e-2, inputs=[push], values={"m": 9.0})
+    twin = one.copy()
     alone = scene.stepper(h=1e-2, inputs=[push])
     for force in (3.0, -8.0, 20.0):
         one.step(0.05, force)
         heavy.step(0.05, 100.0)
+        twin.step(0.05, -force)
         machine.simulate(0.1)
-        alone.step(0.05, force)
+        one.step(0.05)
+        for _ in range(2):
+            alone.step(0.05, force)
     np.testing.assert_array_equal(state(one), state(alone))
     assert not np.array_equal(state(heavy), state(alone))
 
