@@ -6,8 +6,9 @@ For the stepped machine alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -70,14 +71,15 @@ def refuse_no_inputs(scene: CompiledScene, named: Mapping[str, Signal], controll
     """Raise SceneError where a signal is in no load of the scene, or is set by something in it."""
     ruled = [(signal, one.what) for one in controllers for signal in one.inputs]
     ruled += [(signal, states.what) for states in scene.index.states.values() for signal in states.inputs]
+    measured = [one for controller in controllers for one in controller.measured]
     for name, signal in named.items():
         for other, what in ruled:
             if other is signal:
                 raise SceneError(f"input {name!r}: its signal is set by {what} already")
-        if not rows_of(scene, signal):
+        if not rows_of(scene, signal) and not any(one is signal for one in measured):
             raise SceneError(
-                f"input {name!r}: no load of the scene has the signal {signal.name!r}; give it one, as "
-                "scene.add_force(fm.force.JointTorque(joint, signal))"
+                f"input {name!r}: no load of the scene has the signal {signal.name!r}, and no controller measures it; "
+                "give it one, as scene.add_force(fm.force.JointTorque(joint, signal))"
             )
 
 
@@ -104,15 +106,32 @@ class SteppedInputs:
         values: at the end of the last step.
     """
 
-    def __init__(self, named: Mapping[str, Signal], scene: CompiledScene, *, linear: bool) -> None:
+    def __init__(self, named: Mapping[str, Signal], *, linear: bool) -> None:
+        self._signals = tuple(named.values())
         self.names = tuple(named)
         self.values = tuple(float(signal.initial) for signal in named.values())
         self._linear = linear
         self._slopes, self._begin, self._first = (0.0,) * len(self.names), 0.0, self.values
+        self._data = np.zeros(0)
+        self._held: list[tuple[int, int]] = []
+        self._lines: list[tuple[int, tuple[int, int, int]]] = []
+
+    def bind(self, scene: CompiledScene) -> None:
+        """Find where kernels read the inputs in a scene with functions of time of its own."""
         self._data = scene.plan.time_data
-        rows = [(k, row) for k, signal in enumerate(named.values()) for row in rows_of(scene, signal)]
-        self._held = [] if linear else [(k, constant_place(scene.plan, row)) for k, row in rows]
-        self._lines = [(k, straight_places(scene.plan, row)) for k, row in rows] if linear else []
+        rows = [(k, row) for k, signal in enumerate(self._signals) for row in rows_of(scene, signal)]
+        if self._linear:
+            self._lines = [(k, straight_places(scene.plan, row)) for k, row in rows]
+        else:
+            self._held = [(k, constant_place(scene.plan, row)) for k, row in rows]
+
+    @property
+    def readers(self) -> dict[int, Callable[[float], float]]:
+        """By the ids of the signals their values at a time (s) within the step at hand, for controllers."""
+        return {id(signal): partial(self._value, k) for k, signal in enumerate(self._signals)}
+
+    def _value(self, k: int, t: float) -> float:
+        return self._first[k] + self._slopes[k] * (t - self._begin) if self._linear else self.values[k]
 
     def set(self, t: float, t_end: float, given: InputValues | None) -> bool:
         """Set the inputs of a step (s); whether loads jump, or their slopes, where it begins.

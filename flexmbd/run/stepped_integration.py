@@ -199,14 +199,15 @@ class SteppedIntegration:
         start = with_inputs(scene.start, scene.inputs, linear=scene.linear)
         snapshot = scene.first() if at is None else at.snapshot
         switched = len(start.scene.switches) > 0
+        self._inputs = SteppedInputs(scene.inputs, linear=scene.linear)
         self._integration = Integration(
             start, scene.method, scene.team, snapshot, one_by_one=switched, controllers=scene.controllers,
-            begun=scene.settings.t_start, inputs_jump=len(scene.inputs) > 0,
+            begun=scene.settings.t_start, outside=self._inputs.readers,
         )  # fmt: skip
+        self._inputs.bind(self._integration.scene)
         mark_compiled(purpose)
         self._integration.room = 1
         self._state, self._flag = self._integration.state, start.scene.plan.flag
-        self._inputs = SteppedInputs(scene.inputs, self._integration.scene, linear=scene.linear)
         self.t = self._integration.t
         self._bound(scene.settings.t_end)
         self._outputs = SteppedOutputs(scene.outputs, self._integration.scene, self.now())

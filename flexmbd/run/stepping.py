@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -34,7 +34,7 @@ from flexmbd.multibody.team import Team, on_every_rank
 from flexmbd.run.controller import Controller
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
-from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, with_own_signals
+from flexmbd.run.sampling import NO_SAMPLING, NO_SIGNALS, ControllerSamples, Sampling, with_own_signals
 from flexmbd.run.series.departure import Departure
 from flexmbd.run.snapshot import Snapshot, bound_by_span, copied_groups, copied_state, first_step, kept_interiors
 
@@ -72,7 +72,7 @@ class Integration:
         one_by_one: bool,
         controllers: Sequence[Controller] = (),
         begun: float = 0.0,
-        inputs_jump: bool = False,
+        outside: Mapping[int, Callable[[float], float]] = NO_SIGNALS,
     ) -> None:
         start = with_own_signals(start) if controllers else start
         scene = start.scene if np.array_equal(at.rows, start.choice.rows) else start.unreduced.keep_rows(at.rows)
@@ -84,14 +84,16 @@ class Integration:
         self.work = new_work(scene.plan)
         self._team = team
         self._first_step = at.first_step
-        self._sampling = Sampling(controllers, scene, begun=begun, team=team) if controllers else None
+        self._sampling: Sampling | None = None
+        if controllers:
+            self._sampling = Sampling(controllers, scene, begun=begun, team=team, outside=outside)
         if self._sampling is not None and at.sampling.code:
             self._sampling.resume(at.sampling, scene)
         self._interiors = scene.interiors
         # of a tree that often goes on from breaks: what finds its accelerations there quickly
         is_tree = not len(scene.plan.rows) and not is_driven(scene.plan) and self._interiors is None
-        self._inputs_jump = inputs_jump
-        self._articulated = new_articulated_work(scene.plan) if is_tree and (inputs_jump or controllers) else None
+        self._is_outside = len(outside) > 0  # who steps has no trajectory
+        self._articulated = new_articulated_work(scene.plan) if is_tree and (outside or controllers) else None
         if self._interiors is not None:
             try:
                 self._interiors.restore(scene.plan, at.interiors)
@@ -298,7 +300,7 @@ class Integration:
             s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
         elif not self._is_driven:
             self._accelerate()
-        if not self._inputs_jump:  # there is a trajectory
+        if not self._is_outside:
             self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
         if s.counts[st.JUMPED] == 1:
             s.numbers[st.STEP] = min(s.numbers[st.STEP], first_step(scene, s.numbers, s.v, s.a, self.method.order))

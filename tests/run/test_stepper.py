@@ -295,6 +295,29 @@ def test_controllers_and_states_of_the_machine_go_along():
         np.testing.assert_array_equal(state(one), end)
 
 
+@pytest.mark.parametrize("interpolation", ["held", "linear"])
+def test_a_controller_follows_an_input(interpolation):
+    """A wish from outside, which stands in no load: what the law is given at its samples, on the way of the input."""
+    scene, slide, push = cart(initial=0.0)
+    wish = fm.Signal("wish", 1.0)
+    seen = []
+
+    def law(t, y):
+        seen.append((t, y["wish"]))
+        return 40.0 * (y["wish"] - y["x"]) - 12.0 * y["v"]
+
+    measured = {"wish": wish, "x": fm.output.Position(slide), "v": fm.output.Velocity(slide)}
+    scene.add_controller(law, period=0.05, measurements=measured, inputs=[push])
+    with pytest.raises(SceneError, match="no controller sets it, nor a stepper's input"):
+        scene.stepper(h=0.01)
+    stepper = scene.stepper(h=0.01, inputs=[wish], outputs=[fm.output.Position(slide)], interpolation=interpolation)
+    stepper.step(0.1, 2.0)
+    stepper.step(0.1, 0.5)
+    expected = [2.0, 2.0, 0.5, 0.5] if interpolation == "held" else [1.0, 1.5, 2.0, 1.25]
+    np.testing.assert_allclose(seen, np.column_stack([[0.0, 0.05, 0.1, 0.15], expected]), rtol=1e-14)
+    assert stepper.step(5.0)[0] == pytest.approx(0.5, abs=1e-3)
+
+
 LAW = fm.Switched(
     lambda t, y, v, side: 0.0 if side > 0.0 else -CONTACT.stiffness * (y - CONTACT.radius) - CONTACT.damping * v,
     when=lambda t, y, v: y - CONTACT.radius,
@@ -403,7 +426,7 @@ def test_wrong_steppers_are_refused():
     scene, slide, push = cart()
     lost = fm.Signal("lost")
     cases = [
-        (dict(inputs=[lost]), "no load of the scene has the signal 'lost'"),
+        (dict(inputs=[lost]), "no load of the scene has the signal 'lost', and no controller measures it"),
         (dict(inputs=[push, push]), "different signals of different names"),
         (dict(inputs=[fm.Signal("push"), push]), "different signals of different names"),
         (dict(inputs=["push"]), "an input must be a signal"),
