@@ -504,6 +504,44 @@ def test_what_a_run_warns_of_a_stepper_does():
         stepper.step(0.5)
 
 
+def test_what_is_pressed_flat_ends_the_step_in_which_it_is():
+    body = fm.PseudoRigidBody(fm.Solid.box((0.3, 0.2, 0.1), density=900.0), fm.StVenantKirchhoff(1e5, 0.3))
+    scene = fm.System()
+    scene.add(body, name="block")
+    scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    for side in (-1.0, 1.0):
+        end = body.frame((side * 0.15, 0.0, 0.0))
+        scene.add_force(fm.force.FrameForce(end, force=(-side * 2000.0, 0.0, 0.0)))
+    with pytest.raises(fm.SimulationError, match="pressed flat") as of_run:
+        scene.simulate(1.0, rtol=1e-6)
+    flat, stepper = of_run.value.trajectory.t[-1], scene.stepper(rtol=1e-6)
+    for _ in range(1000):
+        if stepper.t > flat:
+            break
+        try:
+            stepper.step(1e-3)
+        except fm.SimulationError as reason:
+            assert "'block' has det F = -" in str(reason)
+            break
+    assert flat - 1e-3 < stepper.t < flat + 2e-3
+    stepper.restore()
+    stepper.step(1e-3)
+
+
+def test_loops_that_a_motion_tears_are_told():
+    """Not at once, for that is looked at now and then: after as many steps as were made before, at most."""
+    scene = fm.System()
+    plate = scene.add(fm.RigidBody(1.0, (1e-2, 2e-2, 3e-2)), name="plate")
+    drive = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), plate.frame(), name="driven")
+    drive.prescribe(fm.Sine(0.5, 10.0, phase=0.5 * np.pi, offset=-0.5))
+    pin = (0.5, 0.0, 0.0)
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(pin), plate.frame(pin), name="second")
+    stepper = scene.stepper(h=1e-3)
+    with pytest.raises(fm.SimulationError, match=r"forbid .*'driven.angle'.*second"):
+        for _ in range(10):
+            stepper.step(1e-3)
+
+
 def test_steppers_and_runs_of_one_machine_do_not_meet():
     """Nor do their inputs, which one of them holds while another one's change."""
     scene, _, push = cart(stiffness=STIFFNESS)
