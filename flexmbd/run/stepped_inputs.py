@@ -112,7 +112,7 @@ class SteppedInputs:
         self.values = tuple(float(signal.initial) for signal in named.values())
         self._linear = linear
         self._slopes, self._begin, self._first = (0.0,) * len(self.names), 0.0, self.values
-        self._data = np.zeros(0)
+        self._data: FloatArray = np.zeros(0)
         self._held: list[tuple[int, int]] = []
         self._lines: list[tuple[int, tuple[int, int, int]]] = []
 
