@@ -24,6 +24,7 @@ from flexmbd.errors import FlexmbdError, SceneError, StartWarning, warn
 from flexmbd.given import checked, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
@@ -51,6 +52,9 @@ from flexmbd.run.sampling import code_of
 from flexmbd.run.settings import RunSettings, choice_of
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.snapshot import new_snapshot
+from flexmbd.run.stepped_integration import SteppedScene, settings_of, stepped_scene
+from flexmbd.run.stepped_machine import SteppedMachine
+from flexmbd.run.stepped_outputs import SteppedOutput
 from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
@@ -332,6 +336,60 @@ class CompiledMachine:
         return BatchRuns(
             self.scene, self.parameters, self.variant, self._given, self._workspaces, key, new, outputs
         )
+
+    def stepper(
+        self,
+        *,
+        h: float | None = None,
+        rtol: float = 1e-6,
+        inputs: Sequence[Signal] | Mapping[str, Signal] = (),
+        outputs: Sequence[SteppedOutput] | Mapping[str, SteppedOutput] = (),
+        interpolation: Literal["held", "linear"] = "held",
+        horizon: float | None = None,
+        t_start: float = 0.0,
+        about: WorkingPoint | None = None,
+        integrator: Integrator | Literal["auto"] = "auto",
+        max_step: float | None = None,
+        values: Mapping[str, Any] | None = None,
+    ) -> SteppedMachine:
+        """The machine to be stepped from outside; see ``System.stepper``.
+
+        Args:
+            h: fixed step (s).
+            rtol: as of ``System.simulate``.
+            inputs: signals that are set from outside.
+            outputs: what each step tells.
+            interpolation: of inputs within a step.
+            horizon: about how long (s) it will run.
+            t_start: start time (s).
+            about: where to begin.
+            integrator: the method.
+            max_step: longest step (s).
+            values: of parameters, by their names.
+
+        Raises:
+            SceneError, AssemblyError: as ``System.stepper``, and as ``variant``.
+        """
+        ask = partial(
+            settings_of, h=h, rtol=rtol, horizon=horizon, t_start=t_start, about=about, integrator=integrator,
+            max_step=max_step,
+        )  # fmt: skip
+        settings = on_every_rank(self.team, ask)
+        scene = on_every_rank(self.team, lambda: self.variant(values or {}))
+        told = {**settings.told, "controllers": code_of(self.controllers), "interpolation": f"{interpolation!r}"}
+        refuse_different_arguments(told, self.team)
+        on_root = self.team.size > 1 and not self.team.collective_functions
+        steps = Alone() if on_root else self.team
+
+        def begin() -> SteppedScene:
+            start = replace(self, team=steps).start_of(scene, t_start, about)
+            bodies = {body.name: body for body in self.bodies}
+            return stepped_scene(
+                start, settings, bodies, self.controllers, steps, inputs=inputs, outputs=outputs,
+                interpolation=interpolation, open_end=horizon is None and h is None,
+            )  # fmt: skip
+
+        return SteppedMachine(on_every_rank(self.team, begin), self.team)
 
     def _given(self, scene: CompiledScene) -> tuple[FloatArray, FloatArray]:
         """x (nx,) and v (nv,) that joints and bodies are given in a variant."""

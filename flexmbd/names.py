@@ -142,6 +142,8 @@ from flexmbd.run.sampling import ControllerSamples as ControllerSamples
 from flexmbd.run.series.departure import Departure as Departure
 from flexmbd.run.settings import RunSettings as RunSettings
 from flexmbd.run.stats import Stats as Stats
+from flexmbd.run.stepped_machine import SteppedMachine as SteppedMachine
+from flexmbd.run.stepped_machine import SteppedState as SteppedState
 from flexmbd.run.stopped import SimulationError as SimulationError
 from flexmbd.run.stopped import SimulationInterrupted as SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory as Trajectory

@@ -28,6 +28,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.energy_force import EnergyForce
 from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
@@ -52,6 +53,8 @@ from flexmbd.run.event import Event
 from flexmbd.run.recording import Recording
 from flexmbd.run.settings import RunSettings, refuse_no_integrator
 from flexmbd.run.stats import NOTHING_SPENT
+from flexmbd.run.stepped_machine import SteppedMachine
+from flexmbd.run.stepped_outputs import SteppedOutput
 from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
@@ -465,6 +468,58 @@ class System(MachineAssembly):
         )
         checked, machine = on_every_rank(self.team, lambda: (settings(), self.compile()))
         return machine.run(checked)
+
+    def stepper(
+        self,
+        *,
+        h: float | None = None,
+        rtol: float = 1e-6,
+        inputs: Sequence[Signal] | Mapping[str, Signal] = (),
+        outputs: Sequence[SteppedOutput] | Mapping[str, SteppedOutput] = (),
+        interpolation: Literal["held", "linear"] = "held",
+        horizon: float | None = None,
+        t_start: float = 0.0,
+        about: WorkingPoint | None = None,
+        integrator: Integrator | Literal["auto"] = "auto",
+        max_step: float | None = None,
+    ) -> SteppedMachine:
+        """The machine to be stepped from outside: by a controller, a learning agent, an optimiser, another program.
+
+        With a fixed step the states after steps of h are to the bit those of ``simulate(h=h)``; docs/cosimulation.md
+        tells what holds of others.
+
+        Args:
+            h: fixed step (s) instead of error control; a step of the caller's that is no multiple ends with a shorter
+                one.
+            rtol: as of ``simulate``.
+            inputs: signals that stand in loads of the scene, by their own names, or a mapping that gives others.
+            outputs: what each step tells: of fm.output a Position, Velocity or Acceleration, or functions of the
+                machine's ``fm.Instant``; a mapping has it told by names.
+            interpolation: "held": inputs are constant over a step; "linear": they go straight to the values given.
+            horizon: about how long (s) it will run: steps under error control are those of a ``simulate`` of that
+                length.  By default they are those of a chain of restarts, each up to the end of a step.
+            t_start: start time (s).
+            about: where to begin, of ``equilibrium``, instead of what joints and bodies are given.
+            integrator: the method, as of ``simulate``.
+            max_step: longest step (s) of error control.
+
+        Raises:
+            SceneError, AssemblyError: as ``start``; a bad argument; an input that is in no load, or set by a
+                controller; an output that is not in the scene; bodies with history, which cannot be stepped so.
+        """
+        machine = on_every_rank(self.team, self.compile)
+        return machine.stepper(
+            h=h,
+            rtol=rtol,
+            inputs=inputs,
+            outputs=outputs,
+            interpolation=interpolation,
+            horizon=horizon,
+            t_start=t_start,
+            about=about,
+            integrator=integrator,
+            max_step=max_step,
+        )
 
 
 def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:

@@ -38,6 +38,7 @@ FloatArray = NDArray[np.float64]
 NO_KNOTS: FloatArray = np.zeros(0)
 
 _SLIVER = 1e-6  # of a step: a remainder that rounding of the time leaves, not a step
+_EPSILON = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +171,9 @@ def propose_step(rule, knots, state, groups):
     number[st.WHOLE_STEP] = h
     left = number[st.TIME_END] - t
     if left <= h * (1.0 + _SLIVER):
-        h = left
+        # rounding of sums of h is not another step: what is stepped on and what is stepped at once are the same
+        if not fixed or abs(left - h) > _EPSILON * (count[st.STEPS] + 1) * max(abs(t), abs(number[st.TIME_END])):
+            h = left
         number[st.STEP_END] = number[st.TIME_END]
     else:
         if left < 2.0 * h and not fixed:

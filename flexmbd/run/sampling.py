@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +30,8 @@ IntArray = NDArray[np.int64]
 
 # Arrays of `ControllerSamples` with a row for each.
 _BY_SAMPLE = ("t", "measurements", "inputs", "states")
+#: Of runs that nobody steps from outside.
+NO_SIGNALS: Mapping[int, Callable[[float], float]] = {}
 _SAME = 32.0  # units of round-off: instants that differ by no more are one
 
 
@@ -120,7 +122,15 @@ class Sampling:
         controllers: those of the machine.
     """
 
-    def __init__(self, controllers: Sequence[Controller], scene: CompiledScene, *, begun: float, team: Team) -> None:
+    def __init__(
+        self,
+        controllers: Sequence[Controller],
+        scene: CompiledScene,
+        *,
+        begun: float,
+        team: Team,
+        outside: Mapping[int, Callable[[float], float]] = NO_SIGNALS,
+    ) -> None:
         """Find the signals of a scene.
 
         Args:
@@ -128,12 +138,13 @@ class Sampling:
             scene: with functions of time that nobody else writes to.
             begun: s, when the simulation began.
             team: the processes that run it.
+            outside: by the ids of signals that are set from outside their values at a time (s).
 
         Raises:
             SceneError: nothing in the machine has a signal that is set, or one that is measured is set by nobody.
         """
         self.controllers = tuple(controllers)
-        self._scene, self._begun, self._team = scene, begun, team
+        self._scene, self._begun, self._team, self._outside = scene, begun, team, outside
         self._signals = [signal for one in self.controllers for signal in one.inputs]
         self._place = {id(signal): k for k, signal in enumerate(self._signals)}
         self._rows = [rows_of(scene, signal) for signal in self._signals]
@@ -159,8 +170,8 @@ class Sampling:
                         "scene.add_force(fm.force.JointTorque(joint, signal))"
                     )
         for m in measured:
-            if id(m) not in self._place:
-                raise SceneError(f"signal {m.name!r} is measured, and no controller sets it")
+            if id(m) not in self._place and id(m) not in self._outside:
+                raise SceneError(f"signal {m.name!r} is measured, and no controller sets it, nor a stepper's input")
 
     def instant(self, k: int) -> float:
         """When (s) the next sample of controller k is."""
@@ -219,7 +230,8 @@ class Sampling:
 
     def _measured(self, measurement: Measurement, now: Instant) -> FloatArray:
         if isinstance(measurement, Signal):
-            return self._values[[self._place[id(measurement)]]]
+            outside = self._outside.get(id(measurement))
+            return self._values[[self._place[id(measurement)]]] if outside is None else np.array([outside(now.t)])
         return measure(measurement, now)
 
     def _first_input(self, k: int) -> int:
@@ -230,6 +242,11 @@ class Sampling:
         for rows, value in zip(self._rows, self._values, strict=True):
             for row in rows:
                 scene.plan.time_data[constant_place(scene.plan, row)] = value
+
+    def forget(self) -> None:
+        """Let go of all samples but the last of each controller."""
+        for log in self._log:
+            del log[:-1]
 
     def snapshot(self) -> SamplingMemory:
         """A copy of what is remembered."""

@@ -38,7 +38,7 @@ from flexmbd.run.row_store import is_affordable
 from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
-from flexmbd.run.snapshot import Snapshot, bound_by_span
+from flexmbd.run.snapshot import Snapshot
 from flexmbd.run.stats import spent
 from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, rows_before
@@ -75,7 +75,7 @@ def run(
         start, method, team, snapshot,
         one_by_one=searches, controllers=controllers, begun=settings.begun,
     )  # fmt: skip
-    bound_by_span(integration.state.numbers, t_start=settings.begun, t_end=settings.t_end)
+    integration.bound_by_span(settings.begun, settings.t_end)
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     with open_stream(start, settings, integration, team) as stream:

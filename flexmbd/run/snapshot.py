@@ -23,6 +23,8 @@ from flexmbd.run.sampling import NO_SAMPLING, SamplingMemory
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+_LEAST_TURN = 1e-5  # rad of the machine's motion that a fixed step is taken to make at least
+
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
@@ -55,7 +57,7 @@ def new_snapshot(
     scene = start.scene
     number = np.zeros(st.N_NUMBER)
     number[st.TIME], number[st.TIME_END] = t_start, t_end
-    bound_by_span(number, t_start=t_start, t_end=t_end)
+    bound_by_span(number, t_start=t_start, t_end=t_end, h=h)
     number[st.STABLE_STEP] = np.inf
     number[st.TOLERANCE] = rtol
     number[st.LATEST] = np.inf
@@ -70,15 +72,16 @@ def new_snapshot(
     return Snapshot(st.State(*parts, number, count), groups, {}, float(number[st.STEP]), rows, kept_interiors(scene))
 
 
-def bound_by_span(number: FloatArray, *, t_start: float, t_end: float) -> None:
+def bound_by_span(number: FloatArray, *, t_start: float, t_end: float, h: float | None) -> None:
     """Set what a state's numbers have by the whole time of a simulation (s): the longest and the shortest step.
 
-    A restart may go on to another end than that of the simulation before it.
+    A restart may go on to another end than that of the simulation before it.  With a fixed step h (s) the least rate
+    follows from that alone, so that no step depends on where the simulation ends.
     """
     span = t_end - t_start
     number[st.STEP_FLOOR_SIZE] = max(1e-12 * span, 16.0 * math.ulp(max(abs(t_start), abs(t_end))))
     number[st.STEP_CEILING] = 0.1 * span
-    number[st.LEAST_RATE] = 1.0 / span
+    number[st.LEAST_RATE] = 1.0 / span if h is None else _LEAST_TURN / h
 
 
 def new_groups(scene: CompiledScene) -> st.Groups:

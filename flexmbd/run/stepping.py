@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +18,8 @@ from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
+from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
@@ -32,9 +34,9 @@ from flexmbd.multibody.team import Team, on_every_rank
 from flexmbd.run.controller import Controller
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.row_store import RowStore
-from flexmbd.run.sampling import NO_SAMPLING, ControllerSamples, Sampling, with_own_signals
+from flexmbd.run.sampling import NO_SAMPLING, NO_SIGNALS, ControllerSamples, Sampling, with_own_signals
 from flexmbd.run.series.departure import Departure
-from flexmbd.run.snapshot import Snapshot, copied_groups, copied_state, first_step, kept_interiors
+from flexmbd.run.snapshot import Snapshot, bound_by_span, copied_groups, copied_state, first_step, kept_interiors
 
 FloatArray = NDArray[np.float64]
 
@@ -70,6 +72,7 @@ class Integration:
         one_by_one: bool,
         controllers: Sequence[Controller] = (),
         begun: float = 0.0,
+        outside: Mapping[int, Callable[[float], float]] = NO_SIGNALS,
     ) -> None:
         start = with_own_signals(start) if controllers else start
         scene = start.scene if np.array_equal(at.rows, start.choice.rows) else start.unreduced.keep_rows(at.rows)
@@ -81,17 +84,23 @@ class Integration:
         self.work = new_work(scene.plan)
         self._team = team
         self._first_step = at.first_step
-        self._sampling = Sampling(controllers, scene, begun=begun, team=team) if controllers else None
+        self._sampling: Sampling | None = None
+        if controllers:
+            self._sampling = Sampling(controllers, scene, begun=begun, team=team, outside=outside)
         if self._sampling is not None and at.sampling.code:
             self._sampling.resume(at.sampling, scene)
         self._interiors = scene.interiors
+        # of a tree that often goes on from breaks: what finds its accelerations there quickly
+        is_tree = not len(scene.plan.rows) and not is_driven(scene.plan) and self._interiors is None
+        self._is_outside = len(outside) > 0  # who steps has no trajectory
+        self._articulated = new_articulated_work(scene.plan) if is_tree and (outside or controllers) else None
         if self._interiors is not None:
             try:
                 self._interiors.restore(scene.plan, at.interiors)
             except (KeyError, ValueError, IndexError, TypeError) as reason:
                 raise RecordError(f"the checkpoint is damaged: a body's history cannot be read: {reason}") from reason
         with memory_told(f"{method.name} for a machine of {scene.nv} velocities"):
-            self._stepper = method.stepper(scene, self.state, self.groups, self.work)
+            self._bind_method()
         self._refuse_other_memory(at.memory)
         self._recall(at.memory)
         self._stepper.drop_factors()
@@ -99,9 +108,6 @@ class Integration:
             evaluate_inputs(scene, self.work, self.t)
             self._begin()
             on_every_rank(team, self._stepper.refuse_step)
-        rows = 1 if one_by_one else MOST_ROWS
-        m = len(scene.plan.rows)
-        sizes = (scene.nx, scene.nv, scene.nv, m)
         declared = scene.declared_breaks()
         number = self.state.numbers
         h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
@@ -111,14 +117,12 @@ class Integration:
         self.state.counts[st.WATCH_ROWS] = not start.choice.for_good
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
-        room = [np.empty((rows, size)) for size in sizes]
-        self.record = st.Record(np.empty(rows), room[0], room[1], room[2], room[3], self.work)
-        self.record.lay_out()
+        self.room = 1 if one_by_one else MOST_ROWS
+        self.record = _new_record(scene, self.work, self.room)
         self.stored = RowStore()
         self.interior_rows: list[InteriorRecord] = []
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
-        self.room = 1 if one_by_one else MOST_ROWS
         self.keep_state()
 
     @property
@@ -145,6 +149,20 @@ class Integration:
     def rows(self) -> int:
         """How many are taken."""
         return self.stored.count
+
+    def bound_by_span(self, begun: float, t_end: float) -> None:
+        """Let the steps be those of a simulation from ``begun`` to ``t_end`` (s)."""
+        number, count = self.state.numbers, self.state.counts
+        h = float(number[st.STEP]) if count[st.FIXED_STEP] == 1 else None
+        bound_by_span(number, t_start=begun, t_end=t_end, h=h)
+
+    def begin_by_span(self, begun: float, t_end: float) -> None:
+        """The same before the first step, whose length under error control follows from it."""
+        self.bound_by_span(begun, t_end)
+        s = self.state
+        if s.counts[st.FIXED_STEP] == 0:
+            self._first_step = first_step(self.scene, s.numbers, s.v, s.a, self.method.order)
+            s.numbers[st.STEP] = self._first_step
 
     def bound_steps(self, longest: float) -> None:
         """Let no step of error control be longer (s)."""
@@ -184,12 +202,20 @@ class Integration:
 
         Returns the stepper's code; the buffer holds the rows of the new steps.
         """
-        number, count = self.state.numbers, self.state.counts
-        count[st.STORED] = 0
-        count[st.MOST_STORED] = self.room
+        self.empty_buffer()
+        return self.step_on(t_end)
+
+    def empty_buffer(self) -> None:
+        """Let go of the rows in the buffer."""
+        self.state.counts[st.STORED] = 0
         self._departed.clear()
         if self._interiors is not None:
             self._interiors.buffer.clear()
+
+    def step_on(self, t_end: float) -> int:
+        """As ``advance``, the new rows behind those that are in the buffer."""
+        number, count = self.state.numbers, self.state.counts
+        count[st.MOST_STORED] = self.room
         failed = int(count[st.RESELECT_ROWS])
         if failed and not self._choose_rows() and failed != st.PIVOT_FELL:
             return failed
@@ -201,8 +227,9 @@ class Integration:
             number[st.TIME_END] = min(t_end, ahead)
             number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
             code = self._stepper.advance(self.record, self._breaks.knots)
-            agreed = self._team.agree(np.array([code, count[st.RESELECT_ROWS]], float))
-            code, count[st.RESELECT_ROWS] = (int(one) for one in agreed)
+            if self._team.size > 1:
+                agreed = self._team.agree(np.array([code, count[st.RESELECT_ROWS]], float))
+                code, count[st.RESELECT_ROWS] = (int(one) for one in agreed)
             if code == st.DONE and self.t == ahead:
                 count[st.AT_BREAK] = 1
         if count[st.WATCH_ROWS] == 1 and code in _POSSIBLY_DEPENDENT_ROWS:
@@ -246,9 +273,9 @@ class Integration:
         self.scene, self._rows = scene, rows
         t, *last = self.stored.last
         if t.size and t[-1] == self.t:  # what rows that lost their hold left there is worth less
-            for part, now in zip(last, (x, v, a, self._of_all_rows(multipliers[None])[0]), strict=True):
+            for part, now in zip(last, (x, v, a, self.of_all_rows(multipliers[None])[0]), strict=True):
                 part[-1] = now
-        self._stepper = self.method.stepper(scene, s, self.groups, self.work)
+        self._bind_method()
         if failed and s.counts[st.FIXED_STEP] == 0:
             s.numbers[st.STEP] = max(s.numbers[st.STEP], self._first_step)
         self._forget()
@@ -263,7 +290,7 @@ class Integration:
         """Go on from a break with the values just after it; the method's history is dropped."""
         scene, s = self.scene, self.state
         evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
-        if is_driven(scene.plan):
+        if self._is_driven:
             refuse_position_jumps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
             v = rates_after_jump(scene, self.work, s.x, s.v)
             self._refuse_impulse_on_history(v - s.v)
@@ -271,12 +298,23 @@ class Integration:
         if self._interiors is not None:
             machine = scene, self._interiors, self.work, s.x, s.v
             s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
-        elif not is_driven(scene.plan):
-            s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
-        self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
+        elif not self._is_driven:
+            self._accelerate()
+        if not self._is_outside:
+            self._departed.append(Departure(int(s.counts[st.STORED]) - 1, s.v.copy(), s.a.copy()))
         if s.counts[st.JUMPED] == 1:
             s.numbers[st.STEP] = min(s.numbers[st.STEP], first_step(scene, s.numbers, s.v, s.a, self.method.order))
         self._forget()
+
+    def _accelerate(self) -> None:
+        """Find the accelerations and reactions; ``work.time`` is up to date."""
+        scene, work, s = self.scene, self.work, self.state
+        if self._articulated is not None:
+            forward_dynamics(scene.plan, work, self._articulated, s.x, s.v, s.a, s.multipliers)
+            if scene.plan.flag[0] == 0 and math.isfinite(s.a.dot(s.a)):
+                return
+            scene.refuse_failed(work)
+        s.a[:], s.multipliers[:] = accelerations(scene, work, s.x, s.v)
 
     def _refuse_impulse_on_history(self, jump: FloatArray) -> None:
         """Raise SceneError where velocities (nv,) jump in a machine whose masses are not all its own."""
@@ -295,16 +333,22 @@ class Integration:
     def _forget(self) -> None:
         """Let the method begin where the state stands; ``work.time`` is up to date."""
         count, number = self.state.counts, self.state.numbers
-        count[[st.AT_BREAK, st.JUMPED]] = 0
+        count[st.AT_BREAK] = count[st.JUMPED] = 0
         count[st.NO_GROWTH :] = 0
         number[st.RATIO_BEFORE :] = 0.0
         number[st.STABLE_STEP] = np.inf
         number[st.STEP_BEFORE] = 0.0
-        for part in arrays_of(self._stepper.memory).values():
+        for part in self._own.values():
             part[...] = 0
         if self.work.trial.size:  # rates may have jumped
             remember(self.scene.plan, self.work, self.state.x, self.state.v, self.t)
         self._begin()
+
+    def _bind_method(self) -> None:
+        """Bind the method to the scene; ``_own``: the arrays that it remembers, by their names."""
+        self._stepper = self.method.stepper(self.scene, self.state, self.groups, self.work)
+        self._own = arrays_of(self._stepper.memory)
+        self._is_driven = is_driven(self.scene.plan)
 
     def _begin(self) -> None:
         self.state.numbers[st.SAFETY] = SAFETY
@@ -317,7 +361,7 @@ class Integration:
         self._departed.clear()
         r = self.record
         *motion, multipliers = (part[:stored].copy() for part in (r.t, r.x, r.v, r.a, r.multipliers))
-        self.stored.append((*motion, self._of_all_rows(multipliers)))
+        self.stored.append((*motion, self.of_all_rows(multipliers)))
         if self._interiors is not None:
             self.interior_rows.extend(self._interiors.buffer[:stored])
         self.state.counts[st.STORED] = 0
@@ -326,11 +370,11 @@ class Integration:
         """Take the state as it stands into ``stored``, as a row of its own."""
         s = self.state
         motion = (part[None].copy() for part in (s.x, s.v, s.a))
-        self.stored.append((np.array([self.t]), *motion, self._of_all_rows(s.multipliers[None])))
+        self.stored.append((np.array([self.t]), *motion, self.of_all_rows(s.multipliers[None])))
         if self._interiors is not None:
             self.interior_rows.append(self._interiors.row(self.scene.plan))
 
-    def _of_all_rows(self, multipliers: FloatArray) -> FloatArray:
+    def of_all_rows(self, multipliers: FloatArray) -> FloatArray:
         """Multipliers (n, m) of the kept rows among those of all, zero where a row is not kept."""
         found = np.zeros((len(multipliers), len(self.start.unreduced.plan.rows)))
         found[:, self._rows] = multipliers
@@ -348,7 +392,7 @@ class Integration:
 
     def snapshot(self) -> Snapshot:
         """Copy what the method remembers."""
-        memory = {name: part.copy() for name, part in arrays_of(self._stepper.memory).items()}
+        memory = {name: part.copy() for name, part in self._own.items()}
         parts = copied_state(self.state), copied_groups(self.groups), memory, self._first_step, self._rows.copy()
         sampling = NO_SAMPLING if self._sampling is None else self._sampling.snapshot()
         return Snapshot(*parts, kept_interiors(self.scene), sampling)
@@ -358,7 +402,7 @@ class Integration:
         if not np.array_equal(snapshot.rows, self._rows):
             self._rows = snapshot.rows
             self.scene = self.start.unreduced.keep_rows(snapshot.rows)
-            self._stepper = self.method.stepper(self.scene, self.state, self.groups, self.work)
+            self._bind_method()
         for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
             for part, kept in zip(here.fields().values(), there.fields().values(), strict=True):
                 part[...] = kept
@@ -372,7 +416,7 @@ class Integration:
         """Raise RecordError where a checkpoint's arrays are not those that the method has; none: it has not begun."""
         if not memory:
             return
-        own = arrays_of(self._stepper.memory)
+        own = self._own
         if other := sorted(memory.keys() ^ own.keys()):
             raise RecordError(
                 f"the checkpoint was written by another version of flexmbd, whose {self.method.name} remembers other "
@@ -385,9 +429,21 @@ class Integration:
 
     def _recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Put arrays back into the method's memory."""
-        own = arrays_of(self._stepper.memory)
         for name, kept in memory.items():
-            own[name][...] = kept
+            self._own[name][...] = kept
+
+    @property
+    def kept_rows(self) -> NDArray[np.int64]:
+        """(m,) which of all constraint rows are kept."""
+        return np.array(self._rows, np.int64)
+
+    def forget_rows(self) -> None:
+        """Let go of all rows but the last ones, and of what controllers did, but the last."""
+        last, self.stored = self.stored.last, RowStore()
+        self.stored.append(tuple(part[-1:] for part in last))
+        self.departures.clear()
+        if self._sampling is not None:
+            self._sampling.forget()
 
     def checkpoint(self) -> Snapshot:
         """A snapshot from which a restart gives the same numbers to the bit as going on from here."""
@@ -396,6 +452,15 @@ class Integration:
         if self._interiors is not None:  # which forget their factors by it
             self._interiors.restore(self.scene.plan, snapshot.interiors)
         return snapshot
+
+
+def _new_record(scene: CompiledScene, work: Work, rows: int) -> st.Record:
+    """A buffer with room for so many rows."""
+    sizes = (scene.nx, scene.nv, scene.nv, len(scene.plan.rows))
+    x, v, a, multipliers = (np.empty((rows, size)) for size in sizes)
+    record = st.Record(np.empty(rows), x, v, a, multipliers, work)
+    record.lay_out()
+    return record
 
 
 def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
@@ -408,6 +473,8 @@ def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
     evaluate_times(scene.plan, t, work.time)
     if scene.callbacks.error is not None:
         scene.refuse_failed(work)
+    if np.isfinite(work.time).all():
+        return
     for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
         if not np.isfinite(values).all():
             raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")

@@ -118,7 +118,7 @@ ASKED_BY_THE_MACHINE = {"rows", "steps", "assemble", "stepper", "check", "rule",
 OPAQUE = {
     "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
     "EventMemory", "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
-    "PlacedInterior", "Bearing", "UserBody", "ElementKind",
+    "PlacedInterior", "Bearing", "UserBody", "ElementKind", "SteppedScene", "SteppedMemory",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")
 

@@ -59,6 +59,10 @@ class RangeWatch:
         self._open = tuple(limit for limit in self._open if not limit.tells(rows))
         self._before = rows.after()
 
+    def begin_anew(self) -> None:
+        """Let the rows that come not be those after the last ones."""
+        self._before = None
+
     def judge(self, t: FloatArray, x: FloatArray, v: FloatArray | None = None) -> None:
         """The same of other states, as equilibria, paths of them, or the rows of a whole run.
 

@@ -50,6 +50,11 @@ class StretchWatch:
         self._watched = [one for body in bodies for one in _watched(scene, body)]
         self._rows = 0
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing of the scene can be pressed flat."""
+        return not self._watched
+
     def sees_nothing(self, stored: StoredRows) -> bool:
         """Look at the rows that came since; each begins with its time (s) and its configuration."""
         if not self._watched:

@@ -165,6 +165,15 @@ def constant_place(plan: Plan, time: int) -> int:
     return int(plan.times[time, at.TIME_OFFSET]) + 3  # after the order and two breakpoints
 
 
+def straight_places(plan: Plan, time: int) -> tuple[int, int, int]:
+    """Where in ``plan.time_data`` a straight line has its beginning (s), its slope and its value there.
+
+    A polynomial of one piece and order 2.
+    """
+    first = int(plan.times[time, at.TIME_OFFSET])
+    return first + 1, first + 3, first + 4  # after the order; after two breakpoints
+
+
 def is_constant(plan: Plan, time: int) -> bool:
     """Whether a function of time is a polynomial of one piece and order 0."""
     kind, offset, count = plan.times[time, [at.TIME_KIND, at.TIME_OFFSET, at.TIME_COUNT]]
