@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
-from flexmbd.multibody.force.protocol import Force, StateEquations, SwitchValue
-from flexmbd.multibody.force.states import States
+from flexmbd.multibody.force.protocol import Force, StateEquations, SwitchValue, WithStates
+from flexmbd.multibody.force.states import States, state_sizes
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.switched import Switch, Switched
@@ -25,9 +25,10 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.user_functions import states_function
 from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
+from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES, frame_states_scratch
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
 from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
-from flexmbd.multibody.kernels.elements.state_rates import STATES
+from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
@@ -36,6 +37,7 @@ from flexmbd.multibody.plan.state_loads import (
     Quantities,
     StateEquationRows,
     followed_times,
+    loads_on_frames,
     refuse_set_twice,
     set_loads,
 )
@@ -53,12 +55,14 @@ class ForceSpan:
         times: rows of ``Plan.times``.
         frames: rows of ``Plan.frames`` that it uses, in order.
         memories: places in x where its memories begin, in order.
+        links: of its states the first place in v, and the first row of ``Plan.tree``.
     """
 
     data: range
     times: range
     frames: tuple[int, ...]
     memories: tuple[int, ...] = ()
+    links: tuple[tuple[int, int], ...] = ()
 
 
 class ForceTable:
@@ -94,16 +98,21 @@ class ForceTable:
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
         self._states: list[StateEquationRows] = []
+        self._links: list[tuple[int, int]] = []
+        self._followed: list[Quantities] = []
+        self._force: Force | None = None
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
         """Let a force element add its rows, and keep their places."""
         first_number, first_time = self._numbering.data_size, len(self._numbering.times)
-        self._asked, self._memories = [], []
+        self._asked, self._memories, self._links = [], [], []
+        self._force = force
         self._may_vary = force in self._varied
         force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
-        self.spans[force] = ForceSpan(data, times, tuple(self._asked), tuple(place for place, _ in self._memories))
+        places = tuple(place for place, _ in self._memories)
+        self.spans[force] = ForceSpan(data, times, tuple(self._asked), places, tuple(self._links))
         remembered = [(first, names) for first, names in self._memories if names]
         if remembered:
             self._numbering.index.memories[force] = {
@@ -186,6 +195,47 @@ class ForceTable:
             element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
             count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
         )  # fmt: skip
+
+    def frame_states(
+        self,
+        law: Compiled,
+        what: str,
+        frame_F: Frame,
+        frame_G: Frame,
+        *,
+        states: Mapping[str, float],
+        scale: ArrayLike = 1.0,
+        numbers: ArrayLike = (),
+        inputs: Sequence[TimeFunction] = (),
+    ) -> None:
+        """Let a law of one's own with states act between two frames."""
+        names = "t, data, z, u, d, R, rate, spin, out"
+        law = _checked_law(self._note_breaks(law, what), what, Signature.FRAME_STATES, names)
+        sizes, initial = state_sizes(scale, states, what)
+        times = [self.time(one, f"input {k} of {what}") for k, one in enumerate(inputs)]
+        self._followed.append([(OF_TIME, time, 0) for time in times])
+        first, link = self._add_links(what, tuple(states), initial, sizes)
+        n, values = len(initial), _flat(numbers)
+        data = self.numbers([n, len(times), link, *sizes, *times, len(values), *values])
+        self.element(
+            FRAME_STATES, what, f=self.frame(frame_F), g=self.frame(frame_G), v=first, data=data,
+            count=frame_states_scratch(n, len(times)), address=self._numbering.add_compiled(law),
+        )  # fmt: skip
+
+    def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
+        """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""
+        if not names:
+            return -1, -1
+        force = self._force
+        if not isinstance(force, WithStates) or force in self._numbering.index.states:
+            raise SceneError(
+                f"{what}: a force with states of its own is a fm.force.WithStates, and enters them once: {list(names)}"
+            )
+        link = len(self._numbering.tree)
+        slots = self._numbering.add_states([f"{what}.{name}" for name in names])
+        self._numbering.index.states[force] = StatePlaces(slots, scale, initial, what, ())
+        self._links = [(slots.start, link)]
+        return slots.start, link
 
     def compiled_states(self, rates: Compiled, outputs: Compiled | None, n: int, k: int) -> int:
         """Address of compiled state equations of n states and k outputs."""
@@ -359,21 +409,27 @@ class ForceTable:
         """Append the rows of state equations, with the functions of time that their outputs are put in the place of.
 
         Raises:
-            SceneError: two set one signal, one follows what states set, or a signal does not load a joint's coordinate.
+            SceneError: two set one signal, one follows what states set, or a signal loads neither a joint's coordinate
+                nor frames.
         """
         refuse_set_twice(one.states for one in self._states)
-        followed = followed_times(one.quantities for one in self._states)
+        followed = followed_times([*(one.quantities for one in self._states), *self._followed])
+        set_by_states: set[int] = set()
         for one in self._states:
             states, rows = one.states, one.quantities
             loads = set_loads(states, self._numbering.times, self.forces, self.elements, followed)
             n, m, k = len(states.scales), len(rows), len(states.inputs)
-            head = [n, m, k, one.whole, len(loads), *states.scales]
+            times = {time for _, time in loads}
+            set_by_states |= times
+            head = [n, m, k, one.whole, len(loads), bool(loads_on_frames(self.elements, times)), *states.scales]
             data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
             side = -1 if one.switch is None else self.side(*one.switch, one.states.what)
             self.element(
                 STATES, states.what, v=one.first, data=data, count=2 * n + m + k, address=one.addresses[0],
                 derivative=one.addresses[1], side=side,
             )  # fmt: skip
+        for number, row in enumerate(loads_on_frames(self.elements, set_by_states)):
+            self.elements[row][at.EL_X] = number
 
     def _solve_together(self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]) -> None:
         """``speeds``: velocities by their places, and over how much of each the forces change as they do at rest."""
@@ -434,11 +490,11 @@ def assemble_forces(
 ) -> ForceTable:
     """Let every force element add its rows, in the order in which they were added to the scene, state equations first.
 
-    Their states are coordinates, and what elements remember lies behind all of those (`Numbering.add_memory`).
+    Their states, and those of forces, are coordinates, and what elements remember lies behind all of those (`Numbering.add_memory`).
     Forces whose numbers are to vary, among ``varied``, add them whatever the numbers are now.
     """
     table = ForceTable(numbering, ground, varied)
-    for force in sorted(forces, key=lambda force: not isinstance(force, States)):
+    for force in sorted(forces, key=lambda force: not isinstance(force, (States, WithStates))):
         first, first_element = len(table.forces), len(table.elements)
         table.assemble(force)
         rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))

@@ -299,7 +299,7 @@ def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
     if plan.rows.shape[0] > 0:
         load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
-        load_elements(plan, work, out)
+        load_elements(plan, work, x, v, out)
     backward_forces(plan, work, out)
     load_couplings(plan, multipliers, out)
     _propagate_momenta(plan, work, v, wrench, p, part, out)

@@ -38,7 +38,7 @@ def residual(plan, work, x, v, a, multipliers, out):
     if plan.rows.shape[0] > 0:
         load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
-        load_elements(plan, work, out)
+        load_elements(plan, work, x, v, out)
     backward_forces(plan, work, out)
     load_couplings(plan, multipliers, out)
     if plan.elements.shape[0] > 0:
