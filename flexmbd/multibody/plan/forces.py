@@ -232,7 +232,11 @@ class ForceTable:
                 f"{what}: a force with states of its own is a fm.force.WithStates, and enters them once: {list(names)}"
             )
         link = len(self._numbering.tree)
-        slots = self._numbering.add_states([f"{what}.{name}" for name in names])
+        called, count = what, 1  # of two alike the second has a number
+        while f"{called}.{names[0]}" in self._numbering.names:
+            count += 1
+            called = f"{what} {count}"
+        slots = self._numbering.add_states([f"{called}.{name}" for name in names])
         self._numbering.index.states[force] = StatePlaces(slots, scale, initial, what, ())
         self._links = [(slots.start, link)]
         return slots.start, link
