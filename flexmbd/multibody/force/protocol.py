@@ -68,6 +68,13 @@ class ElementTable(Protocol):
             SceneError: the joint has no coordinate in the tree.
         """
 
+    def inertia(self, connection: Connection, index: int, value: float, what: str) -> None:
+        """Add a one-dimensional inertia to a joint's coordinate, kg m^2 or kg per unit of it.
+
+        Raises:
+            SceneError: the joint has no coordinate in the tree, or moves by a pair of several coordinates.
+        """
+
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a flexible body's first mode."""
 

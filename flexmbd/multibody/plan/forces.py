@@ -19,6 +19,7 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature, c
 from flexmbd.multibody.functions.switched import Switch, Switched
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.coordinate_coupling import coordinate_place
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
@@ -70,6 +71,7 @@ class ForceTable:
 
     Attributes:
         forces: functions of time on coordinates: index in v, row of ``Plan.times``.
+        shafts: one-dimensional inertias on coordinates: index in v, inertia.
         elements: rows of ``Plan.elements``.
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
@@ -80,6 +82,7 @@ class ForceTable:
 
     def __init__(self, numbering: Numbering, ground: Body, varied: Iterable[object] = ()) -> None:
         self.forces: list[list[int]] = []
+        self.shafts: list[list[float]] = []
         self.elements: list[list[int]] = []
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
@@ -128,6 +131,21 @@ class ForceTable:
                 "ask for Way.COORDINATES, so that another joint closes the loop"
             )
         return slots.x.start + index, slots.v.start + index
+
+    def inertia(self, connection: Connection, index: int, value: float, what: str) -> None:
+        """Add a one-dimensional inertia to a joint's coordinate."""
+        _, v = self.coordinate(connection, index)
+        step, _ = coordinate_place(connection.joint, index)
+        if len(connection.joint.steps[step].pair.angular) > 1:
+            raise SceneError(
+                f"{what}: joint {connection.name!r} moves by one pair of several coordinates, none of which can carry an "
+                "inertia of its own; make it of several steps"
+            )
+        if self._may_vary:
+            raise SceneError(f"{what}: an inertia on a coordinate cannot vary from run to run; build the scene anew")
+        if not np.isfinite(value):
+            raise SceneError(f"{what}: inertia times the square of the ratio is no number any more; are its units right?")
+        self.shafts.append([v, value])
 
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a flexible body's first mode."""

@@ -30,6 +30,9 @@ FRAME_BODY, FRAME_MODES, FRAME_STRAIN, N_FRAME_OF = 0, 1, 2, 3
 # Columns of Plan.rigid: mass, first moment (3), second moment xx xy xz yy yz zz, all about B.
 MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
 
+# Columns of Plan.shafts, one-dimensional inertias: index in v of a joint's coordinate, kg m^2 or kg per unit of it.
+SHAFT_V, SHAFT_INERTIA, N_SHAFT = 0, 1, 2
+
 # Columns of Plan.flex: number of modes and offsets in Plan.modal.
 N_MODES = 0
 MODAL_FIRST = 1  # (3, n) integrals of rho phi_i

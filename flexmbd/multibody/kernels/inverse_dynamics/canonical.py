@@ -50,6 +50,7 @@ from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import is_free, joint_force, joint_motion
 from flexmbd.multibody.kernels.physics.reduced_inertia import deformed_first_moment, flexible_inertia
+from flexmbd.multibody.kernels.physics.shaft_inertia import add_shaft_inertias
 
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -92,6 +93,7 @@ def momenta(plan, work, x, v, none, out):
     for i in range(plan.tree.shape[0]):
         body_momentum(plan, work, i, x, v, none, work.body[i], out)
     backward_forces(plan, work, out)
+    add_shaft_inertias(plan.shafts, v, out)
 
 
 @kernel
@@ -303,6 +305,7 @@ def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
     backward_forces(plan, work, out)
     load_couplings(plan, multipliers, out)
     _propagate_momenta(plan, work, v, wrench, p, part, out)
+    add_shaft_inertias(plan.shafts, v, p)
     if plan.elements.shape[0] > 0:
         subtract_coordinate_forces(plan, work, x, v, out)
     for i in range(plan.forces.shape[0]):
