@@ -170,9 +170,9 @@ class MachineAssembly:
                 f"`axis` goes with `at`, the joint's place in the drawing; between frames give it to the joint, "
                 f"fm.joint.{type(joint).__name__}(axis)"
             )
-        for frame in (parent, child):
-            refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame(), or bodies with at=")
-            self._refuse_foreign(frame)
+        for end in (parent, child):
+            refuse_other(end, Frame, "what a joint connects", wanted="a frame as body.frame(), or bodies with at=")
+            self._refuse_foreign(cast(Frame, end))
         parent, child = cast(Frame, parent), cast(Frame, child)
         kind = type(joint).__name__.lower()
         own = f"{kind} {parent.body.name}-{child.body.name}"

@@ -143,7 +143,7 @@ def test_a_force_with_states(folder):
     for method in (fm.RadauIIA(), fm.GeneralizedAlpha()):
         other = scene.simulate(0.4, rtol=1e-6, integrator=method)
         np.testing.assert_allclose((other.states(mount)[-1] - theirs[13:]) / most, 0.0, atol=1e-2)
-    assert "Mount ground(0.1,0.02,-0.05) to body(0.1,0.04,-0.06).about z" in run.table().names
+    assert sum(name.startswith("Mount ") and name.endswith(".about z") for name in run.table().names) == 1
 
 
 def test_an_integrator(folder, tmp_path):

@@ -132,9 +132,9 @@ def compiled(
     and the angular velocity (3,).  Where it returns a number this is the energy (J) that it stores, whose derivative
     the wrench must be at rest.  ``f(data, d, R, rate, spin, dd, dtheta, drate, dspin, out)`` writes the change of that
     wrench for d + dd, exp(dtheta) R and so on.  Both are for ``flexmbd.force.ElementTable.frame_law``.
-    ``f(t, data, z, u, d, R, rate, spin, out)`` is such a law with states z of its own, by which, by signals and functions
-    of time u, and by the time t (s) it writes force, torque and the states' rates into ``out`` (6 + n,), which comes as
-    zeros; for ``frame_states`` there.
+    ``f(t, data, z, u, d, R, rate, spin, out)`` is such a law with states z of its own, by which, by signals and
+    functions of time u, and by the time t (s) it writes force, torque and the states' rates into ``out`` (6 + n,),
+    which comes as zeros; for ``frame_states`` there.
     ``f(data, memory, begin, end, out)`` leads a law with memory from the deformation ``begin`` to ``end`` (m or rad),
     between which it does not turn: it changes ``memory`` in place, writes the force against the deformation, its slope
     and the number of the piece of the law that it is on into ``out`` (3,), and returns the energy (J) that it stores;

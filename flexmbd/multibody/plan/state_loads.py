@@ -80,8 +80,8 @@ def set_loads(
                 )
             if k not in loading or k in others:
                 raise SceneError(
-                    f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque, a JointForce, a "
-                    "LineForce or a component of a FrameForce"
+                    f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque, a JointForce "
+                    "or a LineForce, or a component of a FrameForce"
                 )
         if not places:
             raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")

@@ -26,14 +26,17 @@ def machine(way, *, aligned=False, flexible=False, loop=False):
     """
     scene = fm.System(gravity=(0.4, -9.81, -1.1))
     column = scene.add(fm.RigidBody(1.3, np.diag([0.05, 0.06, 0.07]), (0.2, 0.05, -0.1)), name="column")
-    record = particle_body(3, modes=3).record
-    arm = scene.add(fm.FlexibleBody(record) if flexible else fm.RigidBody(0.9, (0.02, 0.03, 0.04), (0.1, 0.05, -0.02)))
-    load = scene.add(fm.RigidBody(0.4, np.diag([0.01, 0.012, 0.015]), (0.0, 0.1, 0.1)), name="load")
     turn = np.eye(3) if aligned else TILT
+    arm: fm.FlexibleBody | fm.RigidBody
+    if flexible:
+        arm = scene.add(fm.FlexibleBody(particle_body(3, modes=3).record))
+        root, tip = arm.frame("root"), arm.frame("tip")
+    else:
+        arm = scene.add(fm.RigidBody(0.9, (0.02, 0.03, 0.04), (0.1, 0.05, -0.02)))
+        root, tip = arm.frame(), arm.frame(p=(0.3, 0.0, 0.1), R=turn)
+    load = scene.add(fm.RigidBody(0.4, np.diag([0.01, 0.012, 0.015]), (0.0, 0.1, 0.1)), name="load")
     joints = [scene.connect(fm.joint.Revolute("z" if aligned else "y"), scene.ground.frame(), column.frame())]
-    root = arm.frame("root") if flexible else arm.frame()
     joints.append(scene.connect(fm.joint.Revolute("z"), column.frame(p=(0.4, 0.1, 0.0), R=turn), root))
-    tip = arm.frame("tip") if flexible else arm.frame(p=(0.3, 0.0, 0.1), R=turn)
     kind = fm.joint.Revolute("z") if aligned else fm.joint.Cylindrical("x")
     joints.append(scene.connect(kind, tip, load.frame()))
     joints[0].velocity, joints[1].velocity = 1.2, -0.7
@@ -73,7 +76,7 @@ def test_as_rotors_behind_gears(kind):
 @pytest.mark.parametrize("name", METHODS)
 def test_motion_and_energy(name):
     """All integrators move it as the rotors behind gears do, and energy is kept with theirs."""
-    scene, joints, bodies = machine("shaft")
+    scene, joints, _ = machine("shaft")
     geared, theirs, _ = machine("gear")
     expected = geared.simulate(0.2, rtol=1e-10, integrator=fm.ExplicitRungeKutta())
     rtol = 1e-10 if name == "explicit" else 1e-7
@@ -106,7 +109,7 @@ def test_a_long_chain():
 
 def test_it_adds_to_the_mass_matrix_alone():
     """By inertia ratio^2 on its coordinate; the reaction on the child is that of the child's own motion."""
-    scene, joints, _ = machine("shaft")
+    scene, *_ = machine("shaft")
     bare, *_ = machine(None)
     matrices = []
     for one in (scene, bare):
@@ -136,10 +139,11 @@ def test_a_motor_behind_a_gear():
 
 def test_what_is_wrong_is_told():
     scene, joints, bodies = machine(None)
-    ball = scene.connect(fm.joint.Spherical(), bodies[0].frame(), bodies[2].frame(), way=fm.Way.CONSTRAINTS, name="ball")
+    ends, way = (bodies[0].frame(), bodies[2].frame()), fm.Way.CONSTRAINTS
+    ball = scene.connect(fm.joint.Spherical(), *ends, way=way, name="ball")
     with pytest.raises(SceneError, match="no coordinate that is one number"):
         scene.add_force(fm.force.ShaftInertia(ball, 1.0))
-    held = scene.connect(fm.joint.Revolute(), bodies[0].frame(), bodies[2].frame(), way=fm.Way.CONSTRAINTS, name="held")
+    held = scene.connect(fm.joint.Revolute(), *ends, way=way, name="held")
     for given, text in (
         ((joints[0], 0.0), "inertia = 0.0 must be positive"),
         ((joints[0], np.nan), "not a finite number"),

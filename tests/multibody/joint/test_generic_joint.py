@@ -13,7 +13,7 @@ from flexmbd.errors import SceneError
 
 GRAVITY = (0.4, -1.1, -9.81)
 TILT = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
-EQUAL = {
+EQUAL: dict[str, tuple[tuple[str, str], fm.joint.Joint]] = {
     "fixed": (("", ""), fm.joint.Fixed()),
     "revolute": (("", "y"), fm.joint.Revolute("y")),
     "prismatic": (("x", ""), fm.joint.Prismatic("x")),

@@ -80,10 +80,11 @@ def states_function(rates: Callable[..., None], outputs: Callable[..., None] | N
 
 
 def frame_states_function(function: Callable[..., None]) -> Any:
-    """``f(t, data, z, u, d, R, rate, spin, out)`` behind ``f(double t, int64 k, int64 size, double *data, *given, *out)``.
+    """``f(t, data, z, u, d, R, rate, spin, out)`` behind a C function.
 
-    ``given``: how many states, d, R row by row, rate, spin, the states z and the signals u; ``out``: force, torque, and
-    the states' rates, which come as zeros.
+    ``void f(double t, int64 k, int64 size, double *data, double *given, double *out)``.  ``data``: k numbers;
+    ``given``, ``size`` of them: how many states, d, R row by row, rate, spin, the states z and the signals u;
+    ``out``: force, torque, and the states' rates, which come as zeros.
 
     Raises:
         numba.TypingError: it does not compile for such arguments.

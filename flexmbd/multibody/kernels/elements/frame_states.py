@@ -99,7 +99,7 @@ def _wrench(plan, work, row, d, R, rate, spin):
 
 @kernel
 def _keep(work, size, answer, over):
-    """Put the difference of the answer behind ``answer + size`` and that at ``answer``, times ``over``, in its place."""
+    """Put the difference of the answer that was set aside and that at ``answer``, times ``over``, in its place."""
     out = work.generalized
     for k in range(answer, answer + size):
         out[k] = over * (out[k + size] - out[k])

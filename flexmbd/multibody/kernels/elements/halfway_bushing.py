@@ -33,7 +33,7 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @kernel
 def _parts(plan, row, d, R, rate, spin):
-    """theta, its rate, H, w, the force in F's axes, and what does work on theta's rate: the torque's and the force's."""
+    """theta, its rate, H, w, the force in F's axes, and what does work on theta's rate, the force's share with it."""
     o = row[at.EL_DATA]
     theta = rotation_vector(R)
     half = scale3(0.5, theta)

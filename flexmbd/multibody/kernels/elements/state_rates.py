@@ -2,12 +2,12 @@
 
 Each state is the velocity of a link of its own, of unit inertia and without mass (``Numbering.add_states``), divided by
 the state's scale: its acceleration is the rate f.  So every integrator solves it, controls its error and finds it in
-its tangent.  The outputs are put where loads read their functions of time: those on joints' coordinates do so after all elements
-have been asked (``inverse_dynamics.residual``), those on frames before (``put_outputs``).
+its tangent.  The outputs are put where loads read their functions of time: those on joints' coordinates do so after all
+elements have been asked (``inverse_dynamics.residual``), those on frames before (``put_outputs``).
 
 Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
-of z and u; how many loads there are, and whether any is on frames; the scales; of each quantity its kind, its place and the velocity that goes with
-it; of each load its output and its row of ``Plan.times``.
+of z and u; how many loads there are, and whether any is on frames; the scales; of each quantity its kind, its place and
+the velocity that goes with it; of each load its output and its row of ``Plan.times``.
 """
 
 from __future__ import annotations

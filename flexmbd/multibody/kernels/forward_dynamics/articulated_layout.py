@@ -35,7 +35,7 @@ N_LINK = 9
 PLAIN, ALIGNED, TURNED, MULTI_DOF = range(4)
 
 # Columns of ArticulatedWork.constant: position of F in the parent, mass integrals about the body's own origin
-# (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate, one-dimensional inertia on it.
+# (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate, a shaft's inertia on it.
 C_P, C_MASS, C_FIRST, C_INERTIA, C_TURN, C_SHIFT, C_SHAFT, N_CONSTANT = 0, 3, 4, 7, 13, 14, 15, 16
 
 # Columns of ArticulatedWork.axes: axes of F in the parent, position and axes of G in the body.
