@@ -200,7 +200,7 @@ class SceneIndex:
         """
         found = self.states.get(states)
         if found is None:
-            raise SceneError(f"{getattr(states, 'what', repr(states))}: states that are not in this scene")
+            raise SceneError(f"{getattr(states, 'what', repr(states))} are not in this scene: scene.add_states(...)")
         return found
 
     def is_modal(self, k: int) -> bool:
