@@ -330,7 +330,7 @@ def test_wrong_states_are_told_when_they_are_given():
 
 @pytest.mark.parametrize("name", ["8(5,3)", "radau"])
 def test_a_joint_held_by_constraints_and_a_frame_are_set_as_well(name):
-    """The cart on constraints, whose joint's force acts between frames; and pushed at its frame, whose place is asked."""
+    """The cart on constraints, whose force acts between frames; and pushed at its frame, whose place is asked."""
     ends = []
     for how in ("coordinates", "constraints", "frame"):
         way = fm.Way.COORDINATES if how == "coordinates" else fm.Way.CONSTRAINTS

@@ -107,6 +107,15 @@ def test_a_long_chain():
         np.testing.assert_allclose(end, ends[0], atol=1e-7)
 
 
+def test_kane_and_the_explanation_know_of_it():
+    """Kane's equations by definition are zero for its motion."""
+    scene, *_ = machine("shaft")
+    run = scene.simulate(0.02, rtol=1e-9, integrator=fm.ExplicitRungeKutta())
+    kinematics = fm.force.Kinematics(scene.compile().scene).move(run.t[-1], run.x[-1], run.v[-1], run.a[-1])
+    np.testing.assert_allclose(fm.force.inertia_forces(kinematics, scene.gravity), 0.0, atol=1e-10)
+    assert "one-dimensional inertia of 0.048 on " in scene.explain()
+
+
 def test_it_adds_to_the_mass_matrix_alone():
     """By inertia ratio^2 on its coordinate; the reaction on the child is that of the child's own motion."""
     scene, *_ = machine("shaft")
