@@ -28,7 +28,7 @@ from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.scene_index import IdentityMap
-from flexmbd.multibody.start.drawing import DRAWN_BODIES, DrawnBody, Pose, drawn_frames, drawn_pose
+from flexmbd.multibody.start.drawing import DRAWN_BODIES, BodyPose, DrawnBody, drawn_frames, drawn_pose
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.rotation import Axis
 from flexmbd.run.controller import Controller, Measurement, linear_law
@@ -66,7 +66,7 @@ class MachineAssembly:
         self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
         self._body_names: dict[str, Body | ContinuumBody | ExactBeam] = {self.ground.name: self.ground}
         self._joint_names: dict[str, Connection] = {}
-        self._poses: IdentityMap[object, Pose] = IdentityMap([(self.ground, Pose(np.zeros(3), np.eye(3)))])
+        self._poses: IdentityMap[object, BodyPose] = IdentityMap([(self.ground, BodyPose(np.zeros(3), np.eye(3)))])
 
     def __repr__(self) -> str:
         """How many parts, and of which kind."""

@@ -9,7 +9,7 @@ from flexmbd.given import is_number
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
 from flexmbd.multibody.functions.time_function import TimeFunction
-from flexmbd.multibody.kernels.elements.line_force import GIVEN_ON_LINE
+from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
-from flexmbd.multibody.kernels.elements.line_force import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.scene_index import IdentityMap

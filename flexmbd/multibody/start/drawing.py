@@ -31,14 +31,14 @@ _ROUND_OFF = 1e-12  # of a place's distance from the origin
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class BodyPose:
     """Where the drawing has a body frame: p_WB (3,) m and R_WB (3, 3), in the ground's axes."""
 
     p: FloatArray
     R: FloatArray
 
 
-def drawn_pose(body: DrawnBody, p: ArrayLike | None, R: ArrayLike | None) -> Pose:
+def drawn_pose(body: DrawnBody, p: ArrayLike | None, R: ArrayLike | None) -> BodyPose:
     """The pose of a body by what a user gives of it; of a flexible body by default that of its mesh, else the ground's.
 
     Raises:
@@ -50,12 +50,12 @@ def drawn_pose(body: DrawnBody, p: ArrayLike | None, R: ArrayLike | None) -> Pos
     if place.shape != (3,) or not np.isfinite(place).all():
         raise SceneError(f"{what}: its place p in the drawing must be three finite numbers (m), got {p!r:.60}")
     if R is None:
-        return Pose(place, body.record.R_MB if of_mesh else np.eye(3))  # type: ignore[union-attr]
-    return Pose(place, check_rotation(R, f"{what}: its turn R in the drawing"))
+        return BodyPose(place, body.record.R_MB if of_mesh else np.eye(3))  # type: ignore[union-attr]
+    return BodyPose(place, check_rotation(R, f"{what}: its turn R in the drawing"))
 
 
 def drawn_frames(
-    joint: Joint, ends: Sequence[tuple[DrawnBody, Pose]], *, at: ArrayLike, axis: Axis | None, what: str
+    joint: Joint, ends: Sequence[tuple[DrawnBody, BodyPose]], *, at: ArrayLike, axis: Axis | None, what: str
 ) -> list[Frame]:
     """The frames F and G of a joint on both bodies, which fall together in the drawing.
 
@@ -116,7 +116,7 @@ def _refuse_apart(joint: Joint, what: str) -> None:
         )
 
 
-def _interface(body: DrawnBody, pose: Pose, place: FloatArray, what: str) -> _Interface | None:
+def _interface(body: DrawnBody, pose: BodyPose, place: FloatArray, what: str) -> _Interface | None:
     """The frame of a body that lies at a place of the drawing; None of bodies that can be held anywhere.
 
     Raises:
@@ -156,7 +156,7 @@ def _gyration(body: FlexibleBody | ContinuumBody | ExactBeam) -> float:
     return float(np.sqrt(max(np.trace(second) / body.mass - first @ first / body.mass**2, 0.0)))
 
 
-def _frame(body: DrawnBody, pose: Pose, place: FloatArray, axes: FloatArray, held: _Interface | None) -> Frame:
+def _frame(body: DrawnBody, pose: BodyPose, place: FloatArray, axes: FloatArray, held: _Interface | None) -> Frame:
     """The frame on a body at a place with axes (3, 3) of the drawing."""
     R_BF = pose.R.T @ axes
     if held is None:

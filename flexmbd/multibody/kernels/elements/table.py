@@ -29,12 +29,12 @@ from flexmbd.multibody.kernels.elements.element import (
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES
 from flexmbd.multibody.kernels.elements.friction import FRICTION
+from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.halfway_bushing import HALFWAY_BUSHING
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
-from flexmbd.multibody.kernels.elements.line_force import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 from flexmbd.multibody.kernels.elements.penalty import PENALTY

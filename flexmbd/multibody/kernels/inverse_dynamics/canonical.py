@@ -49,8 +49,8 @@ from flexmbd.multibody.kernels.physics.face_modes import add_face_forces, add_tr
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import is_free, joint_force, joint_motion
+from flexmbd.multibody.kernels.physics.one_dimensional_inertia import add_shaft_inertias
 from flexmbd.multibody.kernels.physics.reduced_inertia import deformed_first_moment, flexible_inertia
-from flexmbd.multibody.kernels.physics.shaft_inertia import add_shaft_inertias
 
 _ZERO = (0.0, 0.0, 0.0)
 

@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
     forward_kinematics,
     write_inertial_wrenches,
 )
-from flexmbd.multibody.kernels.physics.shaft_inertia import add_shaft_inertias
+from flexmbd.multibody.kernels.physics.one_dimensional_inertia import add_shaft_inertias
 
 
 @entry_kernel

@@ -22,7 +22,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinemat
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
 from flexmbd.multibody.kernels.physics.gyroscopic import rotor_momentum
-from flexmbd.multibody.kernels.physics.shaft_inertia import shaft_energy
+from flexmbd.multibody.kernels.physics.one_dimensional_inertia import shaft_energy
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 
