@@ -202,6 +202,49 @@ def test_states_that_set_forces_on_frames(name):
     np.testing.assert_allclose(np.array(found) / expected, 1.0, atol=close)
 
 
+@fm.compiled
+def pushing(t, data, z, u, d, R, rate, spin, out):
+    along = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+    for k in range(3):
+        out[k] = u[0] * d[k] / along
+
+
+@dataclass(frozen=True, eq=False)
+class Pushing(fm.force.BetweenFrames):
+    """A law of its inputs alone."""
+
+    frame_F: fm.Frame
+    frame_G: fm.Frame
+    value: object
+
+    def check(self):
+        pass
+
+    def assemble(self, table):
+        table.frame_states(pushing, self.what, self.frame_F, self.frame_G, states={}, inputs=[self.value])
+
+
+def test_a_force_along_a_line():
+    """As a law without states by its input; as an input of a linear machine its arm about the hinge."""
+    ends = []
+    for kind in (Pushing, fm.force.LineForce):
+        scene = fm.System(gravity=(0.0, -9.81, 0.0))
+        boom = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1), (0.2, 0.0, 0.0)), name="boom")
+        hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), boom.frame())
+        foot, eye = scene.ground.frame(p=(*FOOT, 0.0)), boom.frame(p=(EYE, 0.0, 0.0))
+        scene.add_force(kind(foot, eye, fm.Sine(3.0, 20.0, offset=4.0)))
+        ends.append(scene.simulate(0.5, rtol=1e-9, integrator=fm.ExplicitRungeKutta()).beta(hinge)[-1])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-12)
+    scene._forces.clear()
+    scene.add_force(fm.force.JointSpring(hinge, 40.0))
+    rest = scene.equilibrium()
+    linear = scene.linearize(about=rest, inputs=[fm.force.LineForce(foot, eye, 0.0)])
+    angle = float(np.squeeze(rest.beta(hinge)))
+    place = EYE * np.array([np.cos(angle), np.sin(angle)])
+    n = (place - FOOT) / np.hypot(*(place - FOOT))
+    assert linear.V[0, 0] == pytest.approx(place[0] * n[1] - place[1] * n[0], rel=1e-12)
+
+
 def test_what_is_wrong_is_told():
     flow = fm.Signal("flow")
     scene, _, force = crane(flow)
