@@ -18,6 +18,7 @@ from flexmbd.multibody.force.joint_stop import JointStop as JointStop
 from flexmbd.multibody.force.joint_torque import JointTorque as JointTorque
 from flexmbd.multibody.force.kane_body import KaneBody as KaneBody
 from flexmbd.multibody.force.kane_force import KaneForce as KaneForce
+from flexmbd.multibody.force.line_force import LineForce as LineForce
 from flexmbd.multibody.force.plastic_joint_spring import PlasticJointSpring as PlasticJointSpring
 from flexmbd.multibody.force.plastic_spring import PlasticSpring as PlasticSpring
 from flexmbd.multibody.force.protocol import BetweenFrames as BetweenFrames
@@ -25,7 +26,9 @@ from flexmbd.multibody.force.protocol import ElementTable as ElementTable
 from flexmbd.multibody.force.protocol import Force as Force
 from flexmbd.multibody.force.protocol import OnCoordinate as OnCoordinate
 from flexmbd.multibody.force.protocol import StateEquations as StateEquations
+from flexmbd.multibody.force.protocol import WithStates as WithStates
 from flexmbd.multibody.force.protocol import check_numbers as check_numbers
+from flexmbd.multibody.force.shaft_inertia import ShaftInertia as ShaftInertia
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce
 from flexmbd.multibody.functions.callback import Law as Law

@@ -12,6 +12,7 @@ from flexmbd.multibody.joint.enforcement import Enforcement as Enforcement
 from flexmbd.multibody.joint.fixed import Fixed as Fixed
 from flexmbd.multibody.joint.free import Free as Free
 from flexmbd.multibody.joint.gear import Gear as Gear
+from flexmbd.multibody.joint.generic import Generic as Generic
 from flexmbd.multibody.joint.kinematic_pair import FIXED as FIXED
 from flexmbd.multibody.joint.kinematic_pair import FREE as FREE
 from flexmbd.multibody.joint.kinematic_pair import PRISMATIC as PRISMATIC

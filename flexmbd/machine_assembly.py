@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,9 @@ from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.scene_index import IdentityMap
+from flexmbd.multibody.start.drawing import DRAWN_BODIES, BodyPose, DrawnBody, drawn_frames, drawn_pose
 from flexmbd.multibody.team import Alone, Team
+from flexmbd.rotation import Axis
 from flexmbd.run.controller import Controller, Measurement, linear_law
 
 FloatArray = NDArray[np.float64]
@@ -64,6 +66,7 @@ class MachineAssembly:
         self._members: IdentityMap[object, None] = IdentityMap([(self.ground, None)])
         self._body_names: dict[str, Body | ContinuumBody | ExactBeam] = {self.ground.name: self.ground}
         self._joint_names: dict[str, Connection] = {}
+        self._poses: IdentityMap[object, BodyPose] = IdentityMap([(self.ground, BodyPose(np.zeros(3), np.eye(3)))])
 
     def __repr__(self) -> str:
         """How many parts, and of which kind."""
@@ -73,15 +76,21 @@ class MachineAssembly:
             f"{len(self._forces)} forces, {len(self._couplings)} couplings>"
         )
 
-    def add(self, body: AnyBodyT, *, name: str | None = None) -> AnyBodyT:
+    def add(
+        self, body: AnyBodyT, *, name: str | None = None, p: ArrayLike | None = None, R: ArrayLike | None = None
+    ) -> AnyBodyT:
         """Put a body into the scene and return it.
 
         Args:
             body: a RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody or ExactBeam not yet in a scene.
             name: unique name; by default "body 1", "body 2", ...
+            p: (3,) m, where the assembled drawing has the body frame, in the ground's axes, for joints that are
+                connected by ``at``, and for nothing else; by default on the ground's origin, of a flexible body where
+                its mesh has it.
+            R: (3, 3) rotation from the body's axes to the ground's there; the default is alike.
 
         Raises:
-            SceneError: the name is taken, or the body is already in a scene.
+            SceneError: the name is taken, or the body is already in a scene; or p or R are none.
         """
         bodies = (RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
         wanted = "a RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody or ExactBeam"
@@ -93,7 +102,12 @@ class MachineAssembly:
             raise SceneError(f"body {body.name!r} is already in this scene")
         if chosen in self._body_names and self._body_names[chosen].name == chosen:
             raise SceneError(f"the name {chosen!r} is taken; names of bodies must differ")
-        body.name = chosen
+        known, body.name = body.name, chosen
+        try:
+            self._poses[body] = drawn_pose(body, p, R)
+        except SceneError:
+            body.name = known
+            raise
         self._members[body], self._body_names[chosen] = None, body
         if isinstance(body, ContinuumBody):
             self._continua.append(body)
@@ -116,19 +130,26 @@ class MachineAssembly:
     def connect(
         self,
         joint: Joint,
-        parent: Frame,
-        child: Frame,
+        parent: Frame | DrawnBody,
+        child: Frame | DrawnBody,
         *,
+        at: ArrayLike | None = None,
+        axis: Axis | None = None,
         name: str | None = None,
         way: Way | None = None,
         enforce: Enforcement | None = None,
     ) -> Connection:
-        """Join two frames; the joint's coordinates move ``child`` against ``parent``.
+        """Join two frames, or two bodies at a place of the drawing; the joint's coordinates move child against parent.
 
         Args:
             joint: fm.joint.Revolute(axis="z") and the like.
-            parent: a frame on a body or on the ground.
-            child: a frame on another body.
+            parent: a frame on a body or on the ground; with ``at`` the body itself, or the ground.
+            child: a frame on another body; with ``at`` that body.
+            at: (3,) m, where the assembled drawing has the joint, in the ground's axes; the frames on both bodies
+                follow from where it has these (``add``), and the joint's coordinates are zero there.  A body that has
+                frames of its own must have one there, to a thousandth of its size; this frame's place is then taken.
+            axis: with ``at``, of a joint along or about one axis: "x", "y", "z" or a vector (3,) in the ground's axes.
+                Without it the joint's own axes are those of the ground in the drawing.
             name: unique name; by default made of the joint's kind and the bodies, as "revolute crank-rod", and of the
                 second of a kind between them "revolute crank-rod 2".
             way: fm.Way.COORDINATES or CONSTRAINTS; by default coordinates along the tree, in the
@@ -138,12 +159,21 @@ class MachineAssembly:
 
         Raises:
             SceneError: both frames lie on one body, a frame is of another scene, the name is
-                taken, or the joint cannot go the way asked for.
+                taken, or the joint cannot go the way asked for; or, with ``at``, a body has no frame there, or the
+                joint no such axis.
         """
         refuse_other(joint, Joint, "a joint", wanted="a joint as fm.joint.Revolute(\"z\")")
-        for frame in (parent, child):
-            refuse_other(frame, Frame, "what a joint connects", wanted="a frame as body.frame()")
-            self._refuse_foreign(frame)
+        if at is not None:
+            parent, child = self._drawn_frames(joint, parent, child, at, axis)
+        elif axis is not None:
+            raise SceneError(
+                f"`axis` goes with `at`, the joint's place in the drawing; between frames give it to the joint, "
+                f"fm.joint.{type(joint).__name__}(axis)"
+            )
+        for end in (parent, child):
+            refuse_other(end, Frame, "what a joint connects", wanted="a frame as body.frame(), or bodies with at=")
+            self._refuse_foreign(cast(Frame, end))
+        parent, child = cast(Frame, parent), cast(Frame, child)
         kind = type(joint).__name__.lower()
         own = f"{kind} {parent.body.name}-{child.body.name}"
         if own in self._joint_names:
@@ -161,6 +191,24 @@ class MachineAssembly:
         self._members[connection], self._joint_names[chosen] = None, connection
         self._connections.append(connection)
         return connection
+
+    def _drawn_frames(
+        self, joint: Joint, parent: Frame | DrawnBody, child: Frame | DrawnBody, at: ArrayLike, axis: Axis | None
+    ) -> list[Frame]:
+        """The frames of a joint at a place of the drawing."""
+        ends = []
+        for body in (parent, child):
+            if isinstance(body, Frame):
+                raise SceneError(
+                    f"with `at` a joint connects bodies, on which its frames follow, and {body.label} is a frame: give "
+                    "the body, or leave `at` out"
+                )
+            refuse_other(body, DRAWN_BODIES, "what a joint connects", wanted="a body of the scene, or scene.ground")
+            if body not in self._members:
+                raise SceneError(f"body {body.name!r} is not in this scene; add it first")
+            ends.append((body, self._poses[body]))
+        what = f"{type(joint).__name__} {ends[0][0].name}-{ends[1][0].name}"
+        return drawn_frames(joint, ends, at=at, axis=axis, what=what)
 
     def add_force(self, force: AnyForceT) -> AnyForceT:
         """Put a force element into the scene and return it.

@@ -112,6 +112,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene as CompiledScene
 from flexmbd.multibody.results.energy import Energy as Energy
 from flexmbd.multibody.results.momentum import Momentum as Momentum
 from flexmbd.multibody.start.consistent_start import Start as Start
+from flexmbd.multibody.start.drawing import DrawnBody as DrawnBody
 from flexmbd.multibody.team import Team as Team
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns

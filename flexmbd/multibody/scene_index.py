@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, MutableMapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -137,7 +137,11 @@ class SceneIndex:
         refuse_other(frame, Frame, "what is asked for", wanted="a frame, as body.frame()")
         body = self.substitutes.get(frame.body)
         if isinstance(body, FlexibleBody) and frame.interface is not None:
-            return body.frame(frame.interface)
+            found = body.frame(frame.interface)
+            own: Frame = frame.body.frame(frame.interface)  # type: ignore[attr-defined]
+            if np.array_equal(own.R_BF, frame.R_BF):
+                return found
+            return replace(found, R_BF=found.R_BF @ own.R_BF.T @ frame.R_BF)  # a joint's axes in the drawing
         return self.now(frame)
 
     def row_of(self, frame: Frame) -> int:

@@ -17,6 +17,7 @@ from flexmbd.given import checked, is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.exact_beam import ExactBeam
+from flexmbd.multibody.force.protocol import WithStates
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
@@ -162,7 +163,7 @@ class Trajectory(ForceSeries):
     @checked("reactions", "energies")
     def table(
         self,
-        *things: Connection | Frame | Body | ExactBeam | States,
+        *things: Connection | Frame | Body | ExactBeam | States | WithStates,
         reactions: Sequence[Connection] = (),
         energies: bool | None = None,
         t: ArrayLike | None = None,

@@ -56,6 +56,7 @@ JOINTS: dict[str, Kind] = {
     "cylindrical": _kind(joint.Cylindrical, axis=v.axis),
     "planar": _kind(joint.Planar, axis=v.axis),
     "universal": _kind(joint.Universal, first=v.axis, second=v.axis),
+    "generic": _kind(joint.Generic, translations=v.text, rotations=v.text),
     "spherical": _kind(joint.Spherical),
     "free": _kind(joint.Free),
     "point_on_line": _kind(joint.PointOnLine, axis=v.axis),
@@ -108,7 +109,11 @@ FORCES: dict[str, Kind] = {
     "plastic_spring": _kind(
         force.PlasticSpring, **_ENDS, deformation=v.numbers, force=v.numbers, length=v.number, kinematic=v.number
     ),
-    "bushing": _kind(force.Bushing, **_ENDS, stiffness=v.six, damping=v.six),
+    "bushing": _kind(force.Bushing, **_ENDS, stiffness=v.six, damping=v.six, symmetric=v.flag),
+    "line_force": _kind(force.LineForce, **_ENDS, value=v.time_function),
+    "shaft_inertia": _kind(
+        force.ShaftInertia, joint=_JOINT, inertia=v.number, ratio=v.number, coordinate=v.whole
+    ),
     "frame_force": _kind(
         force.FrameForce, frame=v.frame, force=v.three_time_functions, torque=v.three_time_functions
     ),

@@ -14,6 +14,7 @@ from flexmbd.scene_file.entry_kinds import COUPLINGS, FORCES, INTEGRATORS, JOINT
 from flexmbd.scene_file.event_entry import read_event
 from flexmbd.scene_file.scene_description import (
     GROUND,
+    DrawnPose,
     Element,
     JointEntry,
     OutputEntry,
@@ -31,7 +32,8 @@ from flexmbd.toml_file import TomlSection, read_toml
 _TABLES = (
     "gravity", "ground", "body", "joint", "force", "coupling", "event", "controller", "states", "simulate", "output",
 )  # fmt: skip
-_JOINT_KEYS = ("name", "parent", "child", "position", "velocity", "motion")
+_JOINT_KEYS = ("name", "parent", "child", "at", "position", "velocity", "motion")
+_POSE_KEYS = ("p", "R")
 FRAME_SERIES = ("positions", "velocities", "accelerations", "rotations", "angular_velocities")
 _FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
 # Of a table.
@@ -96,14 +98,15 @@ def _ground(top: TomlSection, folder: Path) -> tuple[ShapeEntry, ...]:
 def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | RecordEntry:
     shapes = read_shapes(section, folder)
     if section.has("record"):
-        section.allow(("name", "record", "shape"))
-        return RecordEntry(section.text("name"), section.place, folder / section.text("record"), shapes)
+        section.allow(("name", "record", "shape", *_POSE_KEYS))
+        path = folder / section.text("record")
+        return RecordEntry(section.text("name"), section.place, path, shapes, _drawn(section))
     if section.has("density"):
-        section.allow(("name", "shape", "density"))
+        section.allow(("name", "shape", "density", *_POSE_KEYS))
         if not shapes:
             section.fail("", "has no 'shape', which a body by its density needs")
-        return ShapedEntry(section.text("name"), section.place, shapes, section.number("density"))
-    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record", "as_measured"))
+        return ShapedEntry(section.text("name"), section.place, shapes, section.number("density"), _drawn(section))
+    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record", "as_measured", *_POSE_KEYS))
     name, mass = section.text("name"), section.number("mass")
     inertia = section.need("inertia")
     whole = isinstance(inertia, list) and bool(inertia) and isinstance(inertia[0], list)
@@ -115,11 +118,22 @@ def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | Reco
         section.numbers("com", count=3) if section.has("com") else (0.0, 0.0, 0.0),
         shapes,
         section.has("as_measured") and section.flag("as_measured"),
+        _drawn(section),
+    )
+
+
+def _drawn(section: TomlSection) -> DrawnPose:
+    return DrawnPose(
+        section.numbers("p", count=3) if section.has("p") else None,
+        section.matrix("R", size=3) if section.has("R") else None,
     )
 
 
 def _joint(section: TomlSection, names: Names) -> JointEntry:
     kind, arguments = read_kind(section, JOINTS, names, also=_JOINT_KEYS)
+    for key in ("parent", "child"):
+        if section.has("at") and section.has(key) and section.need(key) not in (GROUND, *names.bodies):
+            section.fail(key, "must be the name of a body, or \"ground\", where 'at' places the joint in the drawing")
     return JointEntry(
         section.text("name"),
         section.place,
@@ -130,6 +144,7 @@ def _joint(section: TomlSection, names: Names) -> JointEntry:
         _coordinates(section, "position"),
         _coordinates(section, "velocity"),
         v.time_function(section, "motion", names) if section.has("motion") else None,
+        section.numbers("at", count=3) if section.has("at") else None,
     )
 
 

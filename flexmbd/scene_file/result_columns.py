@@ -28,7 +28,7 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]
         *_of_modes(built, output),
         *(table.reaction_columns(built.joints[name.name]) for name in output.reactions),
         *_of_memories(built),
-        *(table.state_columns(states) for states in built.states.values()),
+        *_of_states(built),
         *([table.energy_columns()] if output.energies else []),
     )
     table.refuse_equal_names(columns)
@@ -39,6 +39,14 @@ def tabulate(run: Trajectory, columns: tuple[ResultColumns, ...], *, every: floa
     """The table of a trajectory, at the ends of its steps or each ``every`` s."""
     t = None if every is None else table.equal_times(float(run.t[0]), float(run.t[-1]), every)
     return table.tabulate(run, columns, t=t)
+
+
+def _of_states(built: Built) -> Iterator[ResultColumns]:
+    """Of state equations."""
+    if built.states:
+        scene = built.system.compile().scene
+        for states in built.states.values():
+            yield table.state_columns(states, scene)
 
 
 def _of_joints(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:

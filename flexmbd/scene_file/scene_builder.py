@@ -124,15 +124,16 @@ def build(scene: SceneFile) -> Built:
         with _at(scene, body.place, body.name):
             if isinstance(body, RecordEntry):
                 record = FlexibleBody(ReducedBody.load(body.path), shape=make_shape(body.shapes))
-                bodies[body.name] = system.add(record, name=body.name)
+                bodies[body.name] = system.add(record, name=body.name, p=body.drawn.p, R=body.drawn.R)
             else:
-                bodies[body.name] = system.add(_made(body), name=body.name)
+                bodies[body.name] = system.add(_made(body), name=body.name, p=body.drawn.p, R=body.drawn.R)
     for joint in scene.joints:
         with _at(scene, joint.place, joint.name):
             kind = JOINTS[joint.kind].make(**joint.arguments)
-            connection = system.connect(
-                kind, built.frame(joint.parent), built.frame(joint.child), name=joint.name
-            )
+            ends: list[Any] = [built.bodies[one.body] for one in (joint.parent, joint.child)]
+            if joint.at is None:
+                ends = [built.frame(one) for one in (joint.parent, joint.child)]
+            connection = system.connect(kind, *ends, at=joint.at, name=joint.name)
             if joint.position is not None:
                 connection.position = joint.position
             if joint.velocity is not None:

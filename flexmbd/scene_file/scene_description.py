@@ -86,6 +86,14 @@ class ShapeEntry:
 
 
 @dataclass(frozen=True)
+class DrawnPose:
+    """Where the drawing has a body frame: p (3,) m, R (3, 3) from its axes to the ground's; None: the default."""
+
+    p: Vector | None = None
+    R: Matrix | None = None
+
+
+@dataclass(frozen=True)
 class RigidEntry:
     """A rigid body: kg; kg m^2 about the centre of mass, its diagonal or whole; m; whether any inertia will do."""
 
@@ -96,6 +104,7 @@ class RigidEntry:
     com: Vector
     shapes: tuple[ShapeEntry, ...] = ()
     as_measured: bool = False
+    drawn: DrawnPose = DrawnPose()
 
 
 @dataclass(frozen=True)
@@ -106,6 +115,7 @@ class ShapedEntry:
     place: str
     shapes: tuple[ShapeEntry, ...]
     density: float
+    drawn: DrawnPose = DrawnPose()
 
 
 @dataclass(frozen=True)
@@ -116,11 +126,15 @@ class RecordEntry:
     place: str
     path: Path
     shapes: tuple[ShapeEntry, ...] = ()
+    drawn: DrawnPose = DrawnPose()
 
 
 @dataclass(frozen=True)
 class JointEntry:
-    """A joint: its kind's arguments, its frames, and what is known of its motion (rad, m)."""
+    """A joint: its kind's arguments, its frames, and what is known of its motion (rad, m).
+
+    ``at``: (3,) m, its place in the drawing; then ``parent`` and ``child`` are bodies.
+    """
 
     name: str
     place: str
@@ -131,6 +145,7 @@ class JointEntry:
     position: Vector | None
     velocity: Vector | None
     motion: TimeFunction | FunctionPlace | SignalName | None
+    at: Vector | None = None
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,11 @@ def whole(section: TomlSection, key: str, names: Names) -> int:
     return section.whole(key)
 
 
+def flag(section: TomlSection, key: str, names: Names) -> bool:
+    """True or false."""
+    return section.flag(key)
+
+
 def text(section: TomlSection, key: str, names: Names) -> str:
     """A text."""
     return section.text(key)

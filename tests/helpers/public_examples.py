@@ -116,6 +116,7 @@ BY_WORDS: dict[str, Callable[[World], Any]] = {
     "Sequence[float]": lambda w: (0.0, 0.0, 1.0),
     "Axis": lambda w: "z",
     "Frame": lambda w: w.bob.frame(),
+    "Frame | DrawnBody": lambda w: w.bob.frame(),
     "Observed": lambda w: w.bob.frame(),
     "Connection": lambda w: w.hinge,
     "Body": lambda w: w.rod,

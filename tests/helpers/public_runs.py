@@ -176,6 +176,7 @@ BY_WORDS: dict[str, Callable[[Any], Any]] = {
     "ExactBeam": lambda w: rich().beam,
     "Controller": lambda w: rich().law,
     "States": lambda w: rich().lag,
+    "States | WithStates": lambda w: rich().lag,
     "object": lambda w: rich().lag,
     "PseudoRigidBody": lambda w: rich().soft,
     "Campbell": lambda w: diagram(),

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from machines import pendulum, slider_crank
 from particles import particle_body
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
 import flexmbd as fm
@@ -46,7 +48,7 @@ def test_all_files_are_used_and_none_looks_behind_the_doors():
     """Public names alone: rooms of `flexmbd`, and what UFL files may import."""
     assert set(FILES) == {
         "own_spring.py", "stick.py", "explicit_midpoint.py", "pin_in_slot.py", "bulk_and_shear.py", "modal_json.py",
-        "sloshing.py",
+        "sloshing.py", "bouc_wen.py",
     }  # fmt: skip
     for name, text in FILES.items():
         assert len(text.splitlines()) <= 100, name
@@ -94,6 +96,54 @@ def test_a_force_with_memory(folder, tmp_path):
         ends.append(kept["slipped"][-1])
     # where the law bends generalized-alpha keeps 2e-5 to 2e-4 from rtol 1e-4 to 1e-6, as the bend falls into a step
     assert np.ptp(ends) < 3e-4 * max(ends)
+
+
+def test_a_force_with_states(folder):
+    """A body on a mount with hysteresis in six directions, off its centre, against scipy's equations of the same."""
+    stiffness, damping = np.array([900.0, 700.0, 1100.0, 30.0, 25.0, 40.0]), np.array([2.0, 1.0, 3.0, 0.02, 0.03, 0.01])
+    most, share = np.array([2e-3, 3e-3, 2e-3, 0.01, 0.02, 0.015]), 0.2
+    mass, J, com, arm = 1.3, np.array([0.02, 0.03, 0.04]), np.array([0.05, -0.02, 0.03]), np.array([0.1, 0.04, -0.06])
+    gravity, foot = np.array([0.0, -9.81, 0.0]), np.array([0.1, 0.02, -0.05])
+    R_F = Rotation.from_rotvec([0.4, -0.3, 0.6]).as_matrix()
+    scene = fm.System(gravity=gravity)
+    body = scene.add(fm.RigidBody(mass, J, com), name="body")
+    fly = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    fly.velocity = (0.3, -0.2, 0.4, 0.5, -0.8, 0.6)
+    mount = module(folder, "bouc_wen").Mount(
+        scene.ground.frame(p=foot, R=R_F), body.frame(p=arm, R=R_F), stiffness, most, share=share, damping=damping
+    )
+    scene.add_force(mount)
+
+    def rates(t, y):
+        p, q, v, w, z = np.split(y, [3, 7, 10, 13])  # of the body frame: place, turn, velocity, spin in body axes
+        R = Rotation.from_quat(q, scalar_first=True).as_matrix()
+        d, rate = R_F.T @ (p + R @ arm - foot), R_F.T @ (v + R @ np.cross(w, arm))
+        turned, spin = R_F.T @ R @ R_F, R_F.T @ R @ w
+        way = np.concatenate([d, 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0],
+                                                 turned[1, 0] - turned[0, 1]])])  # fmt: skip
+        speed = np.concatenate([rate, spin])
+        wrench = -stiffness * (share * way + (1.0 - share) * z) - damping * speed
+        force, torque = R.T @ R_F @ wrench[:3], R.T @ R_F @ wrench[3:]  # in body axes
+        about_com = torque + np.cross(arm - com, force)
+        w_rate = (about_com - np.cross(w, J * w)) / J
+        a = gravity + R @ force / mass - R @ (np.cross(w_rate, com) + np.cross(w, np.cross(w, com)))
+        s, u = q[0], q[1:]
+        q_rate = 0.5 * np.concatenate([[-u @ w], s * w + np.cross(u, w)])
+        grown = speed * (1.0 - np.where(z * speed > 0.0, (np.abs(z) / most) ** 2, 0.0))
+        return np.concatenate([v, q_rate, a, w_rate, grown])
+
+    start = np.zeros(19)
+    start[3], start[7:13] = 1.0, fly.velocity
+    theirs = solve_ivp(rates, (0.0, 0.4), start, method="DOP853", rtol=1e-11, atol=1e-14).y[:, -1]
+    run = scene.simulate(0.4, rtol=1e-9, integrator=fm.ExplicitRungeKutta())
+    sizes = np.repeat([np.abs(theirs[:3]).max(), np.abs(theirs[3:7]).max()], [3, 4])
+    np.testing.assert_allclose((run.x[-1][:7] - theirs[:7]) / sizes, 0.0, atol=1e-7)
+    np.testing.assert_allclose((run.states(mount)[-1] - theirs[13:]) / most, 0.0, atol=1e-7)
+    assert (np.abs(run.states(mount)).max(axis=0) > 0.5 * most).all()  # all six have yielded
+    for method in (fm.RadauIIA(), fm.GeneralizedAlpha()):
+        other = scene.simulate(0.4, rtol=1e-6, integrator=method)
+        np.testing.assert_allclose((other.states(mount)[-1] - theirs[13:]) / most, 0.0, atol=1e-2)
+    assert sum(name.startswith("Mount ") and name.endswith(".about z") for name in run.table().names) == 1
 
 
 def test_an_integrator(folder, tmp_path):

@@ -1,14 +1,17 @@
 """State equations solved with the machine: closed forms by every integrator, equilibria, linear machines, bad input."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
+from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
+from flexmbd.record.groups import DistributedLoads
 
 METHODS = {
     "8(5,3)": fm.ExplicitRungeKutta(),
@@ -17,6 +20,13 @@ METHODS = {
     "energy-momentum": fm.EnergyMomentum(),
 }
 MASS, STIFFNESS, LAG, GAIN = 2.0, 30.0, 0.05, 3.0
+
+
+def loaded_record():
+    """A record with a distributed load."""
+    record = particle_body(3, modes=2).record
+    loads = DistributedLoads(("gas",), np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 2)))
+    return dataclasses.replace(record, loads=loads)
 
 
 def cart(*, stiffness=STIFFNESS, way=None):
@@ -318,15 +328,35 @@ def test_wrong_states_are_told_when_they_are_given():
         scene.add_controller(scipy.signal.dlti([1.0], [1.0, -0.5], dt=0.1), period=0.2, inputs=[push])
 
 
+@pytest.mark.parametrize("name", ["8(5,3)", "radau"])
+def test_a_joint_held_by_constraints_and_a_frame_are_set_as_well(name):
+    """The cart on constraints, whose force acts between frames; and pushed at its frame, whose place is asked."""
+    ends = []
+    for how in ("coordinates", "constraints", "frame"):
+        way = fm.Way.COORDINATES if how == "coordinates" else fm.Way.CONSTRAINTS
+        scene, slide, push = cart(stiffness=0.0, way=way)
+        slide.position, slide.velocity = 1.0, -0.5
+        frame = slide.child
+        scene.add_force(fm.force.SpringDamper(scene.ground.frame(), frame, STIFFNESS, 0.0))
+        followed = [lambda now, frame=frame: now.position(frame)[0]]
+        if how == "frame":
+            scene._forces.pop(0)
+            scene.add_force(fm.force.FrameForce(frame, (push, 0.0, 0.0)))
+        elif how == "coordinates":
+            followed = [fm.output.Position(slide)]
+        states = scene.add_states(lag, initial=[2.0], scale=1.0, measurements=followed, inputs=[push])
+        run = scene.simulate(0.5, rtol=1e-8, integrator=METHODS[name])
+        ends.append([run.position(frame)[-1, 0], run.velocity(frame)[-1, 0], run.states(states)[-1, 0]])
+        np.testing.assert_allclose(ends[-1], exact([0.5])[0], atol=1e-6)
+
+
 def test_signals_that_states_cannot_set_are_told_by_the_scene():
     scene, slide, push = cart()
-    scene.add_force(fm.force.FrameForce(slide.child, (0.0, push, 0.0)))
+    beam = scene.add(fm.FlexibleBody(loaded_record()), name="beam")
+    scene.connect(fm.joint.Fixed(), slide.child, beam.frame("root"))
+    scene.add_force(fm.force.DistributedLoad(beam, "gas", push))
     scene.add_states(lag, initial=[0.0], scale=1.0, measurements=[0.0], inputs=[push], name="valve")
-    with pytest.raises(SceneError, match="'push' can only be the value of a JointTorque or JointForce"):
-        scene.simulate(1.0)
-    scene, _, push = cart(stiffness=0.0, way=fm.Way.CONSTRAINTS)
-    scene.add_states(lag, initial=[0.0], scale=1.0, measurements=[0.0], inputs=[push])
-    with pytest.raises(SceneError, match="JointForce on a joint that has a coordinate"):
+    with pytest.raises(SceneError, match="'push' can only be the value of a JointTorque, a JointForce or a LineForce"):
         scene.simulate(1.0)
     scene, _, push = cart()
     for _ in range(2):

@@ -107,6 +107,7 @@ JOINT_TEXTS = {
     "cylindrical": ("", fm.joint.Cylindrical()),
     "planar": ('axis = "y"', fm.joint.Planar("y")),
     "universal": ('first = "y"\nsecond = "z"', fm.joint.Universal("y", "z")),
+    "generic": ('translations = "xz"\nrotations = "y"', fm.joint.Generic("xz", "y")),
     "spherical": ("", fm.joint.Spherical()),
     "free": ("", fm.joint.Free()),
     "point_on_line": ('axis = "x"', fm.joint.PointOnLine("x")),
@@ -132,6 +133,39 @@ def test_what_a_joint_starts_with(scene):
     assert built.joints["hinge"].velocity == pytest.approx([2.0])
     assert built.joints["slide"].motion == fm.Sine(1.0, 2.0, 0.0, 3.0)
     assert built.joints["ball"].position == pytest.approx([0.6, 0.8, 0.0, 0.0])
+
+
+DRAWN = """
+[[body]]
+name = "plate"
+mass = 1
+inertia = [0.1, 0.1, 0.1]
+p = [0.5, 0.2, 0]
+R = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+[[joint]]
+name = "post"
+kind = "revolute"
+axis = [0, 1, 1]
+child = "plate"
+at = [0.5, 0, 0.3]
+"""
+
+
+def test_a_joint_in_the_drawing(scene):
+    """By its place and axis in the ground's axes; the frames on the bodies follow."""
+    built = build(scene(JOINT + DRAWN))
+    post, plate = built.joints["post"], built.bodies["plate"]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(post.parent.p_BF_B, (0.5, 0.0, 0.3))
+    np.testing.assert_allclose(post.child.p_BF_B, turn.T @ (0.0, -0.2, 0.3), atol=1e-15)
+    assert post.child.body is plate
+    for fault, text in (
+        (DRAWN.replace('child = "plate"', 'child = { body = "plate", p = [0, 0, 0] }'), "child.*name of a body"),
+        (DRAWN.replace("at = [0.5, 0, 0.3]", "at = [0.5, 0]"), "at"),
+        (DRAWN.replace("[0, 0, 1]]", "[0, 0, 2]]"), r"body.*plate.*not a rotation"),
+    ):
+        with pytest.raises(SceneError, match=text):
+            build(scene(JOINT + fault))
 
 
 FORCE_TEXTS = {
@@ -175,12 +209,21 @@ FORCE_TEXTS = {
     ),
     "bushing": (
         'from = { body = "ground", p = [1, 2, 3], R = [[0, -1, 0], [1, 0, 0], [0, 0, 1]] }\nto = "bob"\n'
-        "stiffness = [1, 2, 3, 4, 5, 6]",
+        "stiffness = [1, 2, 3, 4, 5, 6]\nsymmetric = true",
         lambda b: fm.force.Bushing(
             b.system.ground.frame((1, 2, 3), R=[[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
             b.bodies["bob"].frame(),
             (1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
+            symmetric=True,
         ),
+    ),
+    "line_force": (
+        'from = "ground"\nto = "bob"\nvalue = { amplitude = 3, omega = 4 }',
+        lambda b: fm.force.LineForce(b.system.ground.frame(), b.bodies["bob"].frame(), fm.Sine(3.0, 4.0)),
+    ),
+    "shaft_inertia": (
+        'joint = "hinge"\ninertia = 0.002\nratio = 30',
+        lambda b: fm.force.ShaftInertia(b.joints["hinge"], 0.002, 30.0),
     ),
     "frame_force": (
         'frame = "bob"\nforce = [1, { t = [0, 1, 2], y = [0, 5, 0], monotone = true }, 0]',

@@ -68,6 +68,13 @@ class ElementTable(Protocol):
             SceneError: the joint has no coordinate in the tree.
         """
 
+    def inertia(self, connection: Connection, index: int, value: float, what: str) -> None:
+        """Add a one-dimensional inertia to a joint's coordinate, kg m^2 or kg per unit of it.
+
+        Raises:
+            SceneError: the joint has no coordinate in the tree, or moves by a pair of several coordinates.
+        """
+
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a flexible body's first mode."""
 
@@ -99,6 +106,20 @@ class ElementTable(Protocol):
 
         Raises:
             SceneError: the functions are not compiled ones of six and of ten arguments (`flexmbd.compiled`).
+        """
+
+    def frame_states(
+        self, law: Compiled, what: str, frame_F: Frame, frame_G: Frame, *, states: Mapping[str, float],
+        scale: ArrayLike = 1.0, numbers: ArrayLike = (), inputs: Sequence[TimeFunction] = (),
+    ) -> None:
+        """Let a law of one's own with states act between two frames; for a force that is ``WithStates``.
+
+        ``states`` names them, with the values at the start; ``scale``: their sizes in their own units, (n,) or one for
+        all, to which rtol is relative.  ``numbers`` are its ``data``, ``inputs`` its ``u``: numbers, functions of time,
+        signals that controllers set.  Without states it is a law of the motion and of its inputs alone.
+
+        Raises:
+            SceneError: the law is no compiled function of nine arguments (`flexmbd.compiled`), or states are none.
         """
 
     def memory_law(
@@ -311,6 +332,13 @@ class BetweenFrames(OffJoints):
     def what(self) -> str:
         """Its name in messages."""
         return f"{type(self).__name__} {self.frame_F.label} to {self.frame_G.label}"
+
+
+class WithStates:
+    """Base, beside another, of forces that have states of their own, solved with the machine: a mark for the table.
+
+    ``run.states(force)`` tells them.
+    """
 
 
 def check_numbers(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
@@ -288,6 +288,22 @@ class _SwitchNumber:
 def _of_instant(quantity: Any) -> Any:
     """What an Instant can be asked for."""
     return quantity if isinstance(quantity, Output) or callable(quantity) else lambda now: quantity
+
+
+def state_sizes(scale: ArrayLike, states: Mapping[str, float], what: str) -> tuple[FloatArray, FloatArray]:
+    """(n,) sizes of the states of a force, and their values at the start.
+
+    Raises:
+        SceneError: sizes that are not positive, or values that are no numbers; ``what`` names the force.
+    """
+    sizes, initial = numbers(scale), numbers([*states.values()])
+    if initial.ndim != 1 or not np.isfinite(initial).all():
+        raise SceneError(f"{what}: states at the start must be finite numbers, got {dict(states)!r:.100}")
+    if sizes.shape not in ((), initial.shape) or not (np.isfinite(sizes).all() and (sizes > 0.0).all()):
+        raise SceneError(
+            f"{what}: the scale must be the size of each state in its unit, positive, got {scale!r:.60}"
+        )
+    return np.broadcast_to(sizes, initial.shape).copy(), initial
 
 
 def _refuse_no_equation(function: object, what: str) -> None:

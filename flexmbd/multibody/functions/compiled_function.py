@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.base.fingerprint import called_fingerprint, finge
 from flexmbd.multibody.kernels.base.user_functions import (
     at_side,
     frame_function,
+    frame_states_function,
     memory_function,
     scalar_function,
     state_function,
@@ -36,6 +37,7 @@ class Signature(Enum):
     STATE = 4
     MEMORY = 5
     WRENCH = 6
+    FRAME_STATES = 9
     WRENCH_VARIATION = 10
     SIDED_LAW = -3
     SIDED_STATE = -4
@@ -130,6 +132,9 @@ def compiled(
     and the angular velocity (3,).  Where it returns a number this is the energy (J) that it stores, whose derivative
     the wrench must be at rest.  ``f(data, d, R, rate, spin, dd, dtheta, drate, dspin, out)`` writes the change of that
     wrench for d + dd, exp(dtheta) R and so on.  Both are for ``flexmbd.force.ElementTable.frame_law``.
+    ``f(t, data, z, u, d, R, rate, spin, out)`` is such a law with states z of its own, by which, by signals and
+    functions of time u, and by the time t (s) it writes force, torque and the states' rates into ``out`` (6 + n,),
+    which comes as zeros; for ``frame_states`` there.
     ``f(data, memory, begin, end, out)`` leads a law with memory from the deformation ``begin`` to ``end`` (m or rad),
     between which it does not turn: it changes ``memory`` in place, writes the force against the deformation, its slope
     and the number of the piece of the law that it is on into ``out`` (3,), and returns the energy (J) that it stores;
@@ -158,8 +163,8 @@ def compiled(
     if count not in {s.value for s in Signature}:
         raise SceneError(
             f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
-            "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out) or its derivative of "
-            "ten arguments"
+            "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out), its derivative of ten "
+            "arguments, or f(t, data, z, u, d, R, rate, spin, out)"
         )
     code = fingerprint(function)
     return _compiled(function, Signature(count), known, code, reads=code)
@@ -174,6 +179,8 @@ def _compiled(
         pointer = state_function(function)
     elif signature is Signature.MEMORY:
         pointer = memory_function(function)
+    elif signature is Signature.FRAME_STATES:
+        pointer = frame_states_function(function)
     elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):
         pointer, returns_number = frame_function(function, varied=signature is Signature.WRENCH_VARIATION)
     else:

@@ -26,7 +26,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
 )
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.reading.evaluated_motion import required_wrenches
-from flexmbd.multibody.kernels.reading.tree import flexible_row, modal_places
+from flexmbd.multibody.kernels.reading.tree import flexible_row, modal_places, shaft_inertias
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.motion.machine import Contribution, Machine
 from flexmbd.multibody.scene_index import Slots
@@ -107,7 +107,8 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
     """F*_r (nv,) of all bodies, and the active forces of their weight with ``gravity`` (3,) m/s^2.
 
     Rigid bodies: -m a* . v*_r - (I alpha + w x I w) . w_r at the centre of mass (eq. 3.2-3.4); flexible ones:
-    -m a . v_r over the point masses that have all their inertia integrals, and the moments of rotors inside them.
+    -m a . v_r over the point masses that have all their inertia integrals, and the moments of rotors inside them.  With
+    those of one-dimensional inertias on joint coordinates.
     """
     g = shaped_numbers(gravity, (3,), "gravity")
     total = np.zeros(len(kinematics.v))
@@ -118,6 +119,8 @@ def inertia_forces(kinematics: Kinematics, gravity: ArrayLike = (0.0, 0.0, 0.0))
             total += _flexible_inertia(kinematics, body, record, g)
         elif now.mass > 0.0:
             total += _rigid_inertia(kinematics, body, now, g)
+    for v, inertia in shaft_inertias(kinematics.scene.plan):
+        total[v] -= inertia * kinematics.a[v]
     return total
 
 

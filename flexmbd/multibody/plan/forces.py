@@ -12,36 +12,31 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
-from flexmbd.multibody.force.protocol import Force, StateEquations, SwitchValue
+from flexmbd.multibody.force.protocol import Force, SwitchValue, WithStates
 from flexmbd.multibody.force.states import States
-from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
+from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
 from flexmbd.multibody.functions.switched import Switch, Switched
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.joint.coordinate_coupling import coordinate_place
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.user_functions import states_function
 from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
 from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
-from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.numbering import Numbering
-from flexmbd.multibody.plan.state_loads import (
-    Quantities,
-    StateEquationRows,
-    followed_times,
-    refuse_set_twice,
-    set_loads,
-)
-from flexmbd.multibody.scene_index import ForceRows, IdentityMap, StatePlaces
+from flexmbd.multibody.plan.state_table import StateTable, checked_law, flat
+from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 
 FloatArray = NDArray[np.float64]
+
+_VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
 
 
 @dataclass(frozen=True)
@@ -53,19 +48,22 @@ class ForceSpan:
         times: rows of ``Plan.times``.
         frames: rows of ``Plan.frames`` that it uses, in order.
         memories: places in x where its memories begin, in order.
+        links: of its states the first place in v, and the first row of ``Plan.tree``.
     """
 
     data: range
     times: range
     frames: tuple[int, ...]
     memories: tuple[int, ...] = ()
+    links: tuple[tuple[int, int], ...] = ()
 
 
-class ForceTable:
+class ForceTable(StateTable):
     """Growing rows of ``Plan.forces`` and ``Plan.elements``, to which force elements add theirs.
 
     Attributes:
         forces: functions of time on coordinates: index in v, row of ``Plan.times``.
+        shafts: one-dimensional inertias on coordinates: index in v, inertia.
         elements: rows of ``Plan.elements``.
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
@@ -75,7 +73,9 @@ class ForceTable:
     """
 
     def __init__(self, numbering: Numbering, ground: Body, varied: Iterable[object] = ()) -> None:
+        super().__init__()
         self.forces: list[list[int]] = []
+        self.shafts: list[list[float]] = []
         self.elements: list[list[int]] = []
         self.names: list[str] = []
         self.wrench_sources: list[WrenchSource] = []
@@ -93,17 +93,18 @@ class ForceTable:
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
-        self._states: list[StateEquationRows] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
         """Let a force element add its rows, and keep their places."""
         first_number, first_time = self._numbering.data_size, len(self._numbering.times)
-        self._asked, self._memories = [], []
+        self._asked, self._memories, self._links = [], [], []
+        self._force = force
         self._may_vary = force in self._varied
         force.assemble(self)
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
-        self.spans[force] = ForceSpan(data, times, tuple(self._asked), tuple(place for place, _ in self._memories))
+        places = tuple(place for place, _ in self._memories)
+        self.spans[force] = ForceSpan(data, times, tuple(self._asked), places, tuple(self._links))
         remembered = [(first, names) for first, names in self._memories if names]
         if remembered:
             self._numbering.index.memories[force] = {
@@ -119,6 +120,21 @@ class ForceTable:
                 "ask for Way.COORDINATES, so that another joint closes the loop"
             )
         return slots.x.start + index, slots.v.start + index
+
+    def inertia(self, connection: Connection, index: int, value: float, what: str) -> None:
+        """Add a one-dimensional inertia to a joint's coordinate."""
+        _, v = self.coordinate(connection, index)
+        step, _ = coordinate_place(connection.joint, index)
+        if len(connection.joint.steps[step].pair.angular) > 1:
+            raise SceneError(
+                f"{what}: joint {connection.name!r} moves by one pair of several coordinates, which carry no inertia "
+                "of their own; make it of several steps"
+            )
+        if self._may_vary:
+            raise SceneError(f"{what}: an inertia on a coordinate cannot vary from run to run; build the scene anew")
+        if not np.isfinite(value):
+            raise SceneError(f"{what}: inertia times the square of the ratio is no number; are its units right?")
+        self.shafts.append([v, value])
 
     def modes(self, body: Body) -> tuple[int, int]:
         """Places in x and v of a flexible body's first mode."""
@@ -175,10 +191,10 @@ class ForceTable:
         derivative: Compiled | None = None,
     ) -> None:
         """Let a law of one's own act between two frames."""
-        law = _checked_law(self._note_breaks(wrench, what), what, Signature.WRENCH, "data, d, R, rate, spin, out")
+        law = checked_law(self._note_breaks(wrench, what), what, Signature.WRENCH, "data, d, R, rate, spin, out")
         slope = 0
         if derivative is not None:
-            varied = _checked_law(derivative, what, Signature.WRENCH_VARIATION, f"{_VARIED}, out")
+            varied = checked_law(derivative, what, Signature.WRENCH_VARIATION, f"{_VARIED}, out")
             slope = self._numbering.add_compiled(varied.as_it_is_now())
         values = np.asarray(numbers, dtype=np.float64).ravel()
         element = STORING_FRAME_LAW if law.returns_number else FRAME_LAW
@@ -186,29 +202,6 @@ class ForceTable:
             element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
             count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
         )  # fmt: skip
-
-    def compiled_states(self, rates: Compiled, outputs: Compiled | None, n: int, k: int) -> int:
-        """Address of compiled state equations of n states and k outputs."""
-        made = states_function(rates.source, None if outputs is None else outputs.source, n, k)
-        self._numbering.callbacks.keep.append(made)
-        return int(made.address)
-
-    def python_states(self, equations: StateRates, what: str, size: int) -> int:
-        """Address of state equations in Python, which give rates and outputs (size,) in one."""
-        return self._numbering.callbacks.of_states(equations, what, size)
-
-    def states(
-        self, states: StateEquations, addresses: tuple[int, int], quantities: Quantities, *, whole: bool,
-        switch: tuple[Switched, SwitchValue] | None = None,
-    ) -> slice:
-        """Add a link for each state; the row of their equations comes last, when all loads are known."""
-        self._numbering.callbacks.codes.append(states.code)
-        slots = self._numbering.add_states(states.state_names)
-        self._numbering.index.states[states] = StatePlaces(
-            slots, states.scales, states.first, states.what, tuple(states.inputs)
-        )
-        self._states.append(StateEquationRows(states, slots.start, addresses, tuple(quantities), whole, switch))
-        return slots
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """Place in x of a switch's side."""
@@ -237,7 +230,7 @@ class ForceTable:
     ) -> None:
         """Let a law with memory of one's own act on a joint's coordinate."""
         x, v = self.coordinate(connection, index)
-        self._remember(MEMORY_LAW, law, what, memory, [rest, *_flat(numbers)], x=x, v=v)
+        self._remember(MEMORY_LAW, law, what, memory, [rest, *flat(numbers)], x=x, v=v)
 
     def memory_line(
         self,
@@ -252,7 +245,7 @@ class ForceTable:
     ) -> None:
         """Let a law with memory of one's own act along the line between two frames."""
         f, g = self.frame(frame_F), self.frame(frame_G)
-        self._remember(MEMORY_LINE, law, what, memory, [length, *_flat(numbers)], f=f, g=g)
+        self._remember(MEMORY_LINE, law, what, memory, [length, *flat(numbers)], f=f, g=g)
 
     def _remember(
         self,
@@ -268,7 +261,7 @@ class ForceTable:
         v: int = -1,
     ) -> None:
         """A row of a law with memory; the first of the numbers is where the deformation is zero."""
-        law = _checked_law(self._note_breaks(law, what), what, Signature.MEMORY, "data, memory, begin, end, out")
+        law = checked_law(self._note_breaks(law, what), what, Signature.MEMORY, "data, memory, begin, end, out")
         if not memory:
             raise SceneError(f"{what}: name what the law remembers, memory={{name: first value}}; else use JointLaw")
         data = self.numbers([numbers[0], len(numbers) - 1, *numbers[1:]])
@@ -355,31 +348,11 @@ class ForceTable:
             speeds = [(self.coordinate(b.connection, 0)[1], b.regularisation) for b in self._bearings]
             self._solve_together(Bearings(self._bearings), what, speeds)
 
-    def _finish_states(self) -> None:
-        """Append the rows of state equations, with the functions of time that their outputs are put in the place of.
-
-        Raises:
-            SceneError: two set one signal, one follows what states set, or a signal does not load a joint's coordinate.
-        """
-        refuse_set_twice(one.states for one in self._states)
-        followed = followed_times(one.quantities for one in self._states)
-        for one in self._states:
-            states, rows = one.states, one.quantities
-            loads = set_loads(states, self._numbering.times, self.forces, self.elements, followed)
-            n, m, k = len(states.scales), len(rows), len(states.inputs)
-            head = [n, m, k, one.whole, len(loads), *states.scales]
-            data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
-            side = -1 if one.switch is None else self.side(*one.switch, one.states.what)
-            self.element(
-                STATES, states.what, v=one.first, data=data, count=2 * n + m + k, address=one.addresses[0],
-                derivative=one.addresses[1], side=side,
-            )  # fmt: skip
-
     def _solve_together(self, function: Bearings | KaneInertia, what: str, speeds: Sequence[tuple[int, float]]) -> None:
         """``speeds``: velocities by their places, and over how much of each the forces change as they do at rest."""
         address = self._numbering.add_state_function(function, what)
         self.when_built(lambda scene: function.build(scene, address))
-        self.element(SOLVED_TOGETHER, what, data=self.numbers(_flat(speeds)), count=len(speeds), address=address)
+        self.element(SOLVED_TOGETHER, what, data=self.numbers(flat(speeds)), count=len(speeds), address=address)
 
     def element(
         self,
@@ -414,31 +387,16 @@ def memory_places(first: int, names: Iterable[str]) -> dict[str, int]:
     return {"deformation": first + at.MEMORY_DEFORMATION, **values}
 
 
-def _flat(numbers: ArrayLike) -> list[float]:
-    return [*map(float, np.asarray(numbers, dtype=np.float64).ravel())]
-
-
-_VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
-
-
-def _checked_law(function: Any, what: str, signature: Signature, arguments: str) -> Compiled:
-    """A compiled function of a signature, or SceneError with the arguments that it should take."""
-    if not isinstance(function, Compiled) or function.signature is not signature:
-        kind = function.name if isinstance(function, Compiled) else type(function).__name__
-        raise SceneError(f"{what}: {kind} must be made by flexmbd.compiled of a function of ({arguments})")
-    return function
-
-
 def assemble_forces(
     numbering: Numbering, ground: Body, forces: Sequence[Force], varied: Iterable[object]
 ) -> ForceTable:
-    """Let every force element add its rows, in the order in which they were added to the scene, state equations first.
+    """Let every force element add its rows, in the order in which they were added to the scene, but states first.
 
-    Their states are coordinates, and what elements remember lies behind all of those (`Numbering.add_memory`).
-    Forces whose numbers are to vary, among ``varied``, add them whatever the numbers are now.
+    Their states, and those of forces, are coordinates, and what elements remember lies behind all of those
+    (`Numbering.add_memory`).  Forces whose numbers are to vary, among ``varied``, add them whatever these are now.
     """
     table = ForceTable(numbering, ground, varied)
-    for force in sorted(forces, key=lambda force: not isinstance(force, States)):
+    for force in sorted(forces, key=lambda force: not isinstance(force, (States, WithStates))):
         first, first_element = len(table.forces), len(table.elements)
         table.assemble(force)
         rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))

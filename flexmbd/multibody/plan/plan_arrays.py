@@ -46,6 +46,7 @@ def fill_plan(
         frames=frames,
         frame_of=frame_of,
         rigid=rigid,
+        shafts=np.array(table.shafts, float).reshape(-1, at.N_SHAFT),
         flex=_int_table(b.flex, at.N_FLEX),
         modal=np.concatenate([*b.modal, np.zeros(1)]),
         rows=_int_table(rows.table, at.N_ROW),

@@ -30,7 +30,7 @@ def plan_digest(plan: Plan, codes: Iterable[str] | None, breaks: FloatArray, *, 
     if codes is not None:
         digest.update(" ".join(codes).encode())
     for name, part in plan.fields().items():
-        if name not in _LEFT_OUT:
+        if name not in _LEFT_OUT and (name != "shafts" or len(part)):
             digest.update(f"{name} {part.shape}".encode() + part.tobytes())
     digest.update(breaks.tobytes())
     return digest.hexdigest()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -12,7 +12,10 @@ from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
+from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME
+from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.scene_index import IdentityMap
 
 Quantities: TypeAlias = Sequence[tuple[int, int, int]]
@@ -45,6 +48,15 @@ def followed_times(every: Iterable[Quantities]) -> frozenset[int]:
     return frozenset(row[1] for rows in every for row in rows if row[0] == OF_TIME)
 
 
+#: Kinds of given forces between frames, whose values functions of time scale.
+_GIVEN = tuple(kind_of(one) for one in (GIVEN_IN_F, GIVEN_IN_G, GIVEN_ON_LINE))
+
+
+def loads_on_frames(elements: Sequence[Sequence[int]], times: Collection[int]) -> list[int]:
+    """The rows of ``Plan.elements`` of given forces on frames that are scaled by these functions of time."""
+    return [k for k, row in enumerate(elements) if row[at.EL_TIME] in times and row[at.EL_KIND] in _GIVEN]
+
+
 def set_loads(
     states: StateEquations, times: Sequence[TimeRow], forces: Sequence[Sequence[int]],
     elements: Sequence[Sequence[int]], followed: frozenset[int],
@@ -52,9 +64,12 @@ def set_loads(
     """Of each load that the outputs set the output and the row of ``Plan.times``.
 
     Raises:
-        SceneError: states follow what they set, or a signal does not load a joint's coordinate.
+        SceneError: states follow what they set, or a signal loads neither a joint's coordinate nor frames.
     """
     loads, loading = [], {row[at.FORCE_TIME] for row in forces}
+    on_frames = loads_on_frames(elements, range(len(times)))
+    loading |= {elements[k][at.EL_TIME] for k in on_frames}
+    others = {row[at.EL_TIME] for k, row in enumerate(elements) if k not in on_frames}
     for j, signal in enumerate(states.inputs):
         places = [k for k, row in enumerate(times) if row.signal is signal]
         for k in places:
@@ -63,10 +78,10 @@ def set_loads(
                     f"{states.what}: states follow the signal {signal.name!r}, which they set; write the equations of "
                     "both as one"
                 )
-            if k not in loading or any(row[at.EL_TIME] == k for row in elements):
+            if k not in loading or k in others:
                 raise SceneError(
-                    f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque or "
-                    "JointForce on a joint that has a coordinate (way=fm.Way.COORDINATES)"
+                    f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque, a JointForce "
+                    "or a LineForce, or a component of a FrameForce"
                 )
         if not places:
             raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")

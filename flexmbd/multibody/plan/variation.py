@@ -263,6 +263,7 @@ class _Replay(ForceTable):
         self._first_time, self._numbers = first_time, numbering
         self._of_substitutes = IdentityMap((index.now(body), body) for body in index.modes)
         self._rows, self._places, self._start = iter(span.frames), iter(span.memories), scene.start
+        self._old_links, self._known = iter(span.links), scene.index.states
         super().__init__(numbering, scene.parts.ground)
         self._may_vary = True  # else it would not be here
 
@@ -290,6 +291,15 @@ class _Replay(ForceTable):
         first = place + at.N_MEMORY_HEAD
         same = place >= 0 and self._start[first : first + len(names)].tolist() == [*names.values()]
         return place if same else -1
+
+    def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
+        """The places that its states got before, if they have the same values at the start and the same sizes."""
+        first, link = next(self._old_links, (-1, -1))
+        same = (p for p in self._known.values() if p.v == slice(first, first + len(names)))
+        known = next(same, None)
+        if known is None or not (np.array_equal(known.initial, initial) and np.array_equal(known.scale, scale)):
+            return -1, -1
+        return first, link
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """The place that it got before."""

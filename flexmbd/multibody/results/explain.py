@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.forward_dynamics.shortcuts import shortcuts
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
-from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotation_kind
+from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotation_kind, shaft_inertias
 from flexmbd.multibody.start.consistent_start import Start
 
 _KINDS = {
@@ -231,6 +231,9 @@ def _elements(start: Start) -> list[str]:
             python = address in scene.callbacks.addresses
             cost = ": Python, called at each evaluation of the equations" if python else ": called compiled"
         lines[_Line("{}" + cost, (name,), behaviour.name)] = None
+    for v, inertia in shaft_inertias(scene.plan):
+        text = f"one-dimensional inertia of {inertia:.6g} on {{}}: in the mass matrix"
+        lines[_Line(text, (scene.velocity_names[v],), "one-dimensional inertias")] = None
     return _told(list(lines))
 
 

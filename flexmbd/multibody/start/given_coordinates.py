@@ -144,17 +144,34 @@ def _relative(scene: CompiledScene, work: Work, connection: Connection) -> tuple
 def _measure(joint: Joint, R: FloatArray) -> FloatArray:
     """(k, 6) matrix that gives the velocities of a joint whose constraints hold from (rate, spin) in F's axes.
 
-    ``R`` is R_FG.  Of several steps the last turns about an axis fixed in G, those before it about axes fixed in F.
+    ``R`` is R_FG.
     """
     rows: list[FloatArray] = [np.zeros((0, 6))]
-    for k, step in enumerate(joint.steps):
+    turns = iter(_turn_rates(joint, R))
+    for step in joint.steps:
         turn = z_onto(step.axis)
-        axis = R @ turn[:, 2] if k > 0 and k == len(joint.steps) - 1 else turn[:, 2]
         for column in step.pair.numbers:
             slide = turn @ column[1:]
             # what slides is told by how far: of a screw that counts its turns as well
-            seen = [slide / (slide @ slide), np.zeros(3)] if slide.any() else [np.zeros(3), axis / column[0]]
+            seen = [slide / (slide @ slide), np.zeros(3)] if slide.any() else [np.zeros(3), next(turns) / column[0]]
             rows.append(np.concatenate(seen)[None])
         if step.pair.ball:
             rows.append(np.hstack([np.zeros((3, 3)), turn.T @ R.T]))
     return np.concatenate(rows)
+
+
+def _turn_rates(joint: Joint, R: FloatArray) -> FloatArray:
+    """(h, 3) rates of a joint's turns per unit of angular velocity in F's axes, where ``R`` is R_FG.
+
+    The first turns about an axis fixed in F, the last about one fixed in G, and one between about what is at right
+    angles to both, as where three turns follow each other about axes at right angles.
+    """
+    own = [z_onto(s.axis)[:, 2] for s in joint.steps for c in s.pair.numbers if c[0] != 0.0 and not c[1:].any()]
+    if len(own) < 2:
+        return np.reshape(own, (-1, 3))
+    if len(own) != 3:
+        return np.array([*own[:-1], R @ own[-1]])
+    first, last = own[0], R @ own[2]
+    across = np.cross(last, first)
+    across *= np.sign(own[1] @ np.cross(own[2], own[0])) / np.linalg.norm(across)
+    return np.linalg.pinv(np.column_stack([first, across, last]))

@@ -10,7 +10,6 @@ from flexmbd.errors import AssemblyError
 from flexmbd.multibody.bodies.continuum_body import InteriorFrame
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.pose import joint_state
-from flexmbd.multibody.joint.protocol import ALIGNED
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -155,7 +154,9 @@ def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
         rows = connection.joint.rows
         f, g = scene.index.closures[connection]
         R_FG = world_motion(scene.plan, work, f).R.T @ world_motion(scene.plan, work, g).R
-        opposed = (set(ALIGNED) <= set(rows) and R_FG[2, 2] < 0.0) or (
+        across = {row.index for row in rows if row.kind == kinds.ROW_DIRECTION}
+        aligned = [k for k in range(3) if {3 * i + k for i in range(3) if i != k} <= across]  # axis k of G along F's
+        opposed = any(R_FG[k, k] < 0.0 for k in aligned) or (
             any(row.kind == kinds.ROW_AXIS for row in rows) and np.trace(R_FG) < 1.0
         )
         if opposed:

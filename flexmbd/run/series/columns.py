@@ -16,7 +16,7 @@ from flexmbd.files.result_table import ResultTable
 from flexmbd.given import is_number, numbers, refuse_other, shown
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.exact_beam import ExactBeam
-from flexmbd.multibody.force.protocol import Force
+from flexmbd.multibody.force.protocol import Force, WithStates
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -82,7 +82,7 @@ class Answers(Protocol):
     def resultants(self, beam: ExactBeam, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, elements, 6) N, N m."""
 
-    def states(self, states: States, *, t: ArrayLike | None = None) -> FloatArray:
+    def states(self, states: States | WithStates, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, n) values of state equations."""
 
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
@@ -129,7 +129,7 @@ FRAME_SERIES = {
 
 def table_columns(
     run: Answers,
-    things: Sequence[Connection | Frame | Body | ExactBeam | States],
+    things: Sequence[Connection | Frame | Body | ExactBeam | States | WithStates],
     reactions: Sequence[Connection],
     *,
     energies: bool | None,
@@ -153,6 +153,8 @@ def table_columns(
     for thing in things:
         if isinstance(thing, ExactBeam):
             columns += beam_columns(run.scene, thing)
+        elif isinstance(thing, (States, WithStates)):
+            columns.append(state_columns(thing, run.scene))
         else:
             columns += columns_of(thing, known)
     if placed:
@@ -161,7 +163,7 @@ def table_columns(
         refuse_other(joint, Connection, "reactions", wanted="joints, as connect() gives them")
     columns += [reaction_columns(joint) for joint in reactions]
     if not things_given:
-        columns += [state_columns(states) for states in index.states if isinstance(states, States)]
+        columns += [state_columns(one, run.scene) for one in index.states if isinstance(one, (States, WithStates))]
     columns += [energy_columns()] if energies else []
     refuse_equal_names(columns)
     return tuple(columns)
@@ -185,7 +187,7 @@ def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> F
     return equal_times(float(ends[0]), float(ends[-1]), every)
 
 
-def columns_of(thing: Connection | Frame | Body | States, bodies: Collection[int]) -> Iterator[ResultColumns]:
+def columns_of(thing: Connection | Frame | Body, bodies: Collection[int]) -> Iterator[ResultColumns]:
     """All that a joint, a frame or one of a trajectory's bodies (by their ids) tells.
 
     Of a joint coordinates and rates; of a frame position, quaternion, velocity, angular velocity and acceleration; of
@@ -198,8 +200,6 @@ def columns_of(thing: Connection | Frame | Body | States, bodies: Collection[int
         yield from joint_columns(thing)
     elif isinstance(thing, Frame):
         yield from (frame_columns(thing.label, thing, series) for series in FRAME_SERIES.values())
-    elif isinstance(thing, States):
-        yield state_columns(thing)
     elif id(thing) in bodies:
         own = Frame(thing, np.zeros(3), np.eye(3), None, thing.name)
         yield from (frame_columns(thing.name, own, series) for series in FRAME_SERIES.values())
@@ -211,10 +211,14 @@ def columns_of(thing: Connection | Frame | Body | States, bodies: Collection[int
         )
 
 
-def state_columns(states: States) -> ResultColumns:
-    """Values of state equations, each in its own unit, which only the user knows."""
-    units = tuple("own unit" for _ in states.state_names)
-    return ResultColumns(states.state_names, units, lambda run, t: run.states(states, t=t))
+def state_columns(states: States | WithStates, scene: CompiledScene) -> ResultColumns:
+    """Values of state equations, or of a force's states, each in its own unit, which only the user knows.
+
+    Raises:
+        SceneError: they are not in the scene.
+    """
+    names = tuple(scene.velocity_names[scene.index.state_places(states).v])
+    return ResultColumns(names, tuple("own unit" for _ in names), lambda run, t: run.states(states, t=t))
 
 
 def bodies_columns(scene: CompiledScene, bodies: Sequence[Body]) -> Iterator[ResultColumns]:

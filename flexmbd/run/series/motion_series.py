@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.force.protocol import WithStates
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
@@ -58,8 +59,8 @@ class MotionSeries:
         """(nt, 3) m/s^2, acceleration of the frame's origin, in inertial axes; or at times ``t`` (k,)."""
         return self._frame(frame, t)[:, 18:21]
 
-    def states(self, states: States, *, t: ArrayLike | None = None) -> FloatArray:
-        """(nt, n) values of state equations, in their own units; or at times ``t``."""
+    def states(self, states: States | WithStates, *, t: ArrayLike | None = None) -> FloatArray:
+        """(nt, n) values of state equations, or of the states of a force, in their own units; or at times ``t``."""
         places = self.scene.index.state_places(states)
         return (self.v if t is None else self.motion(t)[1])[:, places.v] * places.scale
 

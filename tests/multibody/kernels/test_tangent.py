@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from mixed_machine import mixed_scene
@@ -160,6 +162,78 @@ def test_force_elements(seed):
     scene, _ = forced_scene()
     compiled = scene.compile().scene
     compare(compiled.plan, random_state(compiled, seed, spread=0.2), speed_step=2e-2)
+
+
+@fm.compiled
+def _with_states(t, data, z, u, d, R, rate, spin, out):
+    for k in range(3):
+        out[k] = -data[0] * d[k] * (1.0 + d[0] ** 2) + data[1] * z[0] * rate[k] + z[1] ** 2 * d[(k + 1) % 3]
+        out[k] += u[0] * R[k, 0]
+        out[3 + k] = -2.0 * spin[k] + z[1] * R[k, 2]
+    out[6] = -z[0] * z[1] + d[0] * rate[1] + u[1]
+    out[7] = -2.0 * z[1] + R[0, 1] * spin[2] + np.sin(d[2]) * z[0]
+
+
+@dataclass(frozen=True, eq=False)
+class WithTwoStates(fm.force.BetweenFrames, fm.force.WithStates):
+    frame_F: fm.Frame
+    frame_G: fm.Frame
+
+    def check(self):
+        pass
+
+    def assemble(self, table):
+        table.frame_states(
+            _with_states, self.what, self.frame_F, self.frame_G, states={"a": 0.3, "b": -0.2}, scale=(2.0, 0.5),
+            numbers=[3.0, 0.4], inputs=[1.5, 0.7],
+        )  # fmt: skip
+
+
+@fm.compiled
+def _rates(t, z, u, out):
+    out[0], out[1] = -z[0] + u[0] ** 2, z[0] * u[1]
+
+
+@fm.compiled
+def _outputs(t, z, u, out):
+    out[0], out[1], out[2] = z[0] * z[1], u[0] - z[1] ** 2, 3.0 * z[0]
+
+
+@pytest.mark.parametrize("kind", ["half-way bushing", "line force", "states", "loads by states", "shaft inertia"])
+def test_forces_between_frames_with_states_and_loads_by_them(kind):
+    """Between a frame that deforms and one that flies; inertias on coordinates with them."""
+    scene = fm.System(gravity=(0.0, -9.81, 1.0))
+    flexible = scene.add(fm.FlexibleBody(particle_body(3, modes=3).record), name="flexible")
+    ball, flying = (scene.add(fm.RigidBody(m, (0.05, 0.06, 0.07), (0.2, 0.05, -0.1))) for m in (1.3, 0.7))
+    hinge = scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), flexible.frame("root"))
+    scene.connect(fm.joint.Spherical(), flexible.frame("tip"), ball.frame())
+    scene.connect(fm.joint.Free(), scene.ground.frame(), flying.frame())
+    turn = Rotation.from_rotvec([0.2, 0.6, -0.3]).as_matrix()
+    F, G = flexible.frame("tip"), flying.frame(p=(0.1, 0.2, 0.3), R=turn)
+    if kind == "half-way bushing":
+        parts = np.random.default_rng(1).standard_normal((2, 6, 6))
+        scene.add_force(fm.force.Bushing(F, G, parts[0] @ parts[0].T, parts[1] @ parts[1].T, symmetric=True))
+    elif kind == "line force":
+        scene.add_force(fm.force.LineForce(F, G, 3.7))
+        scene.add_force(fm.force.LineForce(scene.ground.frame(p=(1.0, 2.0, 3.0)), G, -3.7))
+    elif kind == "states":
+        scene.add_force(WithTwoStates(F, G))
+        scene.add_force(WithTwoStates(scene.ground.frame(p=(0.1, 0.3, 0.0)), ball.frame(p=(0.3, 0.1, 0.1))))
+    elif kind == "shaft inertia":
+        scene.add_force(fm.force.ShaftInertia(hinge, 0.01, ratio=7.0))
+    else:
+        signals = [fm.Signal(name) for name in "abc"]
+        scene.add_force(fm.force.LineForce(F, G, signals[0]))
+        given = (1.0, signals[1], 0.0), (signals[2], 2.0, 0.0)
+        scene.add_force(fm.force.FrameForce(G, *given, axes=fm.force.Axes.FRAME))
+        scene.add_force(fm.force.JointTorque(hinge, signals[2]))
+        followed = [fm.output.Position(hinge), fm.output.Velocity(hinge)]
+        scene.add_states(
+            _rates, initial=[0.4, 0.7], scale=(2.0, 0.3), measurements=followed, outputs=_outputs, inputs=signals
+        )
+    compiled = scene.compile().scene
+    for seed in range(2):
+        compare(compiled.plan, random_state(compiled, seed, spread=0.4))
 
 
 def test_forces_of_users_by_differences():

@@ -33,6 +33,7 @@ class Plan(ArrayStruct):
     frames: FloatArray
     frame_of: IntArray
     rigid: FloatArray
+    shafts: FloatArray
     flex: IntArray
     modal: FloatArray
     data: FloatArray

@@ -30,6 +30,9 @@ FRAME_BODY, FRAME_MODES, FRAME_STRAIN, N_FRAME_OF = 0, 1, 2, 3
 # Columns of Plan.rigid: mass, first moment (3), second moment xx xy xz yy yz zz, all about B.
 MASS, FIRST_MOMENT, SECOND_MOMENT, N_RIGID = 0, 1, 4, 10
 
+# Columns of Plan.shafts, one-dimensional inertias: index in v of a joint's coordinate, kg m^2 or kg per unit of it.
+SHAFT_V, SHAFT_INERTIA, N_SHAFT = 0, 1, 2
+
 # Columns of Plan.flex: number of modes and offsets in Plan.modal.
 N_MODES = 0
 MODAL_FIRST = 1  # (3, n) integrals of rho phi_i
@@ -60,6 +63,8 @@ FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 # its derivative; its number in the scene, by which messages name it where others are left out.
 EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS = range(9)
 EL_NUMBER, EL_MEMORY, EL_SIDE, N_ELEMENT = 10, 11, 12, 13
+# EL_X, EL_V of an element between frames: which of the loads on frames that states set it is, and where the states of
+# its own begin in v; -1 where there are none.
 # EL_SIDE: where in x it stands on which side (1, -1) of its switch a user's function is, -1 where it has none; on the
 # negative side the second address is that of the function.
 # EL_MEMORY: where its memory begins in the configuration x, -1 where it has none: when it was written (s), at which

@@ -79,6 +79,33 @@ def states_function(rates: Callable[..., None], outputs: Callable[..., None] | N
     return cfunc(kind, error_model=_MODEL)(both)
 
 
+def frame_states_function(function: Callable[..., None]) -> Any:
+    """``f(t, data, z, u, d, R, rate, spin, out)`` behind a C function.
+
+    ``void f(double t, int64 k, int64 size, double *data, double *given, double *out)``.  ``data``: k numbers;
+    ``given``, ``size`` of them: how many states, d, R row by row, rate, spin, the states z and the signals u;
+    ``out``: force, torque, and the states' rates, which come as zeros.
+
+    Raises:
+        numba.TypingError: it does not compile for such arguments.
+    """
+    inner = njit(error_model=_MODEL)(function)
+    inner.compile((types.float64, _ARRAY, _ARRAY, _ARRAY, *_MOTION, _ARRAY))
+    double = types.CPointer(types.float64)
+    kind = types.void(types.float64, types.int64, types.int64, double, double, double)
+
+    def outer(t, k, size, data, given, out):  # type: ignore[no-untyped-def]
+        m = carray(given, (size,))
+        n = int(m[0])
+        found = carray(out, (6 + n,))
+        for i in range(6 + n):
+            found[i] = 0.0
+        u = m[19 + n :]
+        inner(t, carray(data, (k,)), m[19 : 19 + n], u, m[1:4], m[4:13].reshape(3, 3), m[13:16], m[16:19], found)
+
+    return cfunc(kind, error_model=_MODEL)(outer)
+
+
 def memory_function(function: Callable[..., float]) -> Any:
     """``double f(int64 n, double *data, int64 m, double *memory, double begin, double end, double out[3])``.
 

@@ -2,12 +2,12 @@
 
 Each state is the velocity of a link of its own, of unit inertia and without mass (``Numbering.add_states``), divided by
 the state's scale: its acceleration is the rate f.  So every integrator solves it, controls its error and finds it in
-its tangent.  The outputs are put where loads on joints' coordinates read their functions of time, which is after all
-elements have been asked (``inverse_dynamics.residual``).
+its tangent.  The outputs are put where loads read their functions of time: those on joints' coordinates do so after all
+elements have been asked (``inverse_dynamics.residual``), those on frames before (``put_outputs``).
 
 Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
-of z and u; how many loads there are; the scales; of each quantity its kind, its place and the velocity that goes with
-it; of each load its output and its row of ``Plan.times``.
+of z and u; how many loads there are, and whether any is on frames; the scales; of each quantity its kind, its place and
+the velocity that goes with it; of each load its output and its row of ``Plan.times``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
 # Kinds of quantities: a coordinate, its rate, a function of time.
 OF_POSITION, OF_VELOCITY, OF_TIME = range(3)
-_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, N_HEAD = range(6)
+_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, _ON_FRAMES, N_HEAD = range(7)
 
 
 @kernel
@@ -91,13 +91,29 @@ def _subtract(plan, work, row, x, v, out):
     found = _call(plan, work, row, x, v)
     for i in range(n):
         out[row[at.EL_V] + i] -= work.generalized[found + i] / plan.data[scales + i]
+    _put(plan, work, found + n, loads, places)
+
+
+@kernel
+def _put(plan, work, outputs, loads, places):
+    """Put the outputs, which begin there in ``work.generalized``, among the functions of time."""
     for j in range(loads):
-        output = found + n + int(plan.data[places + 2 * j])
+        output = outputs + int(plan.data[places + 2 * j])
         work.time[int(plan.data[places + 2 * j + 1]), 0] = work.generalized[output]
 
 
 @kernel
-def _add_change(plan, work, row, found, column, factor, matrix):
+def put_outputs(plan, work, row, x, v):
+    """Put the outputs among the functions of time, where loads on frames read them."""
+    if plan.data[row[at.EL_DATA] + _ON_FRAMES] == 0.0:
+        return
+    n, _, _, loads, _, _, places = _sizes(plan, row)
+    _fill(plan, work, row, x, v)
+    _put(plan, work, _call(plan, work, row, x, v) + n, loads, places)
+
+
+@kernel
+def _add_change(plan, work, tw, row, found, column, factor, matrix):
     """Subtract ``factor`` times rates and outputs from a column of the matrix, in the rows that they act on."""
     n, _, _, loads, scales, _, places = _sizes(plan, row)
     for i in range(n):
@@ -108,6 +124,10 @@ def _add_change(plan, work, row, found, column, factor, matrix):
         for i in range(plan.forces.shape[0]):
             if plan.forces[i, at.FORCE_TIME] == time:
                 matrix[plan.forces[i, at.FORCE_V], column] -= change
+        for i in range(tw.frame_loads.shape[0]):
+            if tw.frame_load_times[i] == time:
+                for r in range(matrix.shape[0]):
+                    matrix[r, column] -= change * tw.frame_loads[i, r]
 
 
 @kernel
@@ -138,7 +158,7 @@ def _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
             _fill(plan, work, row, x, v)
             work.generalized[i] += sign * step
             found = _call(plan, work, row, x, v)
-            _add_change(plan, work, row, found, column, sign * per * unit / (2.0 * step), matrix)
+            _add_change(plan, work, tw, row, found, column, sign * per * unit / (2.0 * step), matrix)
 
 
 @kernel
@@ -152,7 +172,7 @@ def _subtract_whole_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
         for sign in (-1.0, 1.0):
             put_moved_state(plan, tw, x, v, c, sign * per_x * step, sign * per_v * step)
             found = _call(plan, work, row, tw.moved_x, tw.moved_v)
-            _add_change(plan, work, row, found, c, sign / (2.0 * step), matrix)
+            _add_change(plan, work, tw, row, found, c, sign / (2.0 * step), matrix)
 
 
 @kernel

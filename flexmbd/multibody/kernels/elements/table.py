@@ -27,9 +27,12 @@ from flexmbd.multibody.kernels.elements.element import (
     GeneralisedForce,
 )
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
+from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES
 from flexmbd.multibody.kernels.elements.friction import FRICTION
+from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
+from flexmbd.multibody.kernels.elements.halfway_bushing import HALFWAY_BUSHING
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
@@ -47,6 +50,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
     STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
+    HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES,
 )  # fmt: skip
 
 
@@ -68,12 +72,14 @@ def stores(plan: Plan) -> NDArray[np.bool_]:
 def couple_all(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether the tangent of each element of a plan may join any two coordinates.
 
-    Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole.
+    Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole; states are
+    joined with the frames that they follow.
     """
     kinds = (ELEMENTS[kind] for kind in plan.elements[:, at.EL_KIND])
     return np.array(
         [
             one is INTERIOR_WRENCH
+            or one is FRAME_STATES
             or (isinstance(one, GeneralisedForce) and one.subtract_tangent is not None and one.couples)
             for one in kinds
         ],
@@ -128,6 +134,7 @@ _changes_piece = _calls(GeneralisedForce, "changes_piece")
 _LAWS = _kinds(*(isinstance(one, CoordinateLaw) for one in ELEMENTS))
 _BETWEEN_FRAMES = _kinds(*(isinstance(one, FrameElement) for one in ELEMENTS))
 _STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
+_STATES = kind_of(STATES)
 _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
 
 
@@ -207,6 +214,12 @@ def is_coordinate_law(kind):
 def is_between_frames(kind):
     """Whether a kind acts between two frames."""
     return _BETWEEN_FRAMES[kind]
+
+
+@kernel
+def is_state_equations(kind):
+    """Whether a kind is users' state equations, whose outputs set functions of time."""
+    return kind == _STATES
 
 
 @kernel

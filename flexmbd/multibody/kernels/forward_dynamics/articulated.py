@@ -82,7 +82,7 @@ def _add_applied_loads(plan, work, aw, x, v, multipliers):
         for i in range(plan.tree.shape[0]):
             for k in range(at.B_F, at.B_T + 3):
                 work.body[i, k] = 0.0
-        load_elements(plan, work, required)
+        load_elements(plan, work, x, v, required)
         if multipliers.shape[0] > 0:
             load_constraints(plan, work, multipliers, required)
             load_couplings(plan, multipliers, required)

@@ -35,8 +35,8 @@ N_LINK = 9
 PLAIN, ALIGNED, TURNED, MULTI_DOF = range(4)
 
 # Columns of ArticulatedWork.constant: position of F in the parent, mass integrals about the body's own origin
-# (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate.
-C_P, C_MASS, C_FIRST, C_INERTIA, C_TURN, C_SHIFT, N_CONSTANT = 0, 3, 4, 7, 13, 14, 16
+# (mass, first moment, inertia tensor), turn and shift per unit of the joint's coordinate, a shaft's inertia on it.
+C_P, C_MASS, C_FIRST, C_INERTIA, C_TURN, C_SHIFT, C_SHAFT, N_CONSTANT = 0, 3, 4, 7, 13, 14, 15, 16
 
 # Columns of ArticulatedWork.axes: axes of F in the parent, position and axes of G in the body.
 X_R, X_OWN_P, X_OWN_R, N_AXES = 0, 9, 12, 21
@@ -136,6 +136,9 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     pose = np.zeros((count, N_POSE))
     _place_bodies(plan, links, constants, axes, pose)
     level = (axes[:, X_R : X_R + 9] == _IDENTITY).all(axis=1).tolist()
+    shafts = {int(v): 0.0 for v in plan.shafts[:, at.SHAFT_V]}
+    for v, inertia in plan.shafts:
+        shafts[int(v)] += float(inertia)
     for i, tree in enumerate(rows):
         adds, size = tree[at.JOINT_ADDS], tree[at.JOINT_SIZE]
         slot = slot_of.get(tree[at.FRAME_PARENT], -1)
@@ -143,11 +146,12 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
             if size == 1:  # a pair of one coordinate turns and slides about z alone
                 turn, _, _, shift = plan.data[tree[at.JOINT_DATA] :][:4]
                 constants[i, C_TURN], constants[i, C_SHIFT] = turn, shift
+                constants[i, C_SHAFT] = shafts.get(tree[at.JOINT_V], 0.0)
             subspace_row = -1
             form = ALIGNED if level[i] and slot < 0 else TURNED
             freedoms = 0 if tree[at.JOINT_V] in driven else size
             hinge = freedoms == 1 and constants[i, C_TURN] == 1.0 and constants[i, C_SHIFT] == 0.0
-            if form == ALIGNED and hinge and i not in flex_of and i not in apart:
+            if form == ALIGNED and hinge and i not in flex_of and i not in apart and not constants[i, C_SHAFT]:
                 form = PLAIN
         else:
             form, subspace_row, freedoms = MULTI_DOF, multi_dof, size
@@ -204,6 +208,7 @@ def _ball_subspaces(links: IntArray, count: int) -> FloatArray:
 def _is_planar(links: IntArray, constants: FloatArray) -> bool:
     """Whether every joint is a free hinge along the axes of a rigid parent, or any free hinge on the ground."""
     hinges = (constants[:, C_TURN] == 1.0) & (constants[:, C_SHIFT] == 0.0) & (links[:, FREEDOMS] == 1)
+    hinges &= constants[:, C_SHAFT] == 0.0
     aligned = (links[:, FORM] <= ALIGNED) | (links[:, PARENT] < 0)
     return bool((hinges & aligned & (links[:, FLEX] < 0) & (links[:, INTERFACE] < 0)).all())
 

@@ -186,7 +186,7 @@ def _eliminate_coordinate(aw, i, a, b, m, torque, force):
     """Eliminate a joint of one coordinate, which turns and slides along z."""
     turn, slide = aw.constant[i, to.C_TURN], aw.constant[i, to.C_SHIFT]
     u = screw_column(a, b, m, turn, slide)
-    over = 1.0 / (turn * u[2] + slide * u[5])
+    over = 1.0 / (turn * u[2] + slide * u[5] + aw.constant[i, to.C_SHAFT])
     joint_force = -aw.required[aw.link[i, to.JOINT_V]] - turn * torque[2] - slide * force[2]
     put6(aw.row, i, to.R_U, u)
     aw.row[i, to.R_D] = over

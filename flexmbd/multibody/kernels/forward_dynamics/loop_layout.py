@@ -73,7 +73,8 @@ def new_loop_recursion(plan: Plan, *, serves: bool = True) -> LoopRecursion:
     """Find the open rows of ``plan``; no nodes unless it ``serves`` and takes fewer operations than rows by paths."""
     base: IntArray = np.zeros(0, np.int64)
     nodes: list[tuple[list[int], int]] = []
-    if serves and len(plan.rows) and not len(plan.flex) and _most_operations(plan) > _LEAST * len(plan.tree):
+    serves = serves and not len(plan.flex) + len(plan.shafts)
+    if serves and len(plan.rows) and _most_operations(plan) > _LEAST * len(plan.tree):
         base = _bases(plan)
         nodes = _open_rows(plan, base)
     counts = np.array([len(one) for one, _ in nodes], np.int64)

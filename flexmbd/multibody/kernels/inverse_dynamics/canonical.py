@@ -49,6 +49,7 @@ from flexmbd.multibody.kernels.physics.face_modes import add_face_forces, add_tr
 from flexmbd.multibody.kernels.physics.frame_modes import modal_sum
 from flexmbd.multibody.kernels.physics.inertial_forces import add_rigid_wrench, rigid_second_moment
 from flexmbd.multibody.kernels.physics.joints import is_free, joint_force, joint_motion
+from flexmbd.multibody.kernels.physics.one_dimensional_inertia import add_shaft_inertias
 from flexmbd.multibody.kernels.physics.reduced_inertia import deformed_first_moment, flexible_inertia
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -92,6 +93,7 @@ def momenta(plan, work, x, v, none, out):
     for i in range(plan.tree.shape[0]):
         body_momentum(plan, work, i, x, v, none, work.body[i], out)
     backward_forces(plan, work, out)
+    add_shaft_inertias(plan.shafts, v, out)
 
 
 @kernel
@@ -299,10 +301,11 @@ def canonical(plan, work, x, v, half, none, multipliers, wrench, part, p, out):
     if plan.rows.shape[0] > 0:
         load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
-        load_elements(plan, work, out)
+        load_elements(plan, work, x, v, out)
     backward_forces(plan, work, out)
     load_couplings(plan, multipliers, out)
     _propagate_momenta(plan, work, v, wrench, p, part, out)
+    add_shaft_inertias(plan.shafts, v, p)
     if plan.elements.shape[0] > 0:
         subtract_coordinate_forces(plan, work, x, v, out)
     for i in range(plan.forces.shape[0]):

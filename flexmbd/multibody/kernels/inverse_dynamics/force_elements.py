@@ -6,6 +6,8 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, compose, cross3, rotate,
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
+from flexmbd.multibody.kernels.elements.frame_states import load_states
+from flexmbd.multibody.kernels.elements.state_rates import put_outputs
 from flexmbd.multibody.kernels.elements.table import (
     coordinate_energy,
     coordinate_law,
@@ -14,6 +16,7 @@ from flexmbd.multibody.kernels.elements.table import (
     frame_energy,
     is_between_frames,
     is_coordinate_law,
+    is_state_equations,
     stores_between_frames,
     subtract_force,
 )
@@ -46,8 +49,14 @@ def relative_rates(plan, work, f, g):
 
 
 @deferred_kernel()
-def load_elements(plan, work, out):
-    """Subtract the wrenches of all elements between frames from those required of both frames' bodies."""
+def load_elements(plan, work, x, v, out):
+    """Subtract the wrenches of all elements between frames from those required of both frames' bodies.
+
+    And the rates of the states that some of them have from the torques that these states' links require.
+    """
+    for i in range(plan.elements.shape[0]):
+        if is_state_equations(plan.elements[i, at.EL_KIND]):
+            put_outputs(plan, work, plan.elements[i], x, v)
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if not is_between_frames(row[at.EL_KIND]):
@@ -55,6 +64,8 @@ def load_elements(plan, work, out):
         f, g = row[at.EL_F], row[at.EL_G]
         d, R, rate, spin = relative_rates(plan, work, f, g)
         force, torque = element_wrench(plan, work, row, d, R, rate, spin)
+        if row[at.EL_V] >= 0:
+            load_states(plan, work, row)
         back = add3(torque, cross3(d, force))
         load_frame(plan, work, f, force, back, out)
         load_frame(

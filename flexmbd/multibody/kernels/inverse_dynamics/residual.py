@@ -11,6 +11,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
     forward_kinematics,
     write_inertial_wrenches,
 )
+from flexmbd.multibody.kernels.physics.one_dimensional_inertia import add_shaft_inertias
 
 
 @entry_kernel
@@ -38,8 +39,9 @@ def residual(plan, work, x, v, a, multipliers, out):
     if plan.rows.shape[0] > 0:
         load_constraints(plan, work, multipliers, out)
     if plan.elements.shape[0] > 0:
-        load_elements(plan, work, out)
+        load_elements(plan, work, x, v, out)
     backward_forces(plan, work, out)
+    add_shaft_inertias(plan.shafts, a, out)
     load_couplings(plan, multipliers, out)
     if plan.elements.shape[0] > 0:
         subtract_coordinate_forces(plan, work, x, v, out)

@@ -103,6 +103,11 @@ def masses(plan: Plan) -> FloatArray:
     return plan.rigid[: len(plan.tree), at.MASS]
 
 
+def shaft_inertias(plan: Plan) -> list[tuple[int, float]]:
+    """One-dimensional inertias: a coordinate's place in v, kg m^2 or kg."""
+    return [(int(row[at.SHAFT_V]), float(row[at.SHAFT_INERTIA])) for row in plan.shafts]
+
+
 def second_moment(plan: Plan, row: int) -> tuple[FloatArray, FloatArray]:
     """Centre of mass (3,) (m) and second moment about it (3, 3) (kg m^2) of an undeformed link that has mass."""
     first = plan.rigid[row, at.FIRST_MOMENT : at.SECOND_MOMENT]

@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinemat
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.elasticity import elastic_energy
 from flexmbd.multibody.kernels.physics.gyroscopic import rotor_momentum
+from flexmbd.multibody.kernels.physics.one_dimensional_inertia import shaft_energy
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 
 
@@ -100,6 +101,7 @@ def energy_series(plan, work, x, v, none, scratch, out):
                 q = x[k][tree[at.MODAL_X] : tree[at.MODAL_X] + flex[at.N_MODES]]
                 out[k, 1] += elastic_energy(plan, flex, q)
             out[k, 2] -= dot3(g, _moment_of_mass(plan, work, i, x[k]))
+        out[k, 0] += shaft_energy(plan.shafts, v[k])
         if plan.elements.shape[0] > 0:
             out[k, 3] += elements_energy(plan, work, x[k])
 

@@ -12,6 +12,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.differences import difference_step
+from flexmbd.multibody.kernels.elements.frame_states import add_rates, state_count, wrench_by_state
 from flexmbd.multibody.kernels.elements.table import element_wrench, element_wrench_variation, is_between_frames
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
@@ -305,10 +306,54 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
         moved = _put_first(tw, moved, j)
         step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
+        if row[at.EL_V] >= 0:
+            add_rates(plan, work, row, k, 1.0, matrix)
         dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
+    if row[at.EL_V] >= 0:
+        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, matrix)
     return count, moved
+
+
+@kernel
+def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v, matrix):
+    """Store what an element's own states change of its force and of their rates, as unknowns that move no frame."""
+    d, R, rate, spin = motion
+    c_F, R_F = of_F
+    none = (0.0, 0.0, 0.0)
+    for i in range(state_count(plan, row)):
+        k = row[at.EL_V] + i
+        force, torque = wrench_by_state(plan, work, row, d, R, rate, spin, i, tw.size_v[k])
+        add_rates(plan, work, row, k, per_v, matrix)
+        tw.path_mark[k] = 1
+        for t in range(18):
+            tw.path_twist[t, k] = 0.0
+        tw.path[count] = k
+        count += 1
+        moved = _put_first(tw, moved, count - 1)
+        dforce = scale3(-per_v, force)
+        dmoment = add3(scale3(-per_v, torque), cross3(d, dforce))
+        _put_change(tw, k, 0.0, none, none, dforce, dmoment, none, none, c_F, R_F)
+    return count, moved
+
+
+@kernel
+def _put_frame_load(plan, work, tw, row, count):
+    """Write into its row of ``tw.frame_loads`` the generalised forces of a given force whose function of time is 1."""
+    d, R, rate, spin, _, _ = relative_motion(plan, work, row[at.EL_F], row[at.EL_G])
+    _, c_G, _, _, _, R_F = pair_frames(plan, work, tw, row[at.EL_F], row[at.EL_G])
+    value = work.time[row[at.EL_TIME], 0]
+    work.time[row[at.EL_TIME], 0] = 1.0
+    force, torque = element_wrench(plan, work, row, d, R, rate, spin)
+    work.time[row[at.EL_TIME], 0] = value
+    pull = rotate(R_F, force)
+    moment = add3(rotate(R_F, torque), cross3(c_G, pull))
+    load = tw.frame_loads[row[at.EL_X]]
+    load[:] = 0.0
+    for j in range(count):
+        apart, away, _, _ = _motion_of_pair(tw.path_twist, tw.path[j])
+        load[tw.path[j]] = dot3(away, pull) + dot3(apart, moment)
 
 
 @deferred_kernel()
@@ -319,6 +364,8 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
         if is_between_frames(row[at.EL_KIND]):
             count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
             _add_changes(tw, count, moved, matrix)
+            if row[at.EL_X] >= 0:
+                _put_frame_load(plan, work, tw, row, count)
             _clear_path(tw, count)
 
 

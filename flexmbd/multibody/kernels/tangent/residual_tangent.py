@@ -182,6 +182,9 @@ def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, p
     clear_blocks(tw.blocks, matrix)
     _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
     _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+    for i in range(plan.shafts.shape[0]):
+        k = int(plan.shafts[i, at.SHAFT_V])
+        matrix[k, k] += per_a * plan.shafts[i, at.SHAFT_INERTIA]
     if plan.rows.shape[0] > 0:
         add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix)
     if plan.elements.shape[0] > 0:
@@ -202,6 +205,9 @@ def tree_tangent_after_residual(plan, work, tw, recursion, x, v, a, per_x, per_v
     put_bodies(plan, tw, recursion)
     _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, own)
     put_joints(plan, tw, recursion, per_x)
+    for i in range(plan.shafts.shape[0]):
+        k = int(plan.shafts[i, at.SHAFT_V])
+        own[k, recursion.place[k]] += per_a * plan.shafts[i, at.SHAFT_INERTIA]
     if plan.elements.shape[0] > 0:
         add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a)
         if recursion.motion.shape[1] > MOTION:

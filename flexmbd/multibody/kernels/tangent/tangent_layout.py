@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, sides_end
+from flexmbd.multibody.kernels.elements.table import act_between_frames
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +82,8 @@ class TangentWork(ArrayStruct):
     size_x: FloatArray
     size_v: FloatArray
     out: FloatArray
+    frame_loads: FloatArray
+    frame_load_times: IntArray
     blocks: DiagonalBlocks
 
 
@@ -98,6 +101,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
             edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
     polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
+    loaded = _frame_load_times(plan)
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     zeros = np.zeros
     return TangentWork(
@@ -125,5 +129,15 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         size_x=sizes[0],
         size_v=sizes[1],
         out=zeros(nv),
+        frame_loads=zeros((len(loaded), nv)),
+        frame_load_times=loaded,
         blocks=diagonal_blocks(plan),
     )
+
+
+def _frame_load_times(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.times`` of the loads on frames that states set, by their numbers; -1 of those left out."""
+    rows = plan.elements[act_between_frames(plan) & (plan.elements[:, at.EL_X] >= 0)]
+    times = np.full(int(rows[:, at.EL_X].max(initial=-1)) + 1, -1, np.int64)
+    times[rows[:, at.EL_X]] = rows[:, at.EL_TIME]
+    return times
