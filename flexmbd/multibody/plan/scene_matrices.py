@@ -11,7 +11,6 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, coupling_rows, coupling_terms
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.kernels.sampling.series import constraint_rates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -50,7 +49,7 @@ def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes
     Blocks share no free velocity, so all of them move by one velocity each at once: as many sweeps over the machine as
     the largest block has, and one for each velocity that is driven.
     """
-    sweeps, m = scene.row_sweeps, len(scene.plan.rows)
+    sweeps, m = scene.row_structure.sweeps, len(scene.plan.rows)
     rates = np.zeros((len(x), sweeps.count, m))
     rest, scratch = np.zeros(scene.nv), np.zeros((4, m))
     for first in range(0, sweeps.count, _AT_ONCE):
@@ -75,13 +74,8 @@ def fastest_rate(mass: FloatArray, stiffness: FloatArray) -> float:
 
 
 def row_sizes(scene: CompiledScene) -> FloatArray:
-    """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
-    sizes = np.where(constraint_rows(scene.plan).in_rad, 1.0, scene.extent)
-    full = coordinate_sizes(scene)
-    for k in coupling_rows(scene.plan):
-        columns, factors = coupling_terms(scene.plan, k)
-        sizes[k] = np.abs(factors * full[columns]).max()
-    return sizes
+    """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad.  Not to be written to."""
+    return scene.row_sizes
 
 
 def modal_stiffness(scene: CompiledScene) -> FloatArray:

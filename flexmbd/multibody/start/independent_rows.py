@@ -19,7 +19,6 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.base.row_blocks import RowBlock
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
@@ -168,7 +167,7 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
         return []
     rows, sizes = row_sizes(scene), coordinate_sizes(scene)
     phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
-    holds = constraint_rows(scene.plan).holds_position
+    holds = scene.row_structure.table.holds_position
     found = []
     for block, part in constraint_slopes(scene, work, x).over(rows):
         slopes, driven = np.hsplit(part * sizes[np.concatenate([block.free, block.driven])], [len(block.free)])
