@@ -25,7 +25,7 @@ from flexmbd.given import checked, refuse_no_truth, refuse_other
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
@@ -38,6 +38,7 @@ from flexmbd.multibody.start.consistent_start import Start, consistent_start
 from flexmbd.multibody.start.energy_check import refuse_false_energies
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
+from flexmbd.multibody.start.kept_starts import KeptStarts, can_be_kept
 from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.start.report import changed_velocities
 from flexmbd.multibody.team import Alone, Team, on_every_rank
@@ -55,6 +56,7 @@ from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 #: What kernels are compiled for before any integrator's.
 STARTING = "the start"
@@ -85,6 +87,7 @@ class CompiledMachine:
     team: Team
     controllers: tuple[Controller, ...] = ()
     _workspaces: Workspaces = field(default_factory=Workspaces, init=False)
+    _starts: KeptStarts = field(default_factory=KeptStarts, init=False)
 
     def __post_init__(self) -> None:
         taken = set(inspect.signature(CompiledMachine.simulate).parameters) if self.parameters else set()
@@ -158,24 +161,41 @@ class CompiledMachine:
             announce_compilation(STARTING)
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
-        if about is None:
-            refuse_against_motions(scene, work, self.connections)
-            x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
-        else:
-            about.scene.refuse_other(scene)
-            x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
-        refuse_different(scene, x, v, self.team)
-        memories = None if about is None else about.interiors
-        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
+        start, v, held = self._found_start(scene, work, t, about)
         mark_compiled(STARTING)
         if about is None:  # a machine that has settled on a stop presses it
             refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         refuse_false_energies(scene, work, start.x)
-        forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held_v)
+        forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held)
         for complaint in (start.strain.warning, forbidden):
             if complaint and self.team.is_root:
                 warn(complaint, StartWarning)
         return start
+
+    def _found_start(
+        self, scene: CompiledScene, work: Work, t: float, about: WorkingPoint | None
+    ) -> tuple[Start, FloatArray, BoolArray]:
+        """The start at the time of ``work``; the velocities (nv,) wanted, and which of them are set (nv,)."""
+        if about is not None:
+            about.scene.refuse_other(scene)
+            x, v, held = about.x.copy(), about.v.copy(), np.zeros(scene.nv, bool)
+            refuse_different(scene, x, v, self.team)
+            return consistent_start(scene, work, x, v, held_x=held, held_v=held, memories=about.interiors), v, held
+        refuse_against_motions(scene, work, self.connections)
+        x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
+        refuse_different(scene, x, v, self.team)
+        known: Start | None = None
+        if scene.varied and len(scene.plan.rows) and can_be_kept(scene):
+            known = self._starts.at(t, partial(self._own_start, t))
+        position = None if known is None else known.position
+        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, known=position), v, held_v
+
+    def _own_start(self, t: float) -> Start:
+        """The start at t (s) with the numbers that the machine was compiled with; nothing is told of it."""
+        scene, work = self.scene, new_work(self.scene.plan)
+        evaluate_inputs(scene, work, t)
+        x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
+        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
 
     def simulate(
         self,
