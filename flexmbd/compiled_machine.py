@@ -185,8 +185,10 @@ class CompiledMachine:
         x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
         refuse_different(scene, x, v, self.team)
         known: Start | None = None
-        if scene.varied and len(scene.plan.rows) and can_be_kept(scene):
+        if len(scene.plan.rows) and can_be_kept(scene):
             known = self._starts.at(t, partial(self._own_start, t))
+        if known is not None and scene is self.scene:
+            return known.copied(), v, held_v
         position = None if known is None else known.position
         return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, known=position), v, held_v
 
@@ -290,8 +292,7 @@ class CompiledMachine:
             bodies = {body.name: body for body in self.bodies}
             simulate = partial(replace(self, team=Alone())._run, scene, settings)
             return run_on_root(scene, bodies, settings=settings, team=self.team, simulate=simulate)
-        found = self._prepared_run(scene, settings) if values else None
-        return found or self._run(scene, settings)
+        return self._prepared_run(scene, settings) or self._run(scene, settings)
 
     def _run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory:
         """Run a variant on the ranks of this machine's team, each of which steps."""

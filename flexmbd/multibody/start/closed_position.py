@@ -94,7 +94,7 @@ def close_position(
     Raises:
         AssemblyError, SceneError: as of ``consistent_start``.
     """
-    if known is not None and not is_found and known.is_of(scene, work, x, held):
+    if known is not None and not (is_found or given.positions) and known.is_of(scene, work, x, held):
         found = replace(known, x=known.x.copy(), change=known.change.copy())
         return scene, scene.keep_rows(known.choice.rows), found
     whole = _set_couplings(scene, work, x, held, given)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -79,6 +79,11 @@ class Start:
     def choice(self) -> RowChoice:
         """Which rows ``scene`` keeps."""
         return self.position.choice
+
+    def copied(self) -> Start:
+        """The same, of arrays of its own."""
+        arrays = {name: getattr(self, name).copy() for name in ("x", "v", "a", "multipliers")}
+        return replace(self, **arrays)
 
     def __repr__(self) -> str:
         """How many velocities and rows, and how well they fit."""
