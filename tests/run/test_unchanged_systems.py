@@ -187,7 +187,7 @@ def test_whatever_is_changed_is_seen_by_the_next_run(build: Callable[[], Built],
     change(fresh)
     after = [rows(used.scene) for _ in range(2)]
     wanted = rows(fresh.scene)
-    assert same(after[0], wanted) and same(after[1], wanted)
+    assert all(same(one, wanted) for one in after)
     assert not same(wanted, before[0])
 
 
@@ -209,7 +209,8 @@ def test_a_name_that_is_changed_is_told() -> None:
     built.joints[0].name = "elbow"
     built.bodies[2].name = "blade"
     names = "".join(built.scene.simulate(0.01).scene.velocity_names)
-    assert "elbow.angle" in names and "blade.q[0]" in names
+    assert "elbow.angle" in names
+    assert "blade.q[0]" in names
     built.joints[1].name = "elbow"
     with pytest.raises(SceneError, match="elbow"):
         built.scene.simulate(0.01)
@@ -252,7 +253,7 @@ def test_truth_is_still_no_number() -> None:
 def test_copies_have_plans_of_their_own() -> None:
     for build in (tree, loop):
         built = build()
-        wanted = [rows(built.scene) for _ in range(3)][0]
+        wanted, *_ = [rows(built.scene) for _ in range(3)]
         for copied in (copy.deepcopy(built), pickle.loads(pickle.dumps(built))):
             assert same(rows(copied.scene), wanted)
             copied.bodies[0].mass *= 2.0

@@ -10,7 +10,7 @@ from flexmbd.multibody.start.consistent_start import Start
 
 
 def can_be_kept(scene: CompiledScene) -> bool:
-    """Whether a start of the scene follows from its numbers alone: no Python function is asked, and no body remembers."""
+    """Whether a start follows from the scene's numbers alone: no Python function is asked, and no body remembers."""
     return not scene.is_shared and not scene.sources.is_awaited and not scene.switches and scene.parts.team.size == 1
 
 

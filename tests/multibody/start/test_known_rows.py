@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +13,7 @@ from flexmbd import parameter as vary
 from flexmbd.errors import AssemblyError, FlexmbdError, SceneError
 from flexmbd.multibody.start import independent_rows
 
+HINGE = fm.joint.Revolute("z")
 SIDES = {"crank": 0.2, "coupler": 0.6, "rocker": 0.5, "base": 0.6}
 NOMINAL: dict[str, Any] = {**SIDES, "angle": 1.2, "speed": 6.0, "mass": 1.5, "pivot": np.eye(3), "foot": np.eye(3)}
 
@@ -45,19 +45,18 @@ class Machine:
             return reason
 
 
-def fourbar(values: dict[str, Any], *, close: Any = fm.joint.Revolute("z"), still: bool = False) -> Machine:
+def fourbar(values: dict[str, Any], *, close: Any = HINGE, still: bool = False) -> Machine:
     """A plane four-bar of hinges, whose closing joint holds two rows more than it needs, or three."""
     given = {**NOMINAL, **values}
     scene = fm.System(gravity=(0.0, -9.81, 0.0))
     links = [scene.add(fm.RigidBody(given["mass"], (1e-3, 2e-2, 2e-2), (0.1, 0.0, 0.0))) for _ in range(3)]
     crank, coupler, rocker = links
-    hinge = fm.joint.Revolute("z")
     base = scene.ground.frame((given["base"], 0.0, 0.0), R=given["pivot"])
     foot = rocker.frame(R=given["foot"])
     ends = {body: frame.frame((given[body], 0.0, 0.0)) for body, frame in zip(SIDES, links, strict=False)}
-    drive = scene.connect(hinge, scene.ground.frame(), crank.frame())
-    pin = scene.connect(hinge, ends["crank"], coupler.frame())
-    pivot = scene.connect(hinge, base, foot)
+    drive = scene.connect(HINGE, scene.ground.frame(), crank.frame())
+    pin = scene.connect(HINGE, ends["crank"], coupler.frame())
+    pivot = scene.connect(HINGE, base, foot)
     scene.connect(close, ends["coupler"], ends["rocker"])
     drive.position = given["angle"]
     pin.position, pivot.position = COUPLER - NOMINAL["angle"], ROCKER
@@ -80,7 +79,7 @@ def random_values(seed: int) -> dict[str, Any]:
 
 
 @pytest.fixture
-def searches(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many blocks of rows were looked for beside each start."""
     found: list[int] = []
     search = independent_rows._regular_positions
@@ -90,7 +89,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
         return search(scene, work, x, wanted)
 
     monkeypatch.setattr(independent_rows, "_regular_positions", counted)
-    yield found
+    return found
 
 
 def assert_alike(found: Any, wanted: Any) -> None:
@@ -155,7 +154,8 @@ def test_rows_that_hold_in_a_variant_alone_are_not_left_out(tilt: float) -> None
     back = turn(np.array([0.0, 0.0, 1.0]), ROCKER)
     values = {"pivot": lean, "foot": back.T @ lean @ back}
     found = nominal.start(values, machine=machine)
-    assert isinstance(found, SceneError) and "loops lock" in str(found)
+    assert isinstance(found, SceneError)
+    assert "loops lock" in str(found)
     assert_alike(found, fourbar(values, close=ball, still=True).start(values))
 
 
