@@ -285,7 +285,8 @@ class CompiledMachine:
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
         scene = on_every_rank(self.team, lambda: self.variant(values))
-        refuse_different_arguments({**settings.told, "controllers": code_of(self.controllers)}, self.team)
+        if self.team.size > 1:
+            refuse_different_arguments({**settings.told, "controllers": code_of(self.controllers)}, self.team)
         if self.team.size > 1 and scene.interiors is None and not self.team.collective_functions:
             x, v = on_every_rank(self.team, lambda: self._given(scene))
             refuse_different(scene, x, v, self.team)

@@ -25,9 +25,16 @@ from flexmbd.errors import FlexmbdError, OutOfMemoryError, SceneError, out_of_me
 
 FloatArray = NDArray[np.float64]
 
+_FLOATS = {float}
+
 
 def numbers(value: object) -> FloatArray:
     """An array of numbers; NaN, without dimensions, for what holds anything else, as a text or rows of two lengths."""
+    kind = type(value)
+    if kind is np.ndarray and value.dtype == np.float64:  # type: ignore[attr-defined]
+        return value  # type: ignore[return-value]
+    if kind is float or ((kind is tuple or kind is list) and set(map(type, value)) == _FLOATS):  # type: ignore[call-overload]
+        return np.array(value)
     if np.ma.isMaskedArray(value):  # beneath a mask stands a number that is none
         return np.array(np.nan)
     try:
@@ -70,6 +77,8 @@ def is_truth(value: object) -> bool:
 
 def is_number(value: object) -> bool:
     """Whether it is one finite number."""
+    if type(value) is float:
+        return math.isfinite(value)
     found = numbers(value)
     return found.shape == () and bool(np.isfinite(found))
 

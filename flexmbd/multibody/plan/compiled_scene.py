@@ -327,7 +327,8 @@ def build(
     assemble_penalties(b, rows, table)
     plan, axes = fill_plan(b, rows, table, driven, gravity)
     order = blockwise_order(plan)
-    plan = plan.replace(rows=plan.rows[order])
+    if len(order) > 0:
+        plan = plan.replace(rows=plan.rows[order])
     scene = CompiledScene(
         plan=plan,
         known_structure=RowStructure(plan),
