@@ -69,7 +69,7 @@ class RowStructure:
     @cached_property
     def sweeps(self) -> RowSweeps:
         """The sweeps over the machine that give the slopes of all rows."""
-        return row_sweeps(self.blocks)
+        return row_sweeps(self.blocks, len(self._plan.free) + len(self._plan.driven))
 
     @cached_property
     def turned_pairs(self) -> tuple[TurnedPair, ...]:

@@ -52,12 +52,15 @@ def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes
     sweeps, m = scene.row_structure.sweeps, len(scene.plan.rows)
     rates = np.zeros((len(x), sweeps.count, m))
     rest, scratch = np.zeros(scene.nv), np.zeros((4, m))
+    if 0 < sweeps.count <= _AT_ONCE:
+        constraint_rates(scene.plan, work, x, sweeps.all_velocities, rest, scratch, rates)
+        return [sweeps.slopes(by_sweep) for by_sweep in rates]
     for first in range(0, sweeps.count, _AT_ONCE):
-        velocities = sweeps.velocities(first, min(first + _AT_ONCE, sweeps.count), scene.nv)
+        velocities = sweeps.velocities(first, min(first + _AT_ONCE, sweeps.count))
         found = np.zeros((len(x), len(velocities), m))
         constraint_rates(scene.plan, work, x, velocities, rest, scratch, found)
         rates[:, first : first + len(velocities)] = found
-    return [sweeps.slopes(by_sweep, scene.nv) for by_sweep in rates]
+    return [sweeps.slopes(by_sweep) for by_sweep in rates]
 
 
 def coordinate_sizes(scene: CompiledScene) -> FloatArray:

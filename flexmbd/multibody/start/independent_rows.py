@@ -7,7 +7,7 @@ rank.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -244,7 +244,7 @@ def independent_rows(
     ]
     open_ = [k for k, choice in enumerate(found) if choice is None]
     unclear = [k for k in open_ if not (here[k].is_clear and here[k].rank == len(blocks[k].rows))]
-    beside = _regular_positions(scene, work, x, unclear)
+    beside = _regular_positions(scene, work, x, {k: here[k] for k in unclear})
     for k in unclear:
         if not beside[k]:
             _refuse_locked(scene, work, x, blocks[k], here[k])
@@ -320,9 +320,12 @@ def _opening(
 
 
 def _regular_positions(
-    scene: CompiledScene, work: Work, x: FloatArray, wanted: Sequence[int]
+    scene: CompiledScene, work: Work, x: FloatArray, wanted: Mapping[int, RowDecomposition]
 ) -> dict[int, list[RowDecomposition]]:
-    """Of blocks ``wanted`` the decompositions at regular positions on the loops near x."""
+    """Of blocks ``wanted``, with what they are at x, the decompositions at regular positions on the loops near x.
+
+    Two, or one that is as x: a space of rows that changes with the position is another one at a place taken at random.
+    """
     generator = np.random.default_rng(0)
     size = np.zeros(scene.nv)
     size[scene.plan.free] = coordinate_sizes(scene)[scene.plan.free]
@@ -338,8 +341,14 @@ def _regular_positions(
         places = decompose_rows(scene, work, closing.x)
         for k, of_block in found.items():
             closed = np.abs(gap[scene.row_blocks[k].rows]).max() <= CLOSED
-            if closed and places[k].is_clear and len(of_block) < _PLACES:
+            if closed and places[k].is_clear and not _are_enough(of_block, wanted[k]):
                 of_block.append(places[k])
-        if all(len(of_block) == _PLACES for of_block in found.values()):
+        if all(_are_enough(of_block, wanted[k]) for k, of_block in found.items()):
             break
     return found
+
+
+def _are_enough(places: Sequence[RowDecomposition], here: RowDecomposition) -> bool:
+    """Whether places beside a start tell what its rows are at regular positions."""
+    alike = len(places) == 1 and here.is_clear and here.carries(places[0])
+    return alike or len(places) == _PLACES
