@@ -285,20 +285,23 @@ class CompiledMachine:
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
         scene = on_every_rank(self.team, lambda: self.variant(values))
-        if self.team.size > 1:
-            refuse_different_arguments({**settings.told, "controllers": code_of(self.controllers)}, self.team)
-        if self.team.size > 1 and scene.interiors is None and not self.team.collective_functions:
+        if self.team.size == 1:
+            found, start = self._prepared_run(scene, settings)
+            return found or self._run(scene, settings, start)
+        refuse_different_arguments({**settings.told, "controllers": code_of(self.controllers)}, self.team)
+        if scene.interiors is None and not self.team.collective_functions:
             x, v = on_every_rank(self.team, lambda: self._given(scene))
             refuse_different(scene, x, v, self.team)
             bodies = {body.name: body for body in self.bodies}
             simulate = partial(replace(self, team=Alone())._run, scene, settings)
             return run_on_root(scene, bodies, settings=settings, team=self.team, simulate=simulate)
-        return self._prepared_run(scene, settings) or self._run(scene, settings)
+        return self._run(scene, settings)
 
-    def _run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory:
-        """Run a variant on the ranks of this machine's team, each of which steps."""
-        refuse_false_rates(scene, settings.starts, settings.t_end)
-        start = self.start_of(scene, settings.begun, settings.about)
+    def _run(self, scene: CompiledScene, settings: RunSettings, start: Start | None = None) -> Trajectory:
+        """Run a variant on the ranks of this machine's team, each of which steps; ``start``: if it is found already."""
+        if start is None:
+            refuse_false_rates(scene, settings.starts, settings.t_end)
+            start = self.start_of(scene, settings.begun, settings.about)
         choice = choice_of(settings, start)
         method = choice.method
         if settings.restart is None:
@@ -313,25 +316,34 @@ class CompiledMachine:
             controllers=self.controllers, explicit_steps=choice.explicit_steps,
         )  # fmt: skip
 
-    def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory | None:
-        """Run a variant in arrays of runs before; None where that is not for them, or for the first of its kind."""
+    def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> tuple[Trajectory | None, Start | None]:
+        """Run a variant in arrays of runs before; no trajectory where that is not for them, or the first of its kind.
+
+        With the start of a machine with loops, which then need not be found again.
+        """
         key = settings.stepping
         if self.controllers or not settings.is_stepping_alone or not self._workspaces.are_for(key):
-            return None
+            return None, None
         workspace = self._workspaces.taken(key, lambda: self._new_workspace(settings))
         if workspace is None:
-            return None
-        trajectory = None
+            return None, None
+        trajectory: Trajectory | None = None
+        start: Start | None = None
         if workspace.take(scene):
-            workspace.x[:], workspace.v[:] = self._given(scene)
-            if workspace.begin():
+            if len(scene.plan.rows):
+                start = self.start_of(scene, settings.begun)
+                begun = workspace.begin_at(start)
+            else:
+                workspace.x[:], workspace.v[:] = self._given(scene)
+                begun = workspace.begin()
+            if begun:
                 rows = workspace.step()
                 if rows is None:
-                    return None
+                    return None, start
                 bodies = {body.name: body for body in self.bodies}
-                trajectory = prepared_trajectory(scene, rows, workspace, bodies, self.team)
+                trajectory = prepared_trajectory(scene, rows, workspace, bodies, self.team, start=start)
         self._workspaces.give_back(key, workspace)
-        return trajectory
+        return trajectory, start
 
     def _new_workspace(self, settings: RunSettings) -> PreparedRuns | None:
         """A workspace for runs of variants; None where there can be none, or what was compiled has no start."""
@@ -347,6 +359,8 @@ class CompiledMachine:
     def _batch_runs(self, settings: RunSettings, outputs: Mapping[str, Sampled]) -> BatchRuns | None:
         """How variants are run in workspaces and outputs sampled there; None where that cannot be."""
         if self.controllers or not settings.is_stepping_alone or not can_be_prepared(self.scene, settings):
+            return None
+        if len(self.scene.plan.rows):  # starts of loops are found one by one, by ``run``
             return None
         key = settings.stepping
         self._workspaces.are_for(key)
