@@ -2,17 +2,17 @@
 
     ./run python benchmarks/small_scenes.py [--quick]
 
-Rigid chains of 2, 10 and 50 links of `scenes.py` and a plane four-bar whose hinges hold three rows too many, for 1 s with
-rtol = 1e-3.  Measured are a first `simulate` of a new System, which chooses, compiles, starts and steps; a later one of
-the same System, in which nothing was changed; and a variant of a compiled machine, whose start velocity varies (of the
+Rigid chains of 2, 10 and 50 links of `scenes.py` and a plane four-bar whose hinges hold three rows too many, for 1 s
+with rtol = 1e-3.  Measured are a first `simulate` of a new System, which compiles, starts and steps; a later one of the
+same System, in which nothing was changed; and a variant of a compiled machine, whose start velocity varies (of the
 chains the mass of a link), alone and in an ensemble that samples a point.  Building the System itself is told apart.
 
 MuJoCo loads its model from XML and takes fixed steps of RK4, exudyn assembles its system, which is built before, and
-takes those of DOPRI5, of the four-bar of generalized-alpha: the longest with which the point at the end comes as near to
-the exact one as here, or the nearest that they come.  MuJoCo's loops are soft constraints.  `pip install "mujoco<4"`.
+takes those of DOPRI5, of the four-bar of generalized-alpha: the longest with which the point at the end comes as near
+to the exact one as here, or the nearest that they come.  MuJoCo's loops are soft constraints; `pip install "mujoco<4"`.
 
-All in one process on one core in turns, processor times: median, least and most.  A row's factor is against the least
-of the other programs, medians of all.
+All in one process in turns, processor times: median, least and most.  The factor is of the first run over the least of
+the other programs, medians of all.
 """
 
 from __future__ import annotations
@@ -230,10 +230,11 @@ def in_exudyn(small: Small, steps: float) -> tuple[float, np.ndarray]:
 
 def _exudyn_four_bar() -> Any:
     """Planar bodies and hinges, index 3."""
-    import scenes_exudyn as exudyn
+    import scenes_exudyn  # first, for it says which build is loaded
+    import exudyn  # isort: skip
+    import exudyn.itemInterface as item  # isort: skip
 
-    item = exudyn.item
-    system = exudyn.exu.SystemContainer().AddSystem()
+    system = exudyn.SystemContainer().AddSystem()
     first, second = angles()
     tip = SIDES["crank"] * np.exp(1j * ANGLE)
     begins = {"crank": (0.0, ANGLE, SPEED, 0.0), "rocker": (BASE, second, rates()[1], 0.0)}
@@ -262,7 +263,7 @@ def _exudyn_four_bar() -> Any:
     )  # fmt: skip
     for pair in pairs:
         system.AddObject(item.RevoluteJoint2D(markerNumbers=list(pair)))
-    sensor = exudyn._point(system, bodies["coupler"], [0.0, 0.0, 0.0])
+    sensor = scenes_exudyn._point(system, bodies["coupler"], [0.0, 0.0, 0.0])
     return system, lambda: np.array(system.GetSensorValues(sensor))
 
 
@@ -292,7 +293,7 @@ def measure(report: Report, small: Small, *, turns: int, variants: int, others: 
     errors = [f"{wanted:.0e}"]
     measured = dict(own(small, variants))
     peers: dict[str, tuple[Callable[[Any], tuple[float, np.ndarray]], list[float]]] = {
-        "MuJoCo": (partial(in_mujoco, small), [round(20 * 2.0 ** (k / 2)) for k in range(16)]),
+        "MuJoCo": (partial(in_mujoco, small), [round(max(20, 8 * small.links) * 2.0 ** (k / 2)) for k in range(16)]),
         "exudyn": (partial(in_exudyn, small), [10.0**k for k in np.arange(2.0, 9.0, 0.5)] if small.links else
                    [round(50 * 2.0 ** (k / 2)) for k in range(14)]),
     }  # fmt: skip

@@ -40,7 +40,7 @@ from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inpu
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.parameter.protocol import Parameter
-from flexmbd.multibody.plan.built_of import built_of
+from flexmbd.multibody.plan.built_of import KeptWhile, built_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.results.range_watch import RangeWatch
@@ -64,29 +64,6 @@ _INTERIOR_MODES = InteriorModes()
 NamedParameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
 
 
-class _KeptMachine:
-    """The compiled machine of a System's last run, and what it was built of."""
-
-    def __init__(self) -> None:
-        self._kept: tuple[tuple[Any, ...], CompiledMachine] | None = None
-
-    def __reduce__(self) -> tuple[type[_KeptMachine], tuple[()]]:
-        """Copies and pickles have none."""
-        return _KeptMachine, ()
-
-    def of(self, parts: tuple[Any, ...] | None, team: Team) -> CompiledMachine | None:
-        """The machine built of these parts; None where another one was."""
-        kept = self._kept
-        if kept is None or parts is None or kept[1].team is not team or kept[0] != parts:
-            return None
-        return kept[1]
-
-    def keep(self, parts: tuple[Any, ...] | None, machine: CompiledMachine) -> CompiledMachine:
-        """Keep a machine, in place of the one before."""
-        self._kept = None if parts is None else (parts, machine)
-        return machine
-
-
 class System(MachineAssembly):
     """A machine: bodies, joints, forces, gravity.
 
@@ -97,7 +74,7 @@ class System(MachineAssembly):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._kept = _KeptMachine()
+        self._kept: KeptWhile[CompiledMachine] = KeptWhile()
 
     def compile(self, *, parameters: NamedParameters | None = None) -> CompiledMachine:
         """Compile the scene as it is now into the flat arrays of the machine that runs.
@@ -499,9 +476,9 @@ class System(MachineAssembly):
         if self.team.size > 1 or self._continua or self._controllers:
             return self.compile()
         parts = built_of(
-            self.ground, self._bodies, self._connections, self._forces, self._couplings, self.gravity
+            self.ground, self._bodies, self._connections, self._forces, self._couplings, self.gravity, self.team
         )
-        return self._kept.of(parts, self.team) or self._kept.keep(parts, self.compile())
+        return self._kept.of(parts) or self._kept.keep(parts, self.compile())
 
 
 def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:

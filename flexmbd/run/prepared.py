@@ -46,11 +46,10 @@ _VARIED = ("tree", "frames", "rigid", "data", "time_data")
 
 @dataclass(frozen=True, eq=False)
 class SteppedRows:
-    """What a prepared run leaves: t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m) of the kept rows, and the
-    seconds that its stepping took.
+    """What a prepared run leaves: t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m), and its stepping's seconds.
 
-    Where they fit into the workspace they are views of its arrays, good until its next run.  ``interrupt``: Ctrl-C, by
-    which the run ended early.
+    The multipliers are of the kept rows.  Where they fit into the workspace the arrays are views of its own, good until
+    its next run.  ``interrupt``: Ctrl-C, by which the run ended early.
     """
 
     t: FloatArray

@@ -206,7 +206,7 @@ class RigidBody:
         elif not is_diagonal and np.abs(tensor - tensor.T).max() > 1e-12 * np.abs(tensor).max():
             faults.append("inertia must be symmetric")
         else:
-            low, mid, high = sorted(given.tolist()) if is_diagonal else np.linalg.eigvalsh(tensor).tolist()
+            low, mid, high = sorted(map(float, given if is_diagonal else np.linalg.eigvalsh(tensor)))
             none = low < -1e-12 * high or (self.as_measured and low <= 0.0)
             if none or (low + mid < high * (1.0 - 1e-9) and not self.as_measured):
                 faults.append(

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import Enum
 from types import NoneType
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -51,7 +51,10 @@ from flexmbd.multibody.joint.rolling_disc import RollingDisc
 from flexmbd.multibody.joint.screw import Screw
 from flexmbd.multibody.joint.spherical import Spherical
 from flexmbd.multibody.joint.universal import Universal
+from flexmbd.multibody.team import Team
 from flexmbd.record.reduced_body import ReducedBody
+
+T = TypeVar("T")
 
 #: Of these each field is a value.
 _OF_FIELDS = (
@@ -67,6 +70,27 @@ _OF_FIELDS_ALONE = (
 )  # fmt: skip
 
 
+class KeptWhile(Generic[T]):
+    """What was made of parts, for as long as these are unchanged; threads may share it."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[tuple[Any, ...], T] | None = None
+
+    def __reduce__(self) -> tuple[type[KeptWhile[T]], tuple[()]]:
+        """Copies and pickles have none."""
+        return KeptWhile, ()
+
+    def of(self, parts: tuple[Any, ...] | None) -> T | None:
+        """What was made of these parts (``built_of``); None where it was made of others."""
+        kept = self._kept
+        return None if kept is None or parts is None or kept[0] != parts else kept[1]
+
+    def keep(self, parts: tuple[Any, ...] | None, made: T) -> T:
+        """Keep what was made of these parts, in place of what was kept before."""
+        self._kept = None if parts is None else (parts, made)
+        return made
+
+
 class _UnknownError(Exception):
     """A value of which it is not known what may change in it."""
 
@@ -78,6 +102,7 @@ def built_of(
     forces: Sequence[Force],
     couplings: Sequence[CoordinateCoupling],
     gravity: object,
+    team: Team,
 ) -> tuple[Any, ...] | None:
     """All that ``System.compile`` reads of its parts now, equal to that of before where nothing changed; else None.
 
@@ -85,6 +110,7 @@ def built_of(
     """
     try:
         return (
+            team,
             _value(gravity),
             ground,
             ground.name,

@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_terms
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
@@ -141,6 +142,11 @@ class CompiledScene:
             sizes[k] = np.abs(factors * full[columns]).max()
         sizes.flags.writeable = False
         return sizes
+
+    @cached_property
+    def inertia_plan(self) -> Plan:
+        """The plan without force elements and gravity."""
+        return without_forces(self.plan)
 
     @cached_property
     def state_mask(self) -> NDArray[np.bool_]:

@@ -51,8 +51,8 @@ def rigid_row(body: Body) -> list[float]:
         SceneError: they are no finite numbers.
     """
     first, second = body.moments()
-    nine = second.ravel().tolist()
-    row = [float(body.mass), *first.tolist(), *[nine[k] for k in _UPPER]]
+    nine = second.ravel()
+    row = [*map(float, (body.mass, *first, *(nine[k] for k in _UPPER)))]
     if not all(map(isfinite, row)):
         raise SceneError(
             f"body {body.name!r}: its mass times the square of its centre's distance from the body frame is no number "

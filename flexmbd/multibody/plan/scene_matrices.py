@@ -11,7 +11,6 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.kernels.sampling.series import constraint_rates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.row_slopes import RowSlopes
@@ -93,7 +92,7 @@ def modal_stiffness(scene: CompiledScene) -> FloatArray:
 
 def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """M (nv, nv) of the tree at configuration x, without its loops."""
-    plan = without_forces(scene.plan)
+    plan = scene.inertia_plan
     rest = np.zeros(scene.nv)
     none = np.zeros(len(plan.rows))
     offset, columns = np.zeros(scene.nv), np.zeros((scene.nv, scene.nv))

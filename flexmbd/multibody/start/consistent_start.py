@@ -15,9 +15,8 @@ from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
-from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.mass_solver import DENSE_UP_TO, mass_solver, row_mobilities
+from flexmbd.multibody.plan.mass_solver import DENSE_UP_TO, MassSolver, mass_solver, row_mobilities
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_slopes,
     constraint_values,
@@ -143,8 +142,10 @@ def consistent_start(
     if scene.switches:
         closed = closed.copy()
         begin_sides(reduced, work, closed, velocity, accelerations)
+    solve: MassSolver | None = None
     if reduced.interiors is None:
-        a, multipliers = accelerations(reduced, work, closed, velocity)
+        solve = None if is_dense_tree(reduced) else mass_solver(reduced, work, closed)
+        a, multipliers = accelerations(reduced, work, closed, velocity, solve)
     else:
         machine = reduced, reduced.interiors, work, closed, velocity
         a, multipliers = begin_interiors(*machine, accelerations, kept=memories)
@@ -158,7 +159,7 @@ def consistent_start(
         velocity,
         a,
         multipliers,
-        moved_coordinates(scene, work, x, closed, v, velocity, held=held_x),
+        moved_coordinates(scene, work, x, closed, v, velocity, held=held_x, solve=solve),
         float(np.abs(phi).max(initial=0.0)),
         closing_strain(reduced, work, closed, velocity, position.change, left_open=position.left_open),
     )
@@ -253,9 +254,9 @@ def is_dense_tree(scene: CompiledScene) -> bool:
 
 
 def accelerations(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, solve: MassSolver | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Accelerations and multipliers from M a + C^T nu = f, C a = -gamma.
+    """Accelerations and multipliers from M a + C^T nu = f, C a = -gamma; ``solve``: by M at x, if it is factored.
 
     Source: Ambrosio & Nikravesh 1992, eq. 76-77.
     """
@@ -263,7 +264,7 @@ def accelerations(
     m = len(plan.rows)
     if is_dense_tree(scene):
         a, dense = np.zeros(scene.nv), new_dense_work(plan)
-        if tree_accelerations(plan, without_forces(plan), work, dense, x, v, a):
+        if tree_accelerations(plan, scene.inertia_plan, work, dense, x, v, a):
             return a, np.zeros(0)
         scene.refuse_failed(work)
         mass_factor(scene, work, x)  # says which motion moves no mass
@@ -272,7 +273,7 @@ def accelerations(
     force = np.zeros(scene.nv)
     residual(plan, work, x, v, a, np.zeros(m), force)
     scene.refuse_failed(work)
-    solve = mass_solver(scene, work, x)
+    solve = solve or mass_solver(scene, work, x)
     a += solve(-force[None])[0]
     multipliers: FloatArray = np.zeros(m)
     if m and len(free):
