@@ -25,7 +25,7 @@ from flexmbd.errors import FlexmbdError, OutOfMemoryError, SceneError, out_of_me
 
 FloatArray = NDArray[np.float64]
 
-_FLOATS = {float}
+_NUMBERS = frozenset({float, int})
 
 
 def numbers(value: object) -> FloatArray:
@@ -33,8 +33,8 @@ def numbers(value: object) -> FloatArray:
     kind = type(value)
     if kind is np.ndarray and value.dtype == np.float64:  # type: ignore[attr-defined]
         return value  # type: ignore[return-value]
-    if kind is float or ((kind is tuple or kind is list) and set(map(type, value)) == _FLOATS):  # type: ignore[call-overload]
-        return np.array(value)
+    if kind is float or ((kind is tuple or kind is list) and _NUMBERS.issuperset(map(type, value))):  # type: ignore[call-overload]
+        return np.array(value, dtype=np.float64)
     if np.ma.isMaskedArray(value):  # beneath a mask stands a number that is none
         return np.array(np.nan)
     try:

@@ -199,7 +199,7 @@ class RigidBody:
         faults = []
         if not (is_number(self.mass) and self.mass > 0.0):
             faults.append(f"mass must be positive, got {self.mass!r}")
-        if com.shape != (3,) or not all(map(isfinite, com.tolist())):
+        if com.shape != (3,) or not all(map(isfinite, map(float, com))):
             faults.append(f"com must be three finite numbers (m), got {self.com!r}")
         if tensor.shape != (3, 3) or not all(map(isfinite, tensor.ravel().tolist())):
             faults.append(f"inertia must be (3,) or (3, 3) and finite, got {self.inertia!r}")

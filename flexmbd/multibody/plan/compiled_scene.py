@@ -31,7 +31,7 @@ from flexmbd.multibody.plan.plan_arrays import fill_plan, time_table
 from flexmbd.multibody.plan.plan_digest import plan_digest
 from flexmbd.multibody.plan.row_structure import RowStructure
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
-from flexmbd.multibody.plan.sources import Sources, beam_reach, body_size, reaches
+from flexmbd.multibody.plan.sources import Sources, beam_reach, reaches
 from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
@@ -323,7 +323,7 @@ def build(
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
     reach, beams = reaches(topology, masses), beam_reach(forces)
-    extent = max([beams, *(body_size(one.rigid, [f.p_BF_B for f in one.frames]) for one in reach)]) or 1.0
+    extent = max([beams, *(one.size for one in reach)]) or 1.0
     b = Numbering(ground, extent, Callbacks(team))
     for branch, mass in zip(topology.branches, masses, strict=True):
         b.add_branch(branch, mass)
