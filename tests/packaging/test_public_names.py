@@ -116,7 +116,7 @@ def shown(module: str) -> dict[str, Any]:
 ASKED_BY_THE_MACHINE = {"rows", "steps", "assemble", "stepper", "check", "rule", "force_elements", "tableau"}
 #: Types that users pass on and do not look into, or that belong to the compiled machine.
 OPAQUE = {
-    "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
+    "ClosedPosition", "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
     "EventMemory", "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
     "PlacedInterior", "Bearing", "UserBody", "ElementKind",
 }  # fmt: skip
