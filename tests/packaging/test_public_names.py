@@ -116,9 +116,9 @@ def shown(module: str) -> dict[str, Any]:
 ASKED_BY_THE_MACHINE = {"rows", "steps", "assemble", "stepper", "check", "rule", "force_elements", "tableau"}
 #: Types that users pass on and do not look into, or that belong to the compiled machine.
 OPAQUE = {
-    "ClosedPosition", "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
+    "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
     "EventMemory", "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
-    "PlacedInterior", "Bearing", "UserBody", "ElementKind",
+    "PlacedInterior", "Bearing", "UserBody", "ElementKind", "ClosedPosition",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")
 
