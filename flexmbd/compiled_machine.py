@@ -224,7 +224,8 @@ class CompiledMachine:
     ) -> Trajectory:
         """Run the machine with these values of its parameters; those not given stay as compiled.
 
-        The trajectory is to the bit that of a scene built with these values.  It is asked by the scene's own frames,
+        The trajectory is to the bit that of a scene built with these values; where loops have redundant rows to
+        round-off, for other ones may be kept.  It is asked by the scene's own frames,
         joints and bodies, and answers with this variant's numbers.
 
         Args:

@@ -286,7 +286,7 @@ def test_loops_that_a_motion_tears_are_told_each_time() -> None:
     driven.prescribe(fm.Sine(0.5, 10.0, phase=0.5 * np.pi, offset=-0.5))
     ends = []
     for _ in range(4):
-        with pytest.raises(fm.SimulationError, match="forbid the prescribed motion of 'driven.angle'") as told:
+        with pytest.raises(fm.SimulationError, match=r"forbid the prescribed motion of 'driven\.angle'") as told:
             scene.simulate(0.5, integrator=fm.ExplicitRungeKutta())
         ends.append(told.value.trajectory.x)
     assert all(np.array_equal(end, ends[0]) for end in ends)
