@@ -26,7 +26,7 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
@@ -39,6 +39,7 @@ from flexmbd.multibody.start.consistent_start import Start, consistent_start
 from flexmbd.multibody.start.energy_check import refuse_false_energies
 from flexmbd.multibody.start.given_coordinates import refuse_against_motions
 from flexmbd.multibody.start.given_start import given_start
+from flexmbd.multibody.start.kept_starts import KeptStarts, can_be_kept
 from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.start.report import changed_velocities
 from flexmbd.multibody.team import Alone, Team, on_every_rank
@@ -59,6 +60,7 @@ from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 #: What kernels are compiled for before any integrator's.
 STARTING = "the start"
@@ -89,6 +91,7 @@ class CompiledMachine:
     team: Team
     controllers: tuple[Controller, ...] = ()
     _workspaces: Workspaces = field(default_factory=Workspaces, init=False)
+    _starts: KeptStarts = field(default_factory=KeptStarts, init=False)
 
     def __post_init__(self) -> None:
         taken = set(inspect.signature(CompiledMachine.simulate).parameters) if self.parameters else set()
@@ -162,24 +165,43 @@ class CompiledMachine:
             announce_compilation(STARTING)
         work = new_work(scene.plan)
         evaluate_inputs(scene, work, t)
-        if about is None:
-            refuse_against_motions(scene, work, self.connections)
-            x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
-        else:
-            about.scene.refuse_other(scene)
-            x, v, held_x, held_v = about.x.copy(), about.v.copy(), *np.zeros((2, scene.nv), bool)
-        refuse_different(scene, x, v, self.team)
-        memories = None if about is None else about.interiors
-        start = consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, memories=memories)
+        start, v, held = self._found_start(scene, work, t, about)
         mark_compiled(STARTING)
         if about is None:  # a machine that has settled on a stop presses it
             refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
         refuse_false_energies(scene, work, start.x)
-        forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held_v)
+        forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held)
         for complaint in (start.strain.warning, forbidden):
             if complaint and self.team.is_root:
                 warn(complaint, StartWarning)
         return start
+
+    def _found_start(
+        self, scene: CompiledScene, work: Work, t: float, about: WorkingPoint | None
+    ) -> tuple[Start, FloatArray, BoolArray]:
+        """The start at the time of ``work``; the velocities (nv,) wanted, and which of them are set (nv,)."""
+        if about is not None:
+            about.scene.refuse_other(scene)
+            x, v, held = about.x.copy(), about.v.copy(), np.zeros(scene.nv, bool)
+            refuse_different(scene, x, v, self.team)
+            return consistent_start(scene, work, x, v, held_x=held, held_v=held, memories=about.interiors), v, held
+        refuse_against_motions(scene, work, self.connections)
+        x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
+        refuse_different(scene, x, v, self.team)
+        known: Start | None = None
+        if len(scene.plan.rows) and can_be_kept(scene):
+            known = self._starts.at(t, partial(self._own_start, t))
+        if known is not None and scene is self.scene:
+            return known.copied(), v, held_v
+        position = None if known is None else known.position
+        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, known=position), v, held_v
+
+    def _own_start(self, t: float) -> Start:
+        """The start at t (s) with the numbers that the machine was compiled with; nothing is told of it."""
+        scene, work = self.scene, new_work(self.scene.plan)
+        evaluate_inputs(scene, work, t)
+        x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
+        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
 
     def simulate(
         self,
@@ -206,7 +228,8 @@ class CompiledMachine:
     ) -> Trajectory:
         """Run the machine with these values of its parameters; those not given stay as compiled.
 
-        The trajectory is to the bit that of a scene built with these values.  It is asked by the scene's own frames,
+        The trajectory is to the bit that of a scene built with these values; where loops have redundant rows to
+        round-off, for other ones may be kept.  It is asked by the scene's own frames,
         joints and bodies, and answers with this variant's numbers.
 
         Args:
@@ -267,20 +290,23 @@ class CompiledMachine:
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
         scene = on_every_rank(self.team, lambda: self.variant(values))
+        if self.team.size == 1:
+            found, start = self._prepared_run(scene, settings)
+            return found or self._run(scene, settings, start)
         refuse_different_arguments({**settings.told, "controllers": code_of(self.controllers)}, self.team)
-        if self.team.size > 1 and scene.interiors is None and not self.team.collective_functions:
+        if scene.interiors is None and not self.team.collective_functions:
             x, v = on_every_rank(self.team, lambda: self._given(scene))
             refuse_different(scene, x, v, self.team)
             bodies = {body.name: body for body in self.bodies}
             simulate = partial(replace(self, team=Alone())._run, scene, settings)
             return run_on_root(scene, bodies, settings=settings, team=self.team, simulate=simulate)
-        found = self._prepared_run(scene, settings) if values else None
-        return found or self._run(scene, settings)
+        return self._run(scene, settings)
 
-    def _run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory:
-        """Run a variant on the ranks of this machine's team, each of which steps."""
-        refuse_false_rates(scene, settings.starts, settings.t_end)
-        start = self.start_of(scene, settings.begun, settings.about)
+    def _run(self, scene: CompiledScene, settings: RunSettings, start: Start | None = None) -> Trajectory:
+        """Run a variant on the ranks of this machine's team, each of which steps; ``start``: if it is found already."""
+        if start is None:
+            refuse_false_rates(scene, settings.starts, settings.t_end)
+            start = self.start_of(scene, settings.begun, settings.about)
         choice = choice_of(settings, start)
         method = choice.method
         if settings.restart is None:
@@ -295,25 +321,34 @@ class CompiledMachine:
             controllers=self.controllers, explicit_steps=choice.explicit_steps,
         )  # fmt: skip
 
-    def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> Trajectory | None:
-        """Run a variant in arrays of runs before; None where that is not for them, or for the first of its kind."""
+    def _prepared_run(self, scene: CompiledScene, settings: RunSettings) -> tuple[Trajectory | None, Start | None]:
+        """Run a variant in arrays of runs before; no trajectory where that is not for them, or the first of its kind.
+
+        With the start of a machine with loops, which then need not be found again.
+        """
         key = settings.stepping
         if self.controllers or not settings.is_stepping_alone or not self._workspaces.are_for(key):
-            return None
+            return None, None
         workspace = self._workspaces.taken(key, lambda: self._new_workspace(settings))
         if workspace is None:
-            return None
-        trajectory = None
+            return None, None
+        trajectory: Trajectory | None = None
+        start: Start | None = None
         if workspace.take(scene):
-            workspace.x[:], workspace.v[:] = self._given(scene)
-            if workspace.begin():
+            if len(scene.plan.rows):
+                start = self.start_of(scene, settings.begun)
+                begun = workspace.begin_at(start)
+            else:
+                workspace.x[:], workspace.v[:] = self._given(scene)
+                begun = workspace.begin()
+            if begun:
                 rows = workspace.step()
                 if rows is None:
-                    return None
+                    return None, start
                 bodies = {body.name: body for body in self.bodies}
-                trajectory = prepared_trajectory(scene, rows, workspace, bodies, self.team)
+                trajectory = prepared_trajectory(scene, rows, workspace, bodies, self.team, start=start)
         self._workspaces.give_back(key, workspace)
-        return trajectory
+        return trajectory, start
 
     def _new_workspace(self, settings: RunSettings) -> PreparedRuns | None:
         """A workspace for runs of variants; None where there can be none, or what was compiled has no start."""
@@ -329,6 +364,8 @@ class CompiledMachine:
     def _batch_runs(self, settings: RunSettings, outputs: Mapping[str, Sampled]) -> BatchRuns | None:
         """How variants are run in workspaces and outputs sampled there; None where that cannot be."""
         if self.controllers or not settings.is_stepping_alone or not can_be_prepared(self.scene, settings):
+            return None
+        if len(self.scene.plan.rows):  # starts of loops are found one by one, by ``run``
             return None
         key = settings.stepping
         self._workspaces.are_for(key)

@@ -25,9 +25,16 @@ from flexmbd.errors import FlexmbdError, OutOfMemoryError, SceneError, out_of_me
 
 FloatArray = NDArray[np.float64]
 
+_NUMBERS = frozenset({float, int})
+
 
 def numbers(value: object) -> FloatArray:
     """An array of numbers; NaN, without dimensions, for what holds anything else, as a text or rows of two lengths."""
+    kind = type(value)
+    if kind is np.ndarray and value.dtype == np.float64:  # type: ignore[attr-defined]
+        return value  # type: ignore[return-value]
+    if kind is float or ((kind is tuple or kind is list) and _NUMBERS.issuperset(map(type, value))):  # type: ignore[call-overload]
+        return np.array(value, dtype=np.float64)
     if np.ma.isMaskedArray(value):  # beneath a mask stands a number that is none
         return np.array(np.nan)
     try:
@@ -70,6 +77,8 @@ def is_truth(value: object) -> bool:
 
 def is_number(value: object) -> bool:
     """Whether it is one finite number."""
+    if type(value) is float:
+        return math.isfinite(value)
     found = numbers(value)
     return found.shape == () and bool(np.isfinite(found))
 

@@ -41,6 +41,7 @@ from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inpu
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.parameter.protocol import Parameter
+from flexmbd.multibody.plan.built_of import KeptWhile, built_of
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.results.range_watch import RangeWatch
@@ -73,6 +74,10 @@ class System(MachineAssembly):
         gravity: (3,) m/s^2, in inertial axes.
         team: the processes that run this machine side by side; alone by default.
     """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._kept: KeptWhile[CompiledMachine] = KeptWhile()
 
     def compile(self, *, parameters: NamedParameters | None = None) -> CompiledMachine:
         """Compile the scene as it is now into the flat arrays of the machine that runs.
@@ -466,7 +471,7 @@ class System(MachineAssembly):
             recording=recording,
             stream=stream,
         )
-        checked, machine = on_every_rank(self.team, lambda: (settings(), self.compile()))
+        checked, machine = on_every_rank(self.team, lambda: (settings(), self._as_it_is()))
         return machine.run(checked)
 
     def stepper(
@@ -520,6 +525,15 @@ class System(MachineAssembly):
             integrator=integrator,
             max_step=max_step,
         )
+
+    def _as_it_is(self) -> CompiledMachine:
+        """The machine as it is now: with its plan and workspaces that of the run before, if nothing changed since."""
+        if self.team.size > 1 or self._continua or self._controllers:
+            return self.compile()
+        parts = built_of(
+            self.ground, self._bodies, self._connections, self._forces, self._couplings, self.gravity, self.team
+        )
+        return self._kept.of(parts) or self._kept.keep(parts, self.compile())
 
 
 def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:

@@ -39,7 +39,7 @@ from flexmbd.run.run_stream import RunStream, open_stream
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings, limits_of, saves_of
 from flexmbd.run.snapshot import Snapshot
-from flexmbd.run.stats import spent
+from flexmbd.run.stats import Stats, spent
 from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, rows_before
 from flexmbd.run.torn_loops import largest_gaps, refuse_torn_loops
@@ -280,15 +280,9 @@ def _finish(
 ) -> Trajectory:
     """The trajectory of an integration; ``times``: s of its stepping, and until its first steps."""
     t, x, v, a, multipliers = integration.series()
-    stats = replace(
-        spent(integration.method.name, integration.state.counts, seconds=times[0], compile_seconds=times[1]),
-        start_moved=start.moved,
-        start_residual=start.residual,
-        constraint_residual=float(largest_gaps(start.unreduced, t, x).max(initial=0.0)),
-        start_elastic=start.strain.energy,
-    )
-    scene = start.unreduced
-    kept = tuple(start.choice.rows) if start.scene.redundant else None
+    stats = spent(integration.method.name, integration.state.counts, seconds=times[0], compile_seconds=times[1])
+    stats = _with_start(stats, start, t, x)
+    scene, kept = start.unreduced, _kept_rows(start)
     beside = tuple(integration.interior_rows)
     departures = tuple(integration.departures)
     samples = integration.samples()
@@ -298,17 +292,48 @@ def _finish(
     )  # fmt: skip
 
 
+def _with_start(stats: Stats, start: Start, t: FloatArray, x: FloatArray) -> Stats:
+    """With what a run's start (and rows t (nt,), x (nt, nx)) tell of its loops."""
+    return replace(
+        stats,
+        start_moved=start.moved,
+        start_residual=start.residual,
+        constraint_residual=float(largest_gaps(start.unreduced, t, x).max(initial=0.0)),
+        start_elastic=start.strain.energy,
+    )
+
+
+def _kept_rows(start: Start) -> tuple[int, ...] | None:
+    return tuple(start.choice.rows) if start.scene.redundant else None
+
+
 def prepared_trajectory(
-    scene: CompiledScene, rows: SteppedRows, workspace: PreparedRuns, bodies: Mapping[str, Body], team: Team
+    scene: CompiledScene,
+    rows: SteppedRows,
+    workspace: PreparedRuns,
+    bodies: Mapping[str, Body],
+    team: Team,
+    *,
+    start: Start | None,
 ) -> Trajectory:
-    """The trajectory of a prepared run of this variant.
+    """The trajectory of a prepared run of this variant, of a machine with loops from its ``start``.
 
     Raises:
+        SimulationError: as ``run``.
         SimulationInterrupted: Ctrl-C ended it early.
     """
     stats = spent(workspace.method.name, workspace.counts, seconds=rows.seconds, compile_seconds=0.0)
     t, x, v, a = (part.copy() for part in (rows.t, rows.x, rows.v, rows.a))
-    trajectory = Trajectory(scene, t, x, v, a, np.zeros((len(t), 0)), stats, bodies, team)
+    multipliers = np.zeros((len(t), len(scene.plan.rows)))
+    if start is None:
+        trajectory = Trajectory(scene, t, x, v, a, multipliers, stats, bodies, team)
+    else:
+        multipliers[:, workspace.rows] = rows.multipliers
+        stats = _with_start(stats, start, t, x)
+        trajectory = Trajectory(
+            start.unreduced, t, x, v, a, multipliers, stats, bodies, team, kept_rows=_kept_rows(start)
+        )
+        refuse_torn_loops(start, trajectory)
     if rows.interrupt is not None:
         raise interrupted(trajectory) from rows.interrupt
     return trajectory

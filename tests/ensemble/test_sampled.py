@@ -85,7 +85,7 @@ def study(machine: fm.CompiledMachine, given: Any, outputs: Any, **options: Any)
 def test_the_same_to_the_bit(case: Callable[[], Any], how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     machine, given, asked = case()
     # trajectories in arrays of their own
-    monkeypatch.setattr(fm.CompiledMachine, "_prepared_run", lambda *_: None)
+    monkeypatch.setattr(fm.CompiledMachine, "_prepared_run", lambda *_: (None, None))
     by_run = study(machine, given, {name: ask for name, (_, ask) in asked.items()})
     sampled = {name: one for name, (one, _) in asked.items()}
     if how == "fork":

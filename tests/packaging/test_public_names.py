@@ -119,6 +119,7 @@ OPAQUE = {
     "RowChoice", "Signature", "Snapshot", "HistorySnapshot", "Strain", "LinearEquations", "InteriorSnapshot",
     "EventMemory", "InteriorRecord", "Field", "WrenchSource", "Slots", "Machine", "Samples", "ResultsFile",
     "PlacedInterior", "Bearing", "UserBody", "ElementKind", "SteppedScene", "SteppedMemory",
+    "ClosedPosition",
 }  # fmt: skip
 COMPILED = ("flexmbd.multibody.plan.", "flexmbd.multibody.kernels.")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -24,6 +25,8 @@ from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
 from flexmbd.rotation import check_rotation
 
 FloatArray = NDArray[np.float64]
+
+_UNIT = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +144,7 @@ def moments_about_frame(mass: ArrayLike, com: FloatArray, tensor: FloatArray) ->
     """
     m = np.asarray(mass)
     with looked_at():  # the plan refuses what is not finite
-        about_centre = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        about_centre = 0.5 * tensor.trace() * _UNIT - tensor
         return m[..., None] * com, about_centre + m[..., None, None] * (com[..., :, None] * com[..., None, :])
 
 
@@ -188,18 +191,22 @@ class RigidBody:
             SceneError: as for the body.
         """
         com, given = numbers(self.com), numbers(self.inertia)
-        tensor = np.diag(given) if given.shape == (3,) else given
+        is_diagonal = given.shape == (3,)
+        tensor = given
+        if is_diagonal:
+            tensor = np.zeros((3, 3))
+            tensor.flat[::4] = given
         faults = []
         if not (is_number(self.mass) and self.mass > 0.0):
             faults.append(f"mass must be positive, got {self.mass!r}")
-        if com.shape != (3,) or not np.isfinite(com).all():
+        if com.shape != (3,) or not all(map(isfinite, map(float, com))):
             faults.append(f"com must be three finite numbers (m), got {self.com!r}")
-        if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+        if tensor.shape != (3, 3) or not all(map(isfinite, tensor.ravel().tolist())):
             faults.append(f"inertia must be (3,) or (3, 3) and finite, got {self.inertia!r}")
-        elif np.abs(tensor - tensor.T).max() > 1e-12 * np.abs(tensor).max():
+        elif not is_diagonal and np.abs(tensor - tensor.T).max() > 1e-12 * np.abs(tensor).max():
             faults.append("inertia must be symmetric")
         else:
-            low, mid, high = sorted(np.diag(tensor)) if given.ndim == 1 else np.linalg.eigvalsh(tensor)
+            low, mid, high = sorted(map(float, given if is_diagonal else np.linalg.eigvalsh(tensor)))
             none = low < -1e-12 * high or (self.as_measured and low <= 0.0)
             if none or (low + mid < high * (1.0 - 1e-9) and not self.as_measured):
                 faults.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,24 +69,24 @@ class KinematicPair:
         """(k, 4) the columns."""
         return self._numbers
 
-    @property
+    @cached_property
     def turning(self) -> int:
         """``kinds.TURN_NONE``, ``TURN_ABOUT_Z`` or ``TURN_BALL``."""
         if self.ball:
             return kinds.TURN_BALL
         return kinds.TURN_ABOUT_Z if self._numbers[:, 0].any() else kinds.TURN_NONE
 
-    @property
+    @cached_property
     def reversible(self) -> bool:
         """Whether G seen from F and F seen from G have the same coordinates: all lie along z."""
         return not self.ball and not self._numbers[:, 1:3].any()
 
-    @property
+    @cached_property
     def start(self) -> tuple[float, ...]:
         """Coordinates with G on F."""
         return (0.0,) * len(self.columns) + ((1.0, 0.0, 0.0, 0.0) if self.ball else ())
 
-    @property
+    @cached_property
     def angular(self) -> tuple[bool, ...]:
         """Whether each velocity is an angular one (rad/s), else it is a linear one (m/s)."""
         return (*(column[0] != 0.0 for column in self.columns), *((True, True, True) if self.ball else ()))

@@ -70,14 +70,18 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 
 def step_turn(step: Step, reverse: bool) -> FloatArray:
     """(3, 3) rotation that lays the z axis of a step's own frames in those of its joint."""
-    return z_onto(step.axis) @ (_FLIP if reverse else np.eye(3))
+    turn = z_onto(step.axis)
+    return turn @ _FLIP if reverse else turn
 
 
 def step_slices(steps: Sequence[Step]) -> list[tuple[slice, slice]]:
     """Where the coordinates and the velocities of each step lie among those of its joint."""
-    x = np.cumsum([0, *(len(step.pair.start) for step in steps)])
-    v = np.cumsum([0, *(len(step.pair.angular) for step in steps)])
-    return [(slice(int(x[k]), int(x[k + 1])), slice(int(v[k]), int(v[k + 1]))) for k in range(len(steps))]
+    found, x, v = [], 0, 0
+    for step in steps:
+        x_end, v_end = x + len(step.pair.start), v + len(step.pair.angular)
+        found.append((slice(x, x_end), slice(v, v_end)))
+        x, v = x_end, v_end
+    return found
 
 
 @runtime_checkable

@@ -21,15 +21,17 @@ from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order, row_blocks
+from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order
+from flexmbd.multibody.kernels.reading.constraint_tables import coupling_terms
+from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
 from flexmbd.multibody.plan.plan_arrays import fill_plan, time_table
 from flexmbd.multibody.plan.plan_digest import plan_digest
-from flexmbd.multibody.plan.row_slopes import RowSweeps, row_sweeps
+from flexmbd.multibody.plan.row_structure import RowStructure
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
-from flexmbd.multibody.plan.sources import Sources, beam_reach, body_size, reaches
+from flexmbd.multibody.plan.sources import Sources, beam_reach, reaches
 from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
@@ -83,6 +85,7 @@ class CompiledScene:
         varied: whether its numbers are those of a variant, not those of ``parts``.
         switches: of laws that jump with the state.
         unset: where signals have the history of a run here, the scene with them at their initial values.
+        known_structure: of the rows of this scene or of one that this was made of; ask for ``row_structure``.
     """
 
     plan: Plan
@@ -112,20 +115,38 @@ class CompiledScene:
     varied: bool = False
     switches: tuple[Switch, ...] = ()
     unset: CompiledScene | None = None
+    known_structure: RowStructure | None = None
 
     def __repr__(self) -> str:
         """Its sizes."""
         return f"<CompiledScene: {self.nv} velocities, {len(self.row_names)} rows>"
 
     @cached_property
+    def row_structure(self) -> RowStructure:
+        """What follows of the constraint rows whatever the scene's numbers are."""
+        known = self.known_structure
+        return known if known is not None and known.rows is self.plan.rows else RowStructure(self.plan)
+
+    @property
     def row_blocks(self) -> tuple[RowBlock, ...]:
         """Blocks of constraint rows that share no free coordinate."""
-        return row_blocks(self.plan)
+        return self.row_structure.blocks
 
     @cached_property
-    def row_sweeps(self) -> RowSweeps:
-        """The sweeps over the machine that give the slopes of all rows."""
-        return row_sweeps(self.row_blocks)
+    def row_sizes(self) -> FloatArray:
+        """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad.  Not to be written to."""
+        structure, full = self.row_structure, self.group_full[self.group_of]
+        sizes = np.where(structure.in_rad, 1.0, self.extent)
+        for k in structure.couplings:
+            columns, factors = coupling_terms(self.plan, k)
+            sizes[k] = np.abs(factors * full[columns]).max()
+        sizes.flags.writeable = False
+        return sizes
+
+    @cached_property
+    def inertia_plan(self) -> Plan:
+        """The plan without force elements and gravity."""
+        return without_forces(self.plan)
 
     @cached_property
     def state_mask(self) -> NDArray[np.bool_]:
@@ -222,9 +243,11 @@ class CompiledScene:
         if len(chosen) == len(self.row_names):
             return self
         left = sorted(set(range(len(self.row_names))).difference(chosen))
+        structure = self.row_structure.keeping(tuple(map(int, chosen)))
         return replace(
             self,
-            plan=self.plan.replace(rows=np.ascontiguousarray(self.plan.rows[chosen])),
+            plan=self.plan.replace(rows=structure.rows),
+            known_structure=structure,
             row_names=tuple(self.row_names[k] for k in chosen),
             row_owners=tuple(self.row_owners[k] for k in chosen),
             redundant=tuple(self.row_names[k] for k in left),
@@ -300,7 +323,7 @@ def build(
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
     reach, beams = reaches(topology, masses), beam_reach(forces)
-    extent = max([beams, *(body_size(one.rigid, [f.p_BF_B for f in one.frames]) for one in reach)]) or 1.0
+    extent = max([beams, *(one.size for one in reach)]) or 1.0
     b = Numbering(ground, extent, Callbacks(team))
     for branch, mass in zip(topology.branches, masses, strict=True):
         b.add_branch(branch, mass)
@@ -310,9 +333,11 @@ def build(
     assemble_penalties(b, rows, table)
     plan, axes = fill_plan(b, rows, table, driven, gravity)
     order = blockwise_order(plan)
-    plan = plan.replace(rows=plan.rows[order])
+    if len(order) > 0:
+        plan = plan.replace(rows=plan.rows[order])
     scene = CompiledScene(
         plan=plan,
+        known_structure=RowStructure(plan),
         parts=parts,
         addresses=_addresses(plan),
         topology=topology,

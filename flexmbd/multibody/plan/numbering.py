@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,13 +51,14 @@ def rigid_row(body: Body) -> list[float]:
         SceneError: they are no finite numbers.
     """
     first, second = body.moments()
-    row = rigid_rows(np.float64(body.mass), first, second)
-    if not np.isfinite(row).all():
+    nine = second.ravel()
+    row = [*map(float, (body.mass, *first, *(nine[k] for k in _UPPER)))]
+    if not all(map(isfinite, row)):
         raise SceneError(
             f"body {body.name!r}: its mass times the square of its centre's distance from the body frame is no number "
             "any more; are its units right?"
         )
-    return [*map(float, row)]
+    return row
 
 
 def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatArray:

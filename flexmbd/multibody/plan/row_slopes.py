@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,7 @@ class RowSlopes:
 
     def over(self, sizes: FloatArray) -> RowSlopes:
         """The slopes of the rows divided by sizes (m,)."""
-        parts = tuple(part / sizes[block.rows, None] for block, part in self)
-        return replace(self, parts=parts)
+        return RowSlopes(self.blocks, tuple(part / sizes[block.rows, None] for block, part in self), self.shape)
 
     def __iter__(self) -> Iterator[tuple[RowBlock, FloatArray]]:
         """Each block with its slopes."""
@@ -68,6 +68,7 @@ class RowSweeps:
         count: of the sweeps.
         column, sweep: (k,) each velocity, and the sweep in which it is 1.
         taken: of each block the sweeps (n,) that are its velocities', in their order.
+        nv: of the machine.
     """
 
     blocks: tuple[RowBlock, ...]
@@ -75,23 +76,29 @@ class RowSweeps:
     column: NDArray[np.int64]
     sweep: NDArray[np.int64]
     taken: tuple[NDArray[np.int64], ...]
+    nv: int
 
-    def velocities(self, first: int, last: int, nv: int) -> FloatArray:
+    @cached_property
+    def all_velocities(self) -> FloatArray:
+        """(count, nv) of all sweeps, which are few."""
+        return self.velocities(0, self.count)
+
+    def velocities(self, first: int, last: int) -> FloatArray:
         """(last - first, nv) of these sweeps."""
-        found = np.zeros((last - first, nv))
+        found = np.zeros((last - first, self.nv))
         own = (self.sweep >= first) & (self.sweep < last)
         found[self.sweep[own] - first, self.column[own]] = 1.0
         return found
 
-    def slopes(self, rates: FloatArray, nv: int) -> RowSlopes:
-        """The slopes by each of nv velocities, by the rates (count, m) of the rows in each sweep."""
+    def slopes(self, rates: FloatArray) -> RowSlopes:
+        """The slopes by each velocity, by the rates (count, m) of the rows in each sweep."""
         pairs = zip(self.blocks, self.taken, strict=True)
         parts = tuple(rates[taken[:, None], block.rows].T.copy() for block, taken in pairs)
-        return RowSlopes(self.blocks, parts, (rates.shape[1], nv))
+        return RowSlopes(self.blocks, parts, (rates.shape[1], self.nv))
 
 
-def row_sweeps(blocks: tuple[RowBlock, ...]) -> RowSweeps:
-    """The sweeps that give the slopes of blocks."""
+def row_sweeps(blocks: tuple[RowBlock, ...], nv: int) -> RowSweeps:
+    """The sweeps that give the slopes of blocks by each of nv velocities."""
     none = np.zeros(0, np.int64)
     together = max((len(block.free) for block in blocks), default=0)
     driven = np.unique(np.concatenate([none, *(block.driven for block in blocks)]))
@@ -102,4 +109,4 @@ def row_sweeps(blocks: tuple[RowBlock, ...]) -> RowSweeps:
         np.concatenate([own, together + np.searchsorted(driven, block.driven)])
         for own, block in zip(each, blocks, strict=True)
     ]
-    return RowSweeps(blocks, together + len(driven), column, sweep, tuple(taken))
+    return RowSweeps(blocks, together + len(driven), column, sweep, tuple(taken), nv)

@@ -11,8 +11,6 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, coupling_rows, coupling_terms
-from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.kernels.sampling.series import constraint_rates
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.row_slopes import RowSlopes
@@ -50,15 +48,18 @@ def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes
     Blocks share no free velocity, so all of them move by one velocity each at once: as many sweeps over the machine as
     the largest block has, and one for each velocity that is driven.
     """
-    sweeps, m = scene.row_sweeps, len(scene.plan.rows)
+    sweeps, m = scene.row_structure.sweeps, len(scene.plan.rows)
     rates = np.zeros((len(x), sweeps.count, m))
     rest, scratch = np.zeros(scene.nv), np.zeros((4, m))
+    if 0 < sweeps.count <= _AT_ONCE:
+        constraint_rates(scene.plan, work, x, sweeps.all_velocities, rest, scratch, rates)
+        return [sweeps.slopes(by_sweep) for by_sweep in rates]
     for first in range(0, sweeps.count, _AT_ONCE):
-        velocities = sweeps.velocities(first, min(first + _AT_ONCE, sweeps.count), scene.nv)
+        velocities = sweeps.velocities(first, min(first + _AT_ONCE, sweeps.count))
         found = np.zeros((len(x), len(velocities), m))
         constraint_rates(scene.plan, work, x, velocities, rest, scratch, found)
         rates[:, first : first + len(velocities)] = found
-    return [sweeps.slopes(by_sweep, scene.nv) for by_sweep in rates]
+    return [sweeps.slopes(by_sweep) for by_sweep in rates]
 
 
 def coordinate_sizes(scene: CompiledScene) -> FloatArray:
@@ -75,13 +76,8 @@ def fastest_rate(mass: FloatArray, stiffness: FloatArray) -> float:
 
 
 def row_sizes(scene: CompiledScene) -> FloatArray:
-    """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad."""
-    sizes = np.where(constraint_rows(scene.plan).in_rad, 1.0, scene.extent)
-    full = coordinate_sizes(scene)
-    for k in coupling_rows(scene.plan):
-        columns, factors = coupling_terms(scene.plan, k)
-        sizes[k] = np.abs(factors * full[columns]).max()
-    return sizes
+    """(m,) full size of each row's residual, m or rad: the machine's extent, or 1 rad.  Not to be written to."""
+    return scene.row_sizes
 
 
 def modal_stiffness(scene: CompiledScene) -> FloatArray:
@@ -96,7 +92,7 @@ def modal_stiffness(scene: CompiledScene) -> FloatArray:
 
 def mass_matrix(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """M (nv, nv) of the tree at configuration x, without its loops."""
-    plan = without_forces(scene.plan)
+    plan = scene.inertia_plan
     rest = np.zeros(scene.nv)
     none = np.zeros(len(plan.rows))
     offset, columns = np.zeros(scene.nv), np.zeros((scene.nv, scene.nv))

@@ -31,6 +31,11 @@ class Reach:
     rigid: tuple[float, ...]
     frames: tuple[Frame, ...]
 
+    @cached_property
+    def size(self) -> float:
+        """How large it is (m), as it was when this was first asked: when the scene was compiled."""
+        return body_size(self.rigid, [frame.p_BF_B for frame in self.frames])
+
 
 @dataclass(frozen=True, eq=False)
 class Sources:
@@ -74,12 +79,13 @@ class Sources:
         """
         largest = np.full(count, self.beams)
         for reach in self.reach:
-            changed = reach.body in rigid or any(frame in places for frame in reach.frames)
-            for k in range(count if changed else 1):
+            if not (reach.body in rigid or any(frame in places for frame in reach.frames)):
+                np.maximum(largest, reach.size, out=largest)
+                continue
+            for k in range(count):
                 row = rigid[reach.body][k] if reach.body in rigid else reach.rigid
                 at = [places[frame][k] if frame in places else frame.p_BF_B for frame in reach.frames]
-                every = slice(k, k + 1) if changed else slice(None)
-                largest[every] = np.maximum(largest[every], body_size(row, at))
+                largest[k] = max(largest[k], body_size(row, at))
         return [float(one) or 1.0 for one in largest]
 
     def frames_of(self, body: Body) -> list[Frame]:

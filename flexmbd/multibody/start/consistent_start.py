@@ -15,10 +15,8 @@ from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
-from flexmbd.multibody.kernels.reading.constraint_tables import coupling_rows, with_coupling_sums
-from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.mass_solver import DENSE_UP_TO, mass_solver, row_mobilities
+from flexmbd.multibody.plan.mass_solver import DENSE_UP_TO, MassSolver, mass_solver, row_mobilities
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_slopes,
     constraint_values,
@@ -26,18 +24,16 @@ from flexmbd.multibody.plan.scene_matrices import (
     mass_factor,
     row_sizes,
 )
-from flexmbd.multibody.start.design_position import assemble_from_design
+from flexmbd.multibody.start.closed_position import ClosedPosition, close_position
 from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, GivenCoordinates, coordinates_given
 from flexmbd.multibody.start.independent_rows import (
     LEADS_ON,
     RowChoice,
     RowDecomposition,
-    decompose_rows,
-    independent_rows,
 )
 from flexmbd.multibody.start.interior_start import begin_interiors
-from flexmbd.multibody.start.loop_closing import SAME_RATE, close_loops, match_velocities, own_rate
-from flexmbd.multibody.start.placement import place_flying, refuse_turned_over
+from flexmbd.multibody.start.loop_closing import SAME_RATE, match_velocities, own_rate
+from flexmbd.multibody.start.placement import place_flying
 from flexmbd.multibody.start.report import Strain, closing_strain, moved_coordinates
 from flexmbd.multibody.start.sides import begin_sides
 from flexmbd.overflow import looked_at, refuse_not_finite, refuse_overflow
@@ -58,7 +54,7 @@ class Start:
     Attributes:
         scene: the scene without its redundant constraint rows.
         unreduced: the scene with them.
-        choice: which rows ``scene`` keeps.
+        position: where the loops are closed.
         x, v, a: (nx,), (nv,), (nv,) configuration, velocity, acceleration.
         multipliers: (m,) reactions of the loops (N or N m).
         moved: what the projection changed: (coordinate, from, to), positions and velocities; rotations of several
@@ -69,7 +65,7 @@ class Start:
 
     scene: CompiledScene
     unreduced: CompiledScene
-    choice: RowChoice
+    position: ClosedPosition
     x: FloatArray
     v: FloatArray
     a: FloatArray
@@ -77,6 +73,16 @@ class Start:
     moved: tuple[tuple[str, float, float], ...]
     residual: float
     strain: Strain
+
+    @property
+    def choice(self) -> RowChoice:
+        """Which rows ``scene`` keeps."""
+        return self.position.choice
+
+    def copied(self) -> Start:
+        """The same, of arrays of its own."""
+        arrays = {name: getattr(self, name).copy() for name in ("x", "v", "a", "multipliers")}
+        return replace(self, **arrays)
 
     def __repr__(self) -> str:
         """How many velocities and rows, and how well they fit."""
@@ -96,6 +102,7 @@ def consistent_start(
     held_x: Mask,
     held_v: Mask,
     memories: InteriorSnapshot | None = None,
+    known: ClosedPosition | None = None,
 ) -> Start:
     """Project a user's start onto the loops and solve for accelerations and reactions.
 
@@ -112,6 +119,7 @@ def consistent_start(
         held_v: (nv,) velocities set by the user.
         memories: of a state found before, in which x and v are all set; what bodies with history go on from.  By
             default these begin undeformed.
+        known: of a start of the same machine with other numbers, which is looked at before all is found anew.
 
     Raises:
         AssemblyError: no configuration closes the loops, or they contradict each other.
@@ -123,24 +131,21 @@ def consistent_start(
     if memories is None:
         place_flying(scene, work, x, v)
     given = coordinates_given(scene) if memories is None else NOTHING_GIVEN
-    scene = _set_couplings(scene, work, x, held_x, given)
-    led = x if given.positions or memories is not None else assemble_from_design(scene, work, x, held_x)
-    closing = close_loops(scene, work, led, held_x, given)
-    refuse_turned_over(scene, work, closing.x)
-    choice = independent_rows(scene, work, closing.x)
-    reduced = scene.keep_rows(choice.rows)
-    # without the redundant rows, which may stay open a little, the others close to round-off
-    after = close_loops(reduced, work, closing.x, held_x, given)
-    closed = after.x
-    velocity = _velocities(scene, reduced, choice, work, closed, v, held_v, given)
+    scene, reduced, position = close_position(
+        scene, work, x, held_x, given, is_found=memories is not None, known=known
+    )
+    closed = position.x
+    velocity = _velocities(scene, reduced, position, work, v, held_v, given)
     if memories_end(scene.plan):
         closed = closed.copy()
         remember(scene.plan, work, closed, velocity, float(work.time[-1, 0]))
     if scene.switches:
         closed = closed.copy()
         begin_sides(reduced, work, closed, velocity, accelerations)
+    solve: MassSolver | None = None
     if reduced.interiors is None:
-        a, multipliers = accelerations(reduced, work, closed, velocity)
+        solve = None if is_dense_tree(reduced) else mass_solver(reduced, work, closed)
+        a, multipliers = accelerations(reduced, work, closed, velocity, solve)
     else:
         machine = reduced, reduced.interiors, work, closed, velocity
         a, multipliers = begin_interiors(*machine, accelerations, kept=memories)
@@ -149,23 +154,22 @@ def consistent_start(
     return Start(
         reduced,
         scene,
-        choice,
+        position,
         closed,
         velocity,
         a,
         multipliers,
-        moved_coordinates(scene, work, x, closed, v, velocity, held=held_x),
+        moved_coordinates(scene, work, x, closed, v, velocity, held=held_x, solve=solve),
         float(np.abs(phi).max(initial=0.0)),
-        closing_strain(reduced, work, closed, velocity, closing.change + after.change, left_open=closing.left_open),
+        closing_strain(reduced, work, closed, velocity, position.change, left_open=position.left_open),
     )
 
 
 def _velocities(
     scene: CompiledScene,
     reduced: CompiledScene,
-    choice: RowChoice,
+    position: ClosedPosition,
     work: Work,
-    x: FloatArray,
     v: FloatArray,
     held: Mask,
     given: GivenCoordinates,
@@ -178,15 +182,14 @@ def _velocities(
     Args:
         scene: with all its rows.
         reduced: without those that are redundant.
-        choice: the rows that ``reduced`` keeps.
+        position: with the loops closed.
         work: scratch; ``work.time`` holds the functions of time at the start.
-        x: (nx,) configuration, loops closed.
         v: (nv,) wanted velocities.
         held: (nv,) velocities set by the user.
         given: of joints held by constraints.
     """
-    places = decompose_rows(scene, work, x)
-    kept = (np.isin(block.rows, choice.rows).sum() for block in scene.row_blocks)
+    x, places = position.x, position.places
+    kept = (np.isin(block.rows, position.choice.rows).sum() for block in scene.row_blocks)
     if all(place.rank >= count for place, count in zip(places, kept, strict=True)):
         velocity = match_velocities(scene, work, x, v, held, given)
         velocity = match_velocities(reduced, work, x, velocity, held, given)
@@ -223,20 +226,6 @@ def _refuse_rates_that_lead_out(
             )
 
 
-def _set_couplings(
-    scene: CompiledScene, work: Work, x: FloatArray, held: Mask, given: GivenCoordinates
-) -> CompiledScene:
-    """Give the couplings the sums that they have where all other constraints are fulfilled."""
-    coupling = coupling_rows(scene.plan)
-    if len(coupling) == 0:
-        return scene
-    others = scene.keep_rows(np.setdiff1d(np.arange(len(scene.plan.rows)), coupling))
-    closed = close_loops(others, work, x, held, given).x
-    bare = replace(scene, plan=with_coupling_sums(scene.plan, coupling, np.zeros(len(coupling))))
-    sums = constraint_values(bare, work, closed, np.zeros(scene.nv))[0]
-    return replace(scene, plan=with_coupling_sums(scene.plan, coupling, sums[coupling]))
-
-
 def match_motion(
     scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, *, held: Mask
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -265,9 +254,9 @@ def is_dense_tree(scene: CompiledScene) -> bool:
 
 
 def accelerations(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, solve: MassSolver | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Accelerations and multipliers from M a + C^T nu = f, C a = -gamma.
+    """Accelerations and multipliers from M a + C^T nu = f, C a = -gamma; ``solve``: by M at x, if it is factored.
 
     Source: Ambrosio & Nikravesh 1992, eq. 76-77.
     """
@@ -275,7 +264,7 @@ def accelerations(
     m = len(plan.rows)
     if is_dense_tree(scene):
         a, dense = np.zeros(scene.nv), new_dense_work(plan)
-        if tree_accelerations(plan, without_forces(plan), work, dense, x, v, a):
+        if tree_accelerations(plan, scene.inertia_plan, work, dense, x, v, a):
             return a, np.zeros(0)
         scene.refuse_failed(work)
         mass_factor(scene, work, x)  # says which motion moves no mass
@@ -284,7 +273,7 @@ def accelerations(
     force = np.zeros(scene.nv)
     residual(plan, work, x, v, a, np.zeros(m), force)
     scene.refuse_failed(work)
-    solve = mass_solver(scene, work, x)
+    solve = solve or mass_solver(scene, work, x)
     a += solve(-force[None])[0]
     multipliers: FloatArray = np.zeros(m)
     if m and len(free):

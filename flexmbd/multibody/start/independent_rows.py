@@ -7,8 +7,9 @@ rank.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.base.row_blocks import RowBlock
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
@@ -55,12 +55,12 @@ class RowDecomposition:
     sigma: FloatArray
     blur: float
 
-    @property
+    @cached_property
     def rank(self) -> int:
         """How many rows are independent here."""
-        return int(np.sum(self.sigma > self.blur))
+        return int(np.count_nonzero(self.sigma > self.blur))
 
-    @property
+    @cached_property
     def is_clear(self) -> bool:
         """Whether the singular values of the rank are well above the others, and above what their place leaves unknown.
 
@@ -134,11 +134,32 @@ def _first_pivots(rows: FloatArray, count: int) -> tuple[NDArray[np.int64], Floa
     return order[:count], base[:, :count]
 
 
-class RowChoice(NamedTuple):
-    """Independent rows, and whether they are so at every position at which all rows together are."""
+class BlockChoice(NamedTuple):
+    """Independent rows of a block, by their places in it.
+
+    Attributes:
+        rows: those that are kept.
+        for_good: whether they are independent at every position at which all rows together are.
+        place: the position that they were found at.
+    """
 
     rows: list[int]
     for_good: bool
+    place: RowDecomposition
+
+
+class RowChoice(NamedTuple):
+    """Independent rows.
+
+    Attributes:
+        rows: those that are kept.
+        for_good: whether they are independent at every position at which all rows together are.
+        blocks: of each block of rows its own.
+    """
+
+    rows: list[int]
+    for_good: bool
+    blocks: tuple[BlockChoice, ...] = ()
 
 
 def better_rows(
@@ -168,7 +189,7 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
         return []
     rows, sizes = row_sizes(scene), coordinate_sizes(scene)
     phi = constraint_values(scene, work, x, np.zeros(scene.nv))[0] / rows
-    holds = constraint_rows(scene.plan).holds_position
+    holds = scene.row_structure.table.holds_position
     found = []
     for block, part in constraint_slopes(scene, work, x).over(rows):
         slopes, driven = np.hsplit(part * sizes[np.concatenate([block.free, block.driven])], [len(block.free)])
@@ -188,7 +209,14 @@ def _decomposed(slopes: FloatArray, driven: FloatArray, holds: NDArray[np.bool_]
     return RowDecomposition(slopes, driven, holds, left, sigma, blur / min(largest, 1.0))
 
 
-def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoice:
+def independent_rows(
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    here: Sequence[RowDecomposition],
+    *,
+    known: RowChoice | None = None,
+) -> RowChoice:
     """Rows that hold anything new: as many as are independent at regular positions, and those that are so best.
 
     Redundancy is a property of the mechanism, not of one position: at singular ones fewer rows are independent, and
@@ -200,34 +228,59 @@ def independent_rows(scene: CompiledScene, work: Work, x: FloatArray) -> RowChoi
         scene: with all its rows.
         work: scratch; ``work.time`` holds the functions of time.
         x: (nx,) a configuration with closed loops.
+        here: ``decompose_rows`` at x.
+        known: the choice of a machine of the same rows with other numbers; see ``_still_good``.
 
     Raises:
         SceneError: the start is a singular position that no motion leaves.
     """
     if len(scene.plan.rows) == 0 or len(scene.plan.free) == 0:
         return RowChoice([], True)  # what motions drive altogether needs no row, nor can one hold it
-    places = [[here] for here in decompose_rows(scene, work, x)]
     blocks = scene.row_blocks
-    unclear = [k for k, (here,) in enumerate(places) if not (here.is_clear and here.rank == len(blocks[k].rows))]
-    for k, beside in _regular_positions(scene, work, x, unclear).items():
-        if not beside:
-            _refuse_locked(scene, work, x, blocks[k], places[k][0])
-        places[k] += beside
-    choices = [_choice(of_block) for of_block in places]
+    before = known.blocks if known is not None and len(known.blocks) == len(blocks) else [None] * len(blocks)
+    found: list[BlockChoice | None] = [
+        old if old is not None and _still_good(scene, work, x, block, place, old) else None
+        for block, place, old in zip(blocks, here, before, strict=True)
+    ]
+    open_ = [k for k, choice in enumerate(found) if choice is None]
+    unclear = [k for k in open_ if not (here[k].is_clear and here[k].rank == len(blocks[k].rows))]
+    beside = _regular_positions(scene, work, x, {k: here[k] for k in unclear})
+    for k in unclear:
+        if not beside[k]:
+            _refuse_locked(scene, work, x, blocks[k], here[k])
+    choices = [
+        _choice([place, *beside.get(k, ())]) if choice is None else choice
+        for k, (place, choice) in enumerate(zip(here, found, strict=True))
+    ]
     rows = [int(block.rows[k]) for block, choice in zip(blocks, choices, strict=True) for k in choice.rows]
-    return RowChoice(sorted(rows), all(choice.for_good for choice in choices))
+    return RowChoice(sorted(rows), all(choice.for_good for choice in choices), tuple(choices))
 
 
-def _choice(places: Sequence[RowDecomposition]) -> RowChoice:
+def _still_good(
+    scene: CompiledScene, work: Work, x: FloatArray, block: RowBlock, place: RowDecomposition, old: BlockChoice
+) -> bool:
+    """Whether the choice of a block's rows in a machine with other numbers holds here, so that none need be looked for.
+
+    Here as there the rows span the same space, in which the kept ones hold as firmly as they do there; and those left
+    out stay redundant beside the position, by their second derivatives: else it is singular.
+    """
+    if not (old.for_good and place.is_clear and place.rank == len(old.rows) and old.place.carries(place)):
+        return False
+    return float(np.linalg.norm(_opening(scene, work, x, block, place))) <= LEADS_ON + place.known_to
+
+
+def _choice(places: Sequence[RowDecomposition]) -> BlockChoice:
     """Independent rows of a block by what they are at several positions, the start first."""
     clear = [place for place in places if place.is_clear]
     if not clear:
-        return RowChoice(min(places, key=lambda place: place.blur).independent(), False)
+        least = min(places, key=lambda place: place.blur)
+        return BlockChoice(least.independent(), False, least)
     best = max(clear, key=lambda place: (place.rank, place.sigma[max(place.rank, 1) - 1]))
     # what is so at two places taken at random is no matter of the position
     regular = [place for place in clear if place.rank == best.rank]
     whole = best.rank == len(best.sigma)
-    return RowChoice(best.independent(), whole or (len(regular) > 1 and all(map(best.carries, regular))))
+    for_good = whole or (len(regular) > 1 and all(map(best.carries, regular)))
+    return BlockChoice(best.independent(), for_good, best)
 
 
 def _refuse_locked(
@@ -235,19 +288,9 @@ def _refuse_locked(
 ) -> None:
     """Raise SceneError where a velocity that a block's rows allow at x leads out of them whatever the acceleration.
 
-    Rows that are dependent at x are redundant if they stay so: then their second derivatives depend alike on any
-    velocity that they allow.  Else x is singular (an infinitesimal mechanism: Pellegrino & Calladine 1986), and with
-    no regular position near it the rows that would be left out hold the machine there.
+    With no regular position near a singular x the rows that would be left out hold the machine there.
     """
-    if place.rank == len(block.rows):
-        return
-    size = coordinate_sizes(scene)
-    allowed = scipy.linalg.svd(place.slopes)[2][place.rank :]
-    v, across = np.zeros(scene.nv), place.unmoved()
-    v[block.free] = np.random.default_rng(0).standard_normal(len(allowed)) @ allowed
-    v *= size / max(float(np.abs(v).max(initial=0.0)), 1e-300)
-    still, moving = (constraint_values(scene, work, x, rates)[2] for rates in (np.zeros(scene.nv), v))
-    lost = across @ (across.T @ ((moving - still) / row_sizes(scene))[block.rows])
+    lost = _opening(scene, work, x, block, place)
     if np.linalg.norm(lost) > LEADS_ON + place.known_to:
         worst = scene.row_names[block.rows[int(np.argmax(np.abs(lost)))]]
         raise SceneError(
@@ -257,10 +300,32 @@ def _refuse_locked(
         )
 
 
+def _opening(
+    scene: CompiledScene, work: Work, x: FloatArray, block: RowBlock, place: RowDecomposition
+) -> FloatArray:
+    """(k,) what of a block's second derivatives no acceleration changes, by a velocity that its rows allow at x.
+
+    Rows that are dependent at x are redundant if they stay so: then their second derivatives depend alike on any
+    velocity that they allow.  Else x is singular (an infinitesimal mechanism: Pellegrino & Calladine 1986).
+    """
+    if place.rank == len(block.rows):
+        return np.zeros(len(block.rows))
+    size = coordinate_sizes(scene)
+    allowed = scipy.linalg.svd(place.slopes)[2][place.rank :]
+    v, across = np.zeros(scene.nv), place.unmoved()
+    v[block.free] = np.random.default_rng(0).standard_normal(len(allowed)) @ allowed
+    v *= size / max(float(np.abs(v).max(initial=0.0)), 1e-300)
+    still, moving = (constraint_values(scene, work, x, rates)[2] for rates in (np.zeros(scene.nv), v))
+    return np.asarray(across @ (across.T @ ((moving - still) / row_sizes(scene))[block.rows]))
+
+
 def _regular_positions(
-    scene: CompiledScene, work: Work, x: FloatArray, wanted: Sequence[int]
+    scene: CompiledScene, work: Work, x: FloatArray, wanted: Mapping[int, RowDecomposition]
 ) -> dict[int, list[RowDecomposition]]:
-    """Of blocks ``wanted`` the decompositions at regular positions on the loops near x."""
+    """Of blocks ``wanted``, with what they are at x, the decompositions at regular positions on the loops near x.
+
+    Two, or one that is as x: a space of rows that changes with the position is another one at a place taken at random.
+    """
     generator = np.random.default_rng(0)
     size = np.zeros(scene.nv)
     size[scene.plan.free] = coordinate_sizes(scene)[scene.plan.free]
@@ -276,8 +341,14 @@ def _regular_positions(
         places = decompose_rows(scene, work, closing.x)
         for k, of_block in found.items():
             closed = np.abs(gap[scene.row_blocks[k].rows]).max() <= CLOSED
-            if closed and places[k].is_clear and len(of_block) < _PLACES:
+            if closed and places[k].is_clear and not _are_enough(of_block, wanted[k]):
                 of_block.append(places[k])
-        if all(len(of_block) == _PLACES for of_block in found.values()):
+        if all(_are_enough(of_block, wanted[k]) for k, of_block in found.items()):
             break
     return found
+
+
+def _are_enough(places: Sequence[RowDecomposition], here: RowDecomposition) -> bool:
+    """Whether places beside a start tell what its rows are at regular positions."""
+    alike = len(places) == 1 and here.is_clear and here.carries(places[0])
+    return alike or len(places) == _PLACES

@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.mass_solver import mass_solver
+from flexmbd.multibody.plan.mass_solver import MassSolver, mass_solver
 from flexmbd.multibody.plan.row_slopes import RowSlopes
 from flexmbd.multibody.plan.scene_matrices import (
     constraint_slopes,
@@ -250,15 +250,17 @@ def match_velocities(
     """
     if len(scene.plan.rows) == 0 and not given.velocities:
         return v
+    size = coordinate_sizes(scene)
+    gap = constraint_values(scene, work, x, v)[1] / row_sizes(scene)
+    if not given.velocities and _largest(gap) <= SAME_RATE * max(_largest(v / size), _largest(gap)):
+        return v + 0.0
     open_ = _largest(_gaps(scene, work, x, NOTHING_GIVEN))
     slopes = constraint_slopes(scene, work, x).over(row_sizes(scene))
-    gap = constraint_values(scene, work, x, v)[1] / row_sizes(scene)
     if given.velocities:
         sizes = given.velocity_sizes(scene)
         more = given.velocity_slopes(scene, work, x) / sizes[:, None]
         slopes = RowSlopes.of_matrix(np.vstack([slopes.matrix(), more]), scene.plan.free)
         gap = np.concatenate([gap, given.velocity_gaps(scene, work, x, v) / sizes])
-    size = coordinate_sizes(scene)
     rate = max(_largest(v / size), _largest(gap))  # 1/s, the machine's
     change: FloatArray = np.zeros(scene.nv)
     stages = _stages(scene, held, np.ones(scene.nv) * (modal_stiffness(scene) > 0.0))
@@ -289,11 +291,12 @@ def match_velocities(
     )
 
 
-def own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
+def own_rate(scene: CompiledScene, work: Work, x: FloatArray, solve: MassSolver | None = None) -> float:
     """1/s: the rate that the machine's forces and motions give it from rest within a coordinate's full size.
 
     Beside it the rates of a machine at rest are round-off, whatever they are to each other.  Gravity counts where
-    constraints carry all of it, too: accelerations of bodies are known as sums with it.
+    constraints carry all of it, too: accelerations of bodies are known as sums with it.  ``solve``: by the mass matrix
+    at x, if it is factored.
     """
     free, rest = scene.plan.free, np.zeros(scene.nv)
     pull = np.zeros(scene.nv)
@@ -301,6 +304,6 @@ def own_rate(scene: CompiledScene, work: Work, x: FloatArray) -> float:
     if len(free):
         force = np.zeros(scene.nv)
         residual(scene.plan, work, x, rest, rest, np.zeros(len(scene.plan.rows)), force)
-        pull[free] = mass_solver(scene, work, x)(force[None])[0, free]
+        pull[free] = (solve or mass_solver(scene, work, x))(force[None])[0, free]
     fastest = np.abs(pull / coordinate_sizes(scene)).max(initial=0.0)
     return float(np.sqrt(max(fastest, np.linalg.norm(scene.plan.gravity) / scene.extent)))

@@ -12,19 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.algebra.so3 import rotation_vector
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
-from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.row_slopes import RowSlopes
+from flexmbd.multibody.plan.row_structure import ALIGNING
 from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, row_sizes
 
 FloatArray = NDArray[np.float64]
-
-#: The rows that turn a body's z onto another's: x . z' and y . z', the turns about y and, backwards, about x.
-_ALIGNING = (2, 5)
 
 
 def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
@@ -38,7 +34,7 @@ def loop_gaps(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
 def loop_slopes(scene: CompiledScene, work: Work, x: FloatArray) -> RowSlopes:
     """Rates of ``loop_gaps`` (m,) per unit of each velocity; none of rows that hold velocities alone."""
     slopes = constraint_slopes(scene, work, x).over(row_sizes(scene))
-    holds = constraint_rows(scene.plan).holds_position
+    holds = scene.row_structure.table.holds_position
     for block, part in slopes:
         part[~holds[block.rows]] = 0.0
     forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
@@ -58,27 +54,20 @@ def _far_turned(
     Its rows (k,), frames F and G, gaps (k,) (rad) and (k, 3) their rates per unit of G's angular velocity
     against F in F's axes.
     """
-    table = constraint_rows(scene.plan)
-    index = table.index
-    unturned = table.kind == kinds.ROW_AXIS
-    aligned = (table.kind == kinds.ROW_DIRECTION) & np.isin(index, _ALIGNING)
-    pairs: dict[tuple[int, int], list[int]] = {}
-    for k in np.flatnonzero(unturned | aligned):
-        pairs.setdefault((int(table.f[k]), int(table.g[k])), []).append(int(k))
-    for frames, own in pairs.items():
-        R = np.reshape(relative_motion(scene.plan, work, *frames)[1], (3, 3))
-        rows = np.array([k for k in own if unturned[k]])
-        if len(rows) and np.trace(R) < 1.0:
-            theta = np.array(rotation_vector(tuple(R.ravel())))
+    index = scene.row_structure.table.index
+    for frames, rows, aligned in scene.row_structure.turned_pairs:
+        turn = relative_motion(scene.plan, work, *frames)[1]
+        if len(rows) and turn[0] + turn[4] + turn[8] < 1.0:
+            theta = np.array(rotation_vector(turn))
             yield rows, frames, theta[index[rows]], _rates_of_rotation_vector(theta)[index[rows]]
-        rows = np.array([k for k in own if aligned[k]])
-        if len(rows) and R[2, 2] < 0.0:
+        if len(aligned) and turn[8] < 0.0:
             # the shortest turn of z onto z'; opposed, any about an axis across them
+            R = np.reshape(turn, (3, 3))
             across = np.hypot(R[0, 2], R[1, 2])
             way = R[:2, 2] / across if across > 0.0 else np.array([1.0, 0.0])
             angle = np.arctan2(across, R[2, 2])
-            part = np.searchsorted(_ALIGNING, index[rows])
-            yield rows, frames, angle * way[part], np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])[part]
+            part = np.searchsorted(ALIGNING, index[aligned])
+            yield aligned, frames, angle * way[part], np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])[part]
 
 
 def _rates_of_rotation_vector(theta: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.mass_solver import MassSolver
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
 from flexmbd.multibody.start.loop_closing import CLOSED, own_rate
 from flexmbd.overflow import looked_at
@@ -83,8 +84,11 @@ def moved_coordinates(
     v_new: FloatArray,
     *,
     held: Mask,
+    solve: MassSolver | None = None,
 ) -> tuple[tuple[str, float, float], ...]:
     """(coordinate, from, to) of positions, then of velocities; ``held`` (nv,): those set by the user.
+
+    ``solve``: by the mass matrix at x_new, if it is factored.
 
     Changes of velocities count beside the machine's own rate as well: at rest all of them are round-off.
     """
@@ -97,7 +101,7 @@ def moved_coordinates(
     told = [(scene.velocity_names[k], k, old, new) for k in np.flatnonzero(np.abs(new - old) > enough)]
     changes = np.abs(v_new - v) / size
     if (changes > _SET * rate).any():
-        rate = max(rate, own_rate(scene, work, x_new))
+        rate = max(rate, own_rate(scene, work, x_new, solve))
     told += [(f"rate of {scene.velocity_names[k]}", k, v, v_new) for k in np.flatnonzero(changes > _SET * rate)]
     return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
 

@@ -47,7 +47,15 @@ class ArrayStruct:
     @cached_property
     def _block(self) -> np.ndarray:
         """The words that kernels read."""
-        block = np.array([word for value in self.fields().values() for word in words(value)], np.int64)
+        own, found = vars(self), list[int]()
+        for name in self._numba_type_.places:
+            value = own[name]
+            if type(value) is np.ndarray:  # as most are; see ``words``
+                found.append(_word_at(id(value) + _DATA).value)
+                found.extend(value.shape)
+            else:
+                found.extend(words(value))
+        block = np.array(found, np.int64)
         return vars(self).setdefault("_block", block)  # of threads that ask at once one is right, for it has an address
 
     @cached_property
@@ -147,7 +155,12 @@ def _check_fields(cls: type, values: dict[str, Any]) -> None:
         _kinds[cls] = tuple((name, _kind(values[name])) for name in names)
         return
     for name, kind in known:
-        if _kind(values[name]) != kind:
+        value = values[name]
+        if type(value) is np.ndarray and type(kind) is tuple:
+            fits = value.dtype.char == kind[0] and value.ndim == kind[1] and value.flags.c_contiguous == kind[2]
+        else:
+            fits = _kind(value) == kind
+        if not fits:
             raise TypeError(
                 f"{cls.__name__} has fields of other types than before: {name} is {_kind(values[name])}, not {kind}"
             )

@@ -71,16 +71,40 @@ class LoopRecursion(ArrayStruct):
 
 def new_loop_recursion(plan: Plan, *, serves: bool = True) -> LoopRecursion:
     """Find the open rows of ``plan``; no nodes unless it ``serves`` and takes fewer operations than rows by paths."""
-    base: IntArray = np.zeros(0, np.int64)
-    nodes: list[tuple[list[int], int]] = []
     serves = serves and not len(plan.flex) + len(plan.shafts)
     if serves and len(plan.rows) and _most_operations(plan) > _LEAST * len(plan.tree):
         base = _bases(plan)
         nodes = _open_rows(plan, base)
+        counts = np.array([len(one) for one, _ in nodes], np.int64)
+        if _GAIN * float((_LEAST + 80.0 * counts + 30.0 * counts**2).sum()) <= _most_operations(plan):
+            return _of_nodes(plan, base, nodes)
+    return _no_nodes()
+
+
+_none: list[LoopRecursion] = []
+
+
+def _no_nodes() -> LoopRecursion:
+    """Without nodes nothing is written to, so that one serves all plans."""
+    if not _none:
+        ints, floats, columns, zero = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 6)), np.zeros(1, np.int64)
+        _none.append(
+            LoopRecursion(
+                base=ints, first=zero, ending=zero, ended=ints, square=zero, inner=ints,
+                entry=np.zeros((0, 2), np.int64), open_joint=ints, yields=ints, subspace=columns, gain=columns,
+                joint=columns, joint_rows=floats, inertia=np.zeros((0, 6, 6)), push=columns, solved=columns,
+                mutual=floats, reaction=np.zeros((0, 2, 6)), factors=np.zeros((0, 0)), order=ints, scale=floats,
+                shift=np.zeros((0, 3)), bias=columns, moved=columns, row_bias=floats, open_nu=floats, yielded=floats,
+                scratch=np.zeros((3, 0)), force=np.zeros(_MOST),
+            )
+        )  # fmt: skip
+    return _none[0]
+
+
+def _of_nodes(plan: Plan, base: IntArray, nodes: list[tuple[list[int], int]]) -> LoopRecursion:
+    """Allocate for the open rows of each node, those that end there before the others, and how many those are."""
     counts = np.array([len(one) for one, _ in nodes], np.int64)
-    if nodes and _GAIN * float((_LEAST + 80.0 * counts + 30.0 * counts**2).sum()) > _most_operations(plan):
-        base, nodes, counts = base[:0], [], counts[:0]
-    nv, m = (len(plan.free) + len(plan.driven), len(plan.rows)) if nodes else (0, 0)
+    nv, m = len(plan.free) + len(plan.driven), len(plan.rows)
     bodies = len(base)
     first = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
     ended = [row for open_rows, ends in nodes for row in open_rows[:ends]]
@@ -98,7 +122,7 @@ def new_loop_recursion(plan: Plan, *, serves: bool = True) -> LoopRecursion:
     sizes = plan.tree[:bodies, at.JOINT_SIZE].astype(np.int64)
     joint_rows = np.concatenate([np.zeros(1, np.int64), np.cumsum(sizes * counts[:bodies], dtype=np.int64)])
     yields = np.ones(nv, np.int64)
-    yields[plan.driven[:, at.DRIVEN_V] if nodes else slice(0)] = 0
+    yields[plan.driven[:, at.DRIVEN_V]] = 0
     zeros = np.zeros
     k = int(first[-1])
     return LoopRecursion(

@@ -66,6 +66,8 @@ class RowPaths(ArrayStruct):
 
 def new_row_paths(plan: Plan) -> RowPaths:
     """Find the paths of the rows of ``plan``."""
+    if not len(plan.rows):
+        return _NO_ROWS
     parents: Any = plan.tree[:, at.PARENT].tolist()
     ends = [row_bodies(plan, row) for row in plan.rows]
     path_of = {bodies: sorted(bodies_on_paths(parents, bodies), reverse=True) for bodies in set(ends)}
@@ -100,6 +102,9 @@ def no_row_paths(block: IntArray) -> RowPaths:
     """No paths, for rows that are solved otherwise, in stretches of rows between ``block``."""
     places, matrix = np.zeros(0, np.int64), np.zeros((0, 0))
     return RowPaths(places, places, places, places, block, np.zeros((0, 5), np.int64), matrix, matrix, matrix)
+
+
+_NO_ROWS = no_row_paths(np.zeros(1, np.int64))
 
 
 def _flattened(lists: list[list[int]]) -> tuple[IntArray, IntArray]:
