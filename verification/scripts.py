@@ -1,0 +1,58 @@
+"""Which scripts there are, by room: each file of a folder of verification/ is one."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from pathlib import Path
+from typing import cast
+
+from verification.reference import Script
+
+HERE = Path(__file__).resolve().parent
+#: Folders, in the order of the page.
+ROOMS = ("machines", "bending", "rotors", "reduction", "solids", "plasticity")
+#: Scripts of up to so many seconds are quick.
+QUICK = 2.0
+
+
+def names() -> list[str]:
+    """All of them, as `machines.andrews`, in the order of the page."""
+    return [f"{room}.{file.stem}" for room in ROOMS for file in sorted((HERE / room).glob("[!_]*.py"))]
+
+
+def load(name: str) -> Script:
+    """The module of a script.
+
+    Raises:
+        AttributeError: it lacks what a script has.
+    """
+    module = importlib.import_module(f"verification.{name}")
+    for wanted in ("SOURCE", "REFERENCES", "SECONDS", "compute"):
+        if wanted not in vars(module):
+            raise AttributeError(f"verification/{name.replace('.', '/')}.py has no {wanted}: see reference.py")
+    return cast(Script, module)
+
+
+def is_quick(name: str) -> bool:
+    """Whether it is among the quick ones."""
+    return load(name).SECONDS <= QUICK
+
+
+def title(name: str) -> str:
+    """The problem's name: its docstring's first line, without the full stop."""
+    return _text(name).splitlines()[0].rstrip(".")
+
+
+def description(name: str) -> str:
+    """What the docstring says below its first line."""
+    return "\n".join(_text(name).splitlines()[1:]).strip()
+
+
+def room_title(room: str) -> str:
+    """Of a folder: what its `__init__` says."""
+    return (inspect.getdoc(importlib.import_module(f"verification.{room}")) or "").rstrip(".")
+
+
+def _text(name: str) -> str:
+    return inspect.getdoc(importlib.import_module(f"verification.{name}")) or ""
