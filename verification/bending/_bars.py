@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -62,3 +63,11 @@ def at_rest(scene: fm.System, *, steps: int = 1) -> fm.Equilibrium:
     for share in np.arange(1, steps + 1) / steps:
         about = scene.equilibrium(t=float(share), about=about)
     return about
+
+
+def limit_load(scene: fm.System, *, to: float) -> float:
+    """The factor of the loads at the first limit point of a path that would go on to `to`, and never comes there."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fm.PathWarning)
+        path = scene.equilibrium(path=fm.Continuation(to=to, back_to=-1e-3 * to))
+    return float(next(one.t for one in path.critical if one.kind is fm.CriticalKind.LIMIT))

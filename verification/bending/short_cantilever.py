@@ -18,7 +18,7 @@ SOURCE = Source(
 REFERENCES = (
     Reference("thin, way of the tip along and across", "m", (-0.508537304326, -1.207239854550), 1e-7, Sureness.PRIMARY),
     Reference("short, as published", "m", (0.1509710, 0.7105684), 1e-6, Sureness.PRIMARY),
-    Reference("short, by the beam's equations", "m", (0.15097114424, 0.71056859785), 1e-7, Sureness.OWN),
+    Reference("short, by the beam's equations", "m", (0.15097114424, 0.71056859785), 1e-6, Sureness.OWN),
 )
 SECONDS = 0.5
 E = 2.07e11
