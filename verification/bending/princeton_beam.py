@@ -17,12 +17,12 @@ from verification.reference import Computed, Reference, Source, Sureness, number
 
 SOURCE = Source("Dowell & Traybar 1975; beam rows of Obrezkov et al. 2022, in Exudyn's ANCFBeamTest")
 REFERENCES = (
-    Reference("8.896 N at 0 degrees", "m", (0.01071417630, 0.0), 1e-5, Sureness.PRIMARY),
-    Reference("8.896 N at 90 degrees", "m", (0.0, 0.146245978), 1e-4, Sureness.PRIMARY),
-    Reference("13.345 N at 90 degrees", "m", (0.0, 0.200677707), 1e-4, Sureness.PRIMARY),
+    Reference("8.896 N at 0 degrees", "m", (0.01071417630, 0.0), 2e-4, Sureness.PRIMARY),
+    Reference("8.896 N at 90 degrees", "m", (0.0, 0.146245978), 2e-4, Sureness.PRIMARY),
+    Reference("13.345 N at 90 degrees", "m", (0.0, 0.200677707), 2e-4, Sureness.PRIMARY),
     Reference("8.896 N at 45 degrees, torsion constant 1.034 of Saint-Venant's", "m", (0.008837226265, 0.108987937),
-              1e-3, Sureness.PRIMARY),
-    Reference("8.896 N at 45 degrees, Saint-Venant's torsion constant", "m", (0.008837226265, 0.108987937), 1e-3,
+              2e-4, Sureness.PRIMARY),
+    Reference("8.896 N at 45 degrees, way along the stiff axis by Saint-Venant's constant", "m", (0.008837226265,), 2e-4,
               Sureness.PRIMARY, fails="The table is not of Saint-Venant's torsion constant; see the row above it."),
 )  # fmt: skip
 SECONDS = 2.0
@@ -48,7 +48,7 @@ def compute() -> Computed:
     """Each row."""
     return Computed(
         (
-            way(8.896, 0.0), way(8.896, 90.0), way(13.345, 90.0), way(8.896, 45.0, torsion=1.034), way(8.896, 45.0),
+            way(8.896, 0.0), way(8.896, 90.0), way(13.345, 90.0), way(8.896, 45.0, torsion=1.034), way(8.896, 45.0)[:1],
         ),
         mesh="32 exact elements",
     )  # fmt: skip

@@ -1,0 +1,36 @@
+"""Deep simply supported beam (NAFEMS FV5).
+
+10 m, 2 m x 2 m, E = 200 GPa, nu = 0.3, 8000 kg/m^3, held at A along x, y, z and against twist, at B along y and z: bending in pairs, twist and extension.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import flexmbd as fm
+from flexmbd.forms import beam_timoshenko
+from verification.reference import Computed, Reference, Source, Sureness, numbers
+
+SOURCE = Source("NAFEMS R0015, Selected Benchmarks for Natural Frequency Analysis, 1987, test FV5; closed forms")
+REFERENCES = (
+    Reference("1st bending, a pair", "Hz", (42.649, 42.649), 2e-3, Sureness.PRIMARY),
+    Reference("1st twist", "Hz", (71.20,), 2e-3, Sureness.PRIMARY),
+    Reference("1st extension", "Hz", (125.00,), 2e-3, Sureness.PRIMARY),
+    Reference("2nd bending, a pair", "Hz", (148.31, 148.31), 2e-3, Sureness.PRIMARY),
+    Reference("2nd twist", "Hz", (213.61,), 2e-3, Sureness.PRIMARY),
+    Reference("3rd bending, a pair", "Hz", (283.47, 283.47), 2e-3, Sureness.PRIMARY),
+)
+SECONDS = 0.5
+
+
+def compute() -> Computed:
+    """Shear by Cowper's factor."""
+    square = beam_timoshenko.Parameters.rectangle(2e11, 0.3, 8000.0, width=2.0, height=2.0, orientation=(0.0, 1.0, 0.0))
+    scene = fm.System()
+    ends = {"A": (0.0, 0.0, 0.0), "B": (10.0, 0.0, 0.0)}
+    beam = scene.add(fm.ExactBeam(ends, {"beam": [("A", "B")]}, {"beam": square}, 24), name="beam")
+    scene.connect(fm.joint.Universal("y", "z"), scene.ground.frame(), beam.frame("A"))
+    scene.connect(fm.joint.PointOnLine("x"), scene.ground.frame(p=ends["B"]), beam.frame("B"))
+    f = np.sort(scene.linearize().frequencies())[:9]
+    parts = f[[0, 1]], f[2], f[3], f[[4, 5]], f[6], f[[7, 8]]
+    return Computed(tuple(numbers(one) for one in parts), mesh="24 exact elements")
