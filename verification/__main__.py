@@ -7,8 +7,8 @@
     ./run python -m verification --page              # docs/verification.md from what is kept, and stop
     ./run python -m verification --times             # keep the processor times of this run, too
 
-Ends with 0 where every quantity is met that is not known to fail, and with 1 otherwise; a script that raises is told, and the
-rest go on.
+Ends with 0 where every quantity is met that is not known to fail, and with 1 otherwise; a script that raises is told,
+and the rest go on.
 """
 
 from __future__ import annotations
@@ -37,13 +37,14 @@ def main(words: Sequence[str] | None = None) -> int:
     for name in asked.names:
         if name not in there:
             parser.error(f"{name} is not there; there are {', '.join(there)}")
+    kept = {name: result for name, result in results.load().items() if name in there}
     chosen = asked.names or there
     if asked.quick:
-        chosen = [name for name in chosen if scripts.is_quick(name)]
-    kept = {name: result for name, result in results.load().items() if name in there}
+        chosen = [name for name in chosen if name in scripts.quick(kept)]
     if asked.list:
         for name in chosen:
-            print(f"{name:40} {scripts.load(name).SECONDS:6.1f} s   {scripts.title(name)}")
+            taken = f"{kept[name].seconds:7.2f} s" if name in kept else "not run"
+            print(f"{name:40} {taken:>9}   {scripts.title(name)}")
         return 0
     failed = [] if asked.page else [name for name in chosen if not _run(name, kept, new_time=asked.times)]
     changed = page.write(kept)
@@ -83,7 +84,9 @@ def _told(script: Script, found: Computed) -> bool:
             verdict = "MET, though said to fail" if met else "not met, as said"
         good = good and met != bool(reference.fails)
         ours = ", ".join(f"{one:.13g}" for one in values)
-        print(f"  {reference.quantity}: {ours} {reference.unit}, difference {reference.difference(values):.1e}: {verdict}")
+        print(
+            f"  {reference.quantity}: {ours} {reference.unit}, difference {reference.difference(values):.1e}: {verdict}"
+        )
     return good
 
 

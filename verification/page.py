@@ -14,22 +14,23 @@ TARGET = ROOT / "docs" / "verification.md"
 _HEAD = """\
 # Verification
 
-Problems that others have published with numbers, computed by flexmbd: {met} of {all} quantities of {problems} problems are met
-within what the digits of their sources and the meshes explain; [the others](#not-met) stand here too. Each problem is one small
-file in `verification/`, which has the digits in full and what is allowed:
+Problems that others have published with numbers, computed by flexmbd. {met} of {all} quantities of {problems} problems
+are met within what the digits of their sources and the meshes explain; [the others](#not-met) stand here too. Each
+problem is one small file in `verification/`, which has all digits:
 
     ./run python -m verification --quick            # those of up to {quick:g} s, as the tests run them
-    ./run python -m verification                    # all of them, some {minutes:.0f} minutes of a core, and this page is written
+    ./run python -m verification                    # all, in {minutes:.0f} minutes of a core; this page is written from it
     ./run python -m verification machines.andrews   # some of them
     ./run python -m verification --list             # their names and times
 
-Nobody writes a number into this page, and running all again changes nothing in it: numbers that move by less than a
-tenth of what is allowed, and processor times, stay as they are kept (`verification/results.json`) until `--times` asks for new ones.
+Nobody writes a number into this page, and running all again changes nothing in it: `verification/results.json` keeps
+what was found, and a number that moves by less than a tenth of what is allowed stays as it was kept. Processor times
+are those of the fastest run, or of the one that was made with `--times`.
 
-- The difference is the largest of a quantity's components, ours less published, over the largest of the published ones, or over the size that the
-  problem names.
+- Difference: the largest of a quantity's components, ours less published, over the largest published one or over the
+  size that the problem names. Allowed: what the digits of the source and the mesh explain.
 - Sure: {legend}.
-- Processor time (s) is of a core, kernels and forms compiled before, to one digit.
+- Processor time (s) is of one core, with kernels and forms compiled before, to one digit.
 """
 _HEADS = ("quantity", "published", "ours", "difference", "allowed", "sure")
 
@@ -43,7 +44,7 @@ def text(kept: Mapping[str, Result]) -> str:
         all=len(rows),
         problems=len(names),
         quick=scripts.QUICK,
-        minutes=np.ceil(sum(scripts.load(name).SECONDS for name in names) / 60.0),
+        minutes=np.ceil(sum(kept[name].seconds for name in names) / 60.0),
         legend="; ".join(f"**{one.value}** {one.meaning}" for one in Sureness),
     )
     parts = [head.strip()]

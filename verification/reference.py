@@ -111,12 +111,10 @@ class Script(Protocol):
     Attributes:
         SOURCE: of the problem.
         REFERENCES: what is compared.
-        SECONDS: about what `compute` takes of a core, with everything compiled.
     """
 
     SOURCE: Source
     REFERENCES: tuple[Reference, ...]
-    SECONDS: float
 
     @staticmethod
     def compute() -> Computed:

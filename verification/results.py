@@ -1,7 +1,7 @@
 """What the scripts found when they last ran, kept in verification/results.json; the page is written from it.
 
-A number that moved by less than a tenth of what its reference allows stays as it was kept, and so does a processor time
-that did not fall to less than half: on other processors and in other versions of libraries last digits differ.
+A number that moved by less than a tenth of what its reference allows stays as it was kept, for on other processors and
+in other versions of libraries last digits differ. So does a processor time that did not fall to less than half.
 """
 
 from __future__ import annotations

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import importlib
 import inspect
+from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
 from verification.reference import Script
+from verification.results import Result
 
 HERE = Path(__file__).resolve().parent
 #: Folders, in the order of the page.
 ROOMS = ("machines", "bending", "rotors", "reduction", "solids", "plasticity")
-#: Scripts of up to so many seconds are quick.
-QUICK = 2.0
+#: Scripts of up to so many seconds of a core are quick.
+QUICK = 1.0
 
 
 def names() -> list[str]:
@@ -28,15 +30,15 @@ def load(name: str) -> Script:
         AttributeError: it lacks what a script has.
     """
     module = importlib.import_module(f"verification.{name}")
-    for wanted in ("SOURCE", "REFERENCES", "SECONDS", "compute"):
+    for wanted in ("SOURCE", "REFERENCES", "compute"):
         if wanted not in vars(module):
             raise AttributeError(f"verification/{name.replace('.', '/')}.py has no {wanted}: see reference.py")
     return cast(Script, module)
 
 
-def is_quick(name: str) -> bool:
-    """Whether it is among the quick ones."""
-    return load(name).SECONDS <= QUICK
+def quick(kept: Mapping[str, Result]) -> list[str]:
+    """Those that took no more than `QUICK` when they last ran, in the order of the page."""
+    return [name for name in names() if name in kept and kept[name].seconds <= QUICK]
 
 
 def title(name: str) -> str:

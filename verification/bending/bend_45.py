@@ -1,7 +1,8 @@
 """Bend of 45 degrees (Bathe and Bolourchi; NAFEMS 3DNLG-5).
 
-An eighth of a circle of radius 100 in, section 1 in x 1 in, E = 1e7 psi, nu = 0, clamped, under a dead force across its plane. With the
-polar moment for the torsion constant as most beams of the literature have it, and with the square's own (0.140577 in^4), as NAFEMS' test.
+An eighth of a circle of radius 100 in, section 1 in x 1 in, E = 1e7 psi, nu = 0, clamped, under a dead force across
+its plane. With the polar moment for the torsion constant as most beams of the literature have it, and with the
+square's own (0.140577 in^4), as NAFEMS' test.
 """
 
 from __future__ import annotations
@@ -9,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 import flexmbd as fm
-from verification.bending._bars import Bar, at_rest
+from verification.bending._bars import Bar
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
-    "Bathe & Bolourchi 1979; NAFEMS R0024, test 3DNLG-5, and the Abaqus Benchmarks Guide, whose B31, B32 and B33 scatter by 0.3 % there; "
-    "rows of digits by shooting with the rod's equations",
+    "Bathe & Bolourchi 1979; NAFEMS R0024, test 3DNLG-5, and the Abaqus Benchmarks Guide, whose elements "
+    "B31, B32 and B33 scatter by 0.3 % there; rows of digits by shooting with the rod's equations",
     "10.1002/nme.1620140703",
 )
 REFERENCES = (
@@ -26,7 +27,6 @@ REFERENCES = (
     Reference("3DNLG-5, 600 lbf, Abaqus' B32", "in", (-13.73, -23.81, 53.60), 1e-3, Sureness.SECONDARY),
     Reference("3DNLG-5, 3000 lbf, Abaqus' B32", "in", (-25.06, -47.70, 68.46), 2e-3, Sureness.SECONDARY),
 )
-SECONDS = 1.5
 POLAR, SQUARE = 1e7 / 2.0 / 6.0, 0.140577 * 5e6
 
 

@@ -1,6 +1,7 @@
 """Elastica under a dead load at its tip.
 
-A clamped beam without extension or shear under P across its tip: way of the tip along and across, over L, and its turn.
+A clamped beam without extension or shear under P across its tip: way of the tip along and across, over L, and its
+turn.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ TABLE = {
     10.0: (0.554995597754, 0.810609024880, 1.43028553880),
 }
 REFERENCES = tuple(
-    Reference(f"u / L, v / L, turn at P L^2 / EI = {load:g}", "", row, 1e-6, Sureness.OWN) for load, row in TABLE.items()
+    Reference(f"u / L, v / L, turn at P L^2 / EI = {load:g}", "", row, 1e-6, Sureness.OWN)
+    for load, row in TABLE.items()
 )
-SECONDS = 1.0
 BAR = Bar(1e9, np.inf, np.inf, 1.0, 1.0, 1.0)
 
 

@@ -1,7 +1,7 @@
 """Cantilever under a force that follows its tip, and Beck's column.
 
-Across the tip the beam winds up (GXBeam's follower example: L = 100, EI = 3.5e7, force up to 134 kN, P L^2 / EI = 38.2857); along it the column
-flutters without another equilibrium.
+Across the tip the beam winds up (GXBeam's follower example: L = 100, EI = 3.5e7, force up to 134 kN, P L^2 / EI =
+38.2857); along it the column flutters without another equilibrium.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from verification.reference import Computed, Reference, Source, Sureness, number
 SOURCE = Source("Argyris & Symeonidis 1981; Beck 1952; places of the tip by EI psi'' = -P cos(psi) from the tip on")
 REFERENCES = (
     Reference("tip over L at P L^2 / EI = 4", "", (0.342745786223, 0.786168425650), 1e-6, Sureness.OWN, size=1.0),
-    Reference("tip over L at P L^2 / EI = 38.2857", "", (0.198986897161, -0.495693121645), 1e-4, Sureness.OWN, size=1.0),
+    Reference(
+        "tip over L at P L^2 / EI = 38.2857", "", (0.198986897161, -0.495693121645), 1e-4, Sureness.OWN, size=1.0
+    ),
     Reference("flutter load of Beck's column, P L^2 / EI", "", (20.0509536,), 5e-4, Sureness.RECALLED),
 )
-SECONDS = 3.0
 BAR = Bar(1e8, np.inf, np.inf, 1.0, 1.0, 1.0, rho_Iy=1e-6, rho_Iz=1e-6)
 
 

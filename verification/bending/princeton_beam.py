@@ -1,8 +1,8 @@
 """Princeton beam.
 
-A strip of 0.508 m, 12.3777 mm x 3.2024 mm, E = 71.7 GPa, nu = 0.31, clamped, a dead force across its tip at an angle to the stiff axis: way of the
-tip along the stiff and the soft axis, by another program's beam. In the planes of the section nothing depends on torsion; at 45 degrees the table has
-that of a torsion constant 3.4 % above Saint-Venant's.
+A strip of 0.508 m, 12.3777 mm x 3.2024 mm, E = 71.7 GPa, nu = 0.31, clamped, a dead force across its tip at an angle
+to the stiff axis: way of the tip along the stiff and the soft axis, by another program's beam. In the planes of the
+section nothing depends on torsion; at 45 degrees the table has that of a torsion constant 3.4 % above Saint-Venant's.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ REFERENCES = (
     Reference("13.345 N at 90 degrees", "m", (0.0, 0.200677707), 2e-4, Sureness.PRIMARY),
     Reference("8.896 N at 45 degrees, torsion constant 1.034 of Saint-Venant's", "m", (0.008837226265, 0.108987937),
               2e-4, Sureness.PRIMARY),
-    Reference("8.896 N at 45 degrees, way along the stiff axis by Saint-Venant's constant", "m", (0.008837226265,), 2e-4,
-              Sureness.PRIMARY, fails="The table is not of Saint-Venant's torsion constant; see the row above it."),
+    Reference("8.896 N at 45 degrees, way along the stiff axis by Saint-Venant's constant", "m", (0.008837226265,),
+              2e-4, Sureness.PRIMARY, fails="The table is not of Saint-Venant's torsion constant; see the row above it."),
 )  # fmt: skip
-SECONDS = 2.0
 STRIP = beam_timoshenko.Parameters.rectangle(
     71.7e9, 0.31, 2700.0, width=12.3777e-3, height=3.2024e-3, orientation=(0.0, 1.0, 0.0)
 )

@@ -25,7 +25,6 @@ def place(turns: float) -> tuple[float, float]:
 REFERENCES = tuple(
     Reference(f"tip, {turns:g} of a turn", "m", place(turns), 1e-8, Sureness.PRIMARY, size=LENGTH) for turns in TURNS
 )
-SECONDS = 0.5
 
 
 def compute() -> Computed:

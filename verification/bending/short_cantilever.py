@@ -1,6 +1,7 @@
 """Cantilevers that stretch and shear.
 
-A beam of Euler and Bernoulli that stretches under 3 EI / L^2, and Reissner's short one (L = 2 m, h = 0.5 m) under 62.5 MN, which shears.
+A beam of Euler and Bernoulli that stretches under 3 EI / L^2, and Reissner's short one (L = 2 m, h = 0.5 m) under
+62.5 MN, which shears.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ REFERENCES = (
     Reference("short, as published", "m", (0.1509710, 0.7105684), 1e-6, Sureness.PRIMARY),
     Reference("short, by the beam's equations", "m", (0.15097114424, 0.71056859785), 1e-6, Sureness.OWN),
 )
-SECONDS = 0.5
 E = 2.07e11
 
 

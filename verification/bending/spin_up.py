@@ -1,7 +1,8 @@
 """Spin-up of a beam (Simo and Vu-Quoc's robot arm).
 
-A beam of 10 m on a hub that is brought from rest to 6 rad/s in 15 s, smoothly: how far its tip lags and draws in, and how far it is stretched when it
-spins steadily, tan(a L) / a - L. A linear beam without geometric stiffening diverges here.
+A beam of 10 m on a hub that is brought from rest to 6 rad/s in 15 s, smoothly: how far its tip lags and draws in, and
+how far it is stretched when it spins steadily, tan(a L) / a - L. A linear beam without geometric stiffening diverges
+here.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from verification.bending._bars import Bar
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
-    "Simo & Vu-Quoc 1987, Journal of Sound and Vibration 119; Ansys VM258; transient by a planar exact beam of another program, extrapolated",
-    "10.1016/0022-460X(87)90407-X",
+    "Simo & Vu-Quoc 1987, Journal of Sound and Vibration 119; Ansys VM258; transient by a planar exact "
+    "beam of another program, extrapolated",
 )
 LENGTH, EA, RHO_A, OMEGA, RISE = 10.0, 2.8e7, 1.2, 6.0, 15.0
 ALPHA = OMEGA * np.sqrt(RHO_A / EA)
@@ -24,9 +25,10 @@ REFERENCES = (
     Reference("largest lag of the tip", "m", (-0.57383,), 1e-4, Sureness.OWN),
     Reference("largest draw of the tip", "m", (-0.018823,), 5e-4, Sureness.OWN),
     Reference("lag at 2.5, 5, 10 s", "m", (-0.151283, -0.468479, -0.362886), 2e-4, Sureness.OWN),
-    Reference("stretch of the steady motion", "m", (math.tan(ALPHA * LENGTH) / ALPHA - LENGTH,), 1e-2, Sureness.PRIMARY),
+    Reference(
+        "stretch of the steady motion", "m", (math.tan(ALPHA * LENGTH) / ALPHA - LENGTH,), 1e-2, Sureness.PRIMARY
+    ),
 )
-SECONDS = 2.0
 RATE = OMEGA / RISE
 
 

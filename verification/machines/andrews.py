@@ -1,7 +1,7 @@
 """Andrews' squeezing mechanism (IFToMM A03).
 
-Seven planar bodies, a spring and a motor; three loops close in one point. Here each body hangs on a hinge of its own, and each loop
-is a pin between two of them, whose force is the published multiplier.
+Seven planar bodies, a spring and a motor; three loops close in one point. Here each body hangs on a hinge of its own,
+and each loop is a pin between two of them, whose force is the published multiplier.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import flexmbd as fm
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
-    "Mazzia & Magherini 2008, Test Set for Initial Value Problem Solvers, problem Andrews; PSIDE with a tolerance of 1e-14"
+    "Mazzia & Magherini 2008, Test Set for Initial Value Problem Solvers, problem Andrews; PSIDE with a tolerance of "
+    "1e-14"
 )
 ANGLES = (
     15.81077119629904, -15.75637105984298, 0.04082224013073101, -0.5347301163226948, 0.5244099658805304,
@@ -30,7 +31,6 @@ REFERENCES = (
     Reference("their rates", "rad/s", RATES, 1e-8, Sureness.PRIMARY),
     Reference("multipliers 1 to 6", "N", FORCES, 1e-5, Sureness.PRIMARY),
 )
-SECONDS = 0.5
 A, B, C = (-0.06934, -0.00227, 0.0), (-0.03635, 0.03273, 0.0), (0.014, 0.072, 0.0)
 START = (
     -0.0617138900142764496, 0.0, 0.455279819163070380, 0.222668390165885885, 0.487364979543842550,
@@ -76,9 +76,7 @@ def compute() -> Computed:
     """One run; the forces of the pins in the axes of the ground."""
     scene, angles, pins, ends = mechanism()
     run = scene.simulate(0.03, rtol=1e-12, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8))
-    forces = [
-        (run.rotation(end)[-1] @ run.reaction(pin)[-1, :3])[:2] for pin, end in zip(pins, ends, strict=True)
-    ]
+    forces = [(run.rotation(end)[-1] @ run.reaction(pin)[-1, :3])[:2] for pin, end in zip(pins, ends, strict=True)]
     return Computed(
         (
             numbers(*(run.beta(joint)[-1] for joint in angles)),

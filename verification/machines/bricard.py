@@ -1,7 +1,8 @@
 """Bricard's mechanism (IFToMM A04).
 
-Five rods of 1 m and 1 kg with a square section of 0.1 m, and six hinges along y, z, x, y, z, x: by Gruebler's count it cannot
-move, yet it has one degree of freedom, for one of its constraints is redundant in all positions. It falls from rest.
+Five rods of 1 m and 1 kg with a square section of 0.1 m, and six hinges along y, z, x, y, z, x: by Gruebler's count
+it cannot move, yet it has one degree of freedom, for one of its constraints is redundant in all positions. It falls
+from rest.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ import flexmbd as fm
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
-    "IFToMM Technical Committee for Multibody Dynamics, Library of Computational Benchmark Problems, A04; numbers by the "
-    "exact equation of its symmetric motion"
+    "IFToMM Technical Committee for Multibody Dynamics, Library of Computational Benchmark Problems, A04; numbers by "
+    "the exact equation of its symmetric motion"
 )
 PLACES = {
     0.5: (0.968283679107, -1.224625159436, 0.750146609438),
@@ -24,7 +25,6 @@ PLACES = {
 REFERENCES = tuple(
     Reference(f"x, y, z of P3 after {t:g} s", "m", place, 1e-9, Sureness.OWN) for t, place in PLACES.items()
 )
-SECONDS = 2.0
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)], dtype=float)
 
 

@@ -1,8 +1,8 @@
 """Car axis.
 
-An axle of two small masses on stiff springs, its left wheel on even ground, its right one on a bumpy road. Here the line
-through the wheels is a body that a prescribed motion turns, along whose normal the left mass slides, so that no constraint is
-left; the published multipliers are forces of joints.
+An axle of two small masses on stiff springs, its left wheel on even ground, its right one on a bumpy road. Here the
+line through the wheels is a body that a prescribed motion turns, along whose normal the left mass slides, so that no
+constraint is left; the published multipliers are forces of joints.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ REFERENCES = (
     Reference("their rates", "", RATES, 1e-8, Sureness.PRIMARY),
     Reference("multipliers 1, 2", "", FORCES, 1e-8, Sureness.PRIMARY),
 )
-SECONDS = 0.5
 MASS, REST, BUMP, OMEGA = 5e-4, 0.5, 0.1, 10.0
 
 

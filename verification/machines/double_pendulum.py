@@ -24,7 +24,6 @@ REFERENCES = tuple(
     Reference(f"{start}, x, z of the tip after {t:g} s", "m", place, 2e-9, Sureness.OWN)
     for (start, t), place in PLACES.items()
 )
-SECONDS = 0.5
 
 
 def compute() -> Computed:

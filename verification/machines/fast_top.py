@@ -1,7 +1,7 @@
 """Simo's and Wong's symmetric top.
 
-Inertia 5, 5, 1 kg m^2 about its tip, weight moment 20 N m, spin 50 rad/s, tilted by 0.05 rad and by 0.3 rad. It nods between two tilts,
-which follow from elliptic integrals with period and precession.
+Inertia 5, 5, 1 kg m^2 about its tip, weight moment 20 N m, spin 50 rad/s, tilted by 0.05 rad and by 0.3 rad. It nods
+between two tilts, which follow from elliptic integrals with period and precession.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import numpy as np
 import flexmbd as fm
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
-SOURCE = Source("Simo & Wong 1991, International Journal for Numerical Methods in Engineering 31", "10.1002/nme.1620310103")
+SOURCE = Source(
+    "Simo & Wong 1991, International Journal for Numerical Methods in Engineering 31", "10.1002/nme.1620310103"
+)
 # tilt at the start: lowest tilt (rad), period of nutation (s), precession in a period (rad)
 NUTATION = {
     0.05: (0.054551690224342, 0.68545849728962, 0.28610768780066),
@@ -22,13 +24,14 @@ REFERENCES = (
         reference
         for tilt, (lowest, period, turn) in NUTATION.items()
         for reference in (
-            Reference(f"tilt {tilt:g} rad: lowest tilt, after {0.5 * period:.6g} s", "rad", (lowest,), 1e-8, Sureness.OWN),
+            Reference(
+                f"tilt {tilt:g} rad: lowest tilt, after {0.5 * period:.6g} s", "rad", (lowest,), 1e-8, Sureness.OWN
+            ),
             Reference(f"tilt {tilt:g} rad: precession in a period", "rad", (turn,), 1e-7, Sureness.OWN),
         )
     ),
     Reference("tilt 0.05 rad: axis after 10 s", "", (-0.0471322314, 0.0267486864, 0.9985304505), 1e-9, Sureness.OWN),
 )
-SECONDS = 0.5
 
 
 def spin(tilt: float, t: float) -> np.ndarray:

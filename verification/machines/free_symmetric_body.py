@@ -1,6 +1,7 @@
 """Free symmetric body.
 
-Inertia 0.04 kg m^2 across its axis and 0.02 along it. In its axes the angular velocity goes round at s = (I - J) / I of its axial part.
+Inertia 0.04 kg m^2 across its axis and 0.02 along it. In its axes the angular velocity goes round at s = (I - J) / I
+of its axial part.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ REFERENCES = (
         1e-11, Sureness.PRIMARY,
     ),
 )  # fmt: skip
-SECONDS = 0.2
 
 
 def compute() -> Computed:

@@ -1,7 +1,7 @@
 """Stiff flyball governor (after IFToMM A05).
 
-Balls of 5 kg on rods of 1 m at a shaft that turns freely, springs of 8e5 N/m with dampers of 4e4 N s/m from the rods' middles to a slider.
-The library gives a curve; the numbers are of Lagrange's equations by an implicit method.
+Balls of 5 kg on rods of 1 m at a shaft that turns freely, springs of 8e5 N/m with dampers of 4e4 N s/m from the rods'
+middles to a slider. The library gives a curve; the numbers are of Lagrange's equations by an implicit method.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ REFERENCES = (
     Reference("way of the slider after 10 s", "m", (0.8259620542948524,), 1e-7, Sureness.OWN),
     Reference("speed of the shaft after 10 s", "rad/s", (4.944056049822106,), 1e-6, Sureness.OWN),
 )
-SECONDS = 1.0
 
 
 def compute() -> Computed:

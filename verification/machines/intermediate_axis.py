@@ -1,7 +1,7 @@
 """Free body about its intermediate axis (Dzhanibekov).
 
-Inertia 1, 2, 3 kg m^2, angular velocity 0.01, 5, 0.01 rad/s: it flips over again and again. The time between flips is 2 K(m) / lambda of
-Jacobi's solution.
+Inertia 1, 2, 3 kg m^2, angular velocity 0.01, 5, 0.01 rad/s: it flips over again and again. The time between flips is
+2 K(m) / lambda of Jacobi's solution.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ REFERENCES = (
     ),
     Reference("time between flips", "s", (5.02592913815747,), 1e-9, Sureness.PRIMARY),
 )  # fmt: skip
-SECONDS = 0.3
 
 
 def compute() -> Computed:

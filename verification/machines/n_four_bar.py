@@ -1,8 +1,8 @@
 """Rows of four-bars (IFToMM A02).
 
-2 N + 1 rods of 1 m and 1 kg make N windows in a row, hinged to the ground by three-dimensional revolute joints, most of whose
-constraints are redundant. Upright, their first free corner moves at 1 m/s; twice a turn they all lie flat, where the
-constraints lose rank.
+2 N + 1 rods of 1 m and 1 kg make N windows in a row, hinged to the ground by three-dimensional revolute joints, most
+of whose constraints are redundant. Upright, their first free corner moves at 1 m/s; twice a turn they all lie flat,
+where the constraints lose rank.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ REFERENCES = tuple(
     for n, row in PLACES.items()
     for t, place in row.items()
 )
-SECONDS = 3.0
 
 
 def four_bars(windows: int) -> tuple[fm.System, fm.Frame]:

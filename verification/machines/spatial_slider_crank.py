@@ -1,7 +1,8 @@
 """Slider-crank in space.
 
-A crank of 0.08 m turns about x at 6 rad/s 0.1 m beside the slider's line and 0.12 m above it; the rod of 0.3 m hangs on the crank by a universal joint
-and on the slider by a ball. Velocities at the start follow from the crank's; weight works for 5 s without any loss of energy.
+A crank of 0.08 m turns about x at 6 rad/s 0.1 m beside the slider's line and 0.12 m above it; the rod of 0.3 m hangs
+on the crank by a universal joint and on the slider by a ball. Velocities at the start follow from the crank's; weight
+works for 5 s without any loss of energy.
 """
 
 from __future__ import annotations
@@ -32,7 +33,6 @@ REFERENCES = (
     Reference("angular velocity of the rod", "rad/s", (1.92, -0.96, 0.48), 1e-12, Sureness.SECONDARY),
     Reference("energy after 5 s, that of the start", "J", (START,), 1e-8, Sureness.PRIMARY),
 )
-SECONDS = 1.0
 
 
 def compute() -> Computed:

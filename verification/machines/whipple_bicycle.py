@@ -1,7 +1,7 @@
 """Whipple's bicycle.
 
-The benchmark bicycle of 94 kg with its rider rides straight on, its wheels without slip: eigenvalues of the linear machine, and between which speeds it
-is stable by itself.
+The benchmark bicycle of 94 kg with its rider rides straight on, its wheels without slip: eigenvalues of the linear
+machine, and between which speeds it is stable by itself.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from scipy.optimize import brentq
 import flexmbd as fm
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
-SOURCE = Source(
-    "Meijaard, Papadopoulos, Ruina & Schwab 2007, Proceedings of the Royal Society A 463", "10.1098/rspa.2007.1857"
-)
+SOURCE = Source("Meijaard, Papadopoulos, Ruina & Schwab 2007, Proceedings of the Royal Society A 463")
 REFERENCES = (
     Reference("eigenvalues at rest", "1/s", (3.13164324790656, 5.53094371765393), 1e-8, Sureness.PRIMARY),
     Reference("castering, weave (real, imaginary part), capsize at 5 m/s", "1/s",
@@ -24,7 +22,6 @@ REFERENCES = (
     Reference("speed from which weave dies out", "m/s", (4.29238253634111,), 1e-8, Sureness.PRIMARY),
     Reference("speed from which it capsizes", "m/s", (6.02426201538837,), 1e-7, Sureness.PRIMARY),
 )  # fmt: skip
-SECONDS = 1.0
 
 
 def eigenvalues(speed: float) -> np.ndarray:
@@ -81,7 +78,7 @@ def compute() -> Computed:
 
 
 def _zero(function: Callable[[float], float], about: float, reach: float) -> float:
-    """Where a smooth function is zero, by its inverse through places on both sides: there the eigenvalue is none of rest."""
+    """Where a smooth function is zero, by its inverse through places on both sides."""
     at = about + reach * np.array([-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0])
     values = [function(x) for x in at]
     weights = np.polynomial.polynomial.polyfit(values, (at - about) / reach, len(at) - 1)

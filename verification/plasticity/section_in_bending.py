@@ -19,11 +19,13 @@ SOURCE = Source("Prager & Hodge 1951, Theory of Perfectly Plastic Solids")
 CURVATURES = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 REFERENCES = (
     Reference(
-        "moment at k / k_y = 1, 1.5, 2, 3, 5, 10", "", tuple(1.5 * (1.0 - 1.0 / (3.0 * k * k)) for k in CURVATURES), 1e-3,
+        "moment at k / k_y = 1, 1.5, 2, 3, 5, 10",
+        "",
+        tuple(1.5 * (1.0 - 1.0 / (3.0 * k * k)) for k in CURVATURES),
+        1e-3,
         Sureness.PRIMARY,
     ),
 )
-SECONDS = 2.0
 
 
 def compute() -> Computed:

@@ -1,7 +1,8 @@
 """Thick cylinder under pressure.
 
-Radii 100 mm and 200 mm, E = 210 GPa, nu = 0.3, yield stress 0.24 GPa without hardening, plane strain: how far the outside moves while the inside flows, and the pressure at
-which all of it does. The formulas take the flowing part for incompressible, which is off by some tenths of a percent.
+Radii 100 mm and 200 mm, E = 210 GPa, nu = 0.3, yield stress 0.24 GPa without hardening, plane strain: how far the
+outside moves while the inside flows, and the pressure at which all of it does. The formulas take the flowing part for
+incompressible, which is off by some tenths of a percent.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ REFERENCES = (
     ),
     Reference("limit pressure", "GPa", (LIMIT / 1e9,), 5e-3, Sureness.PRIMARY),
 )
-SECONDS = 10.0
 
 
 def compute() -> Computed:
@@ -48,7 +48,12 @@ def compute() -> Computed:
     follow(body, list(TABLE), prescribed=held, load=lambda t: t * force, accepted=read)
     try:
         follow(
-            body, [0.19e9, 0.191e9, 1.1 * LIMIT], prescribed=held, load=lambda t: t * force, reached=0.18e9, smallest=0.01
+            body,
+            [0.19e9, 0.191e9, 1.1 * LIMIT],
+            prescribed=held,
+            load=lambda t: t * force,
+            reached=0.18e9,
+            smallest=0.01,
         )
         reached = 1.1 * LIMIT
     except PathError as error:

@@ -1,7 +1,7 @@
 """Cantilever of masses on massless beams.
 
-N nodes with the mass in points: relative errors of the lowest three frequencies against Euler's and Bernoulli's beam, of second order and from below.
-Hencky's chain of rigid pieces has the same spectrum.
+N nodes with the mass in points: relative errors of the lowest three frequencies against Euler's and Bernoulli's beam,
+of second order and from below. Hencky's chain of rigid pieces has the same spectrum.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ TABLE = {
     32: (-4.479e-4, -1.553e-3, -2.549e-3), 64: (-1.120e-4, -3.889e-4, -6.384e-4),
 }  # fmt: skip
 REFERENCES = tuple(Reference(f"N = {n}", "", row, 1e-3, Sureness.OWN) for n, row in TABLE.items())
-SECONDS = 0.5
 BETA = np.array([1.87510406871, 4.69409113297, 7.85475743824])
 
 

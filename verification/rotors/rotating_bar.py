@@ -1,6 +1,7 @@
 """Bar that spins about its end.
 
-How far it stretches: tan(a L) / a - L where the force grows with what it stretches, a^2 = rho Omega^2 / E; and to the first order, rho Omega^2 L^3 / 3 E.
+How far it stretches: tan(a L) / a - L where the force grows with what it stretches, a^2 = rho Omega^2 / E; and to the
+first order, rho Omega^2 L^3 / 3 E.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ REFERENCES = (
     Reference(f"stretch over L at a L = {FAST:g}", "", (math.tan(FAST) / FAST - 1.0,), 1e-5, Sureness.PRIMARY),
     Reference(f"stretch over L at a L = {SLOW:g}", "", (SLOW**2 / 3.0,), 1e-5, Sureness.PRIMARY),
 )
-SECONDS = 0.5
 
 
 def stretch(rate: float) -> float:

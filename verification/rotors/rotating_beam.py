@@ -1,7 +1,7 @@
 """Frequencies of a beam on a spinning hub (Southwell, Wright).
 
-Flap of a clamped beam of Euler and Bernoulli on a hub of radius delta L at the speed gamma, both made pure numbers by sqrt(rho A L^4 / EI): the lowest
-three. Lag follows by mu^2 = flap^2 - gamma^2.
+Flap of a clamped beam of Euler and Bernoulli on a hub of radius delta L at the speed gamma, both made pure numbers by
+sqrt(rho A L^4 / EI): the lowest three. Lag follows by mu^2 = flap^2 - gamma^2.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ REFERENCES = (
     ),
     Reference("lag at delta = 0, gamma = 10", "", LAG, 3e-4, Sureness.OWN),
 )
-SECONDS = 3.0
 #: So stiff along that it stretches by 1e-6 at most, and stiffer across than any of the rows in the other plane.
 EA, N = 1e9, 32
 
@@ -45,7 +44,9 @@ def frequencies(hub: float, speed: float, *, EIy: float = 1.0, EIz: float = 1e4)
     bar = Bar(EA, np.inf, np.inf, 1e4, EIy, EIz, rho_A=1.0, rho_Iy=1e-7, rho_Iz=1e-7)
     scene = fm.System()
     shaft = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="hub")
-    beam = scene.add(bar.beam({"root": (hub, 0.0, 0.0), "tip": (hub + 1.0, 0.0, 0.0)}, [("root", "tip")], N), name="beam")
+    beam = scene.add(
+        bar.beam({"root": (hub, 0.0, 0.0), "tip": (hub + 1.0, 0.0, 0.0)}, [("root", "tip")], N), name="beam"
+    )
     turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), shaft.frame())
     turn.prescribe(lambda t: (speed * t, speed, 0.0))
     scene.connect(fm.joint.Fixed(), shaft.frame(p=(hub, 0.0, 0.0)), beam.frame("root"))

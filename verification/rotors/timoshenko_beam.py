@@ -1,6 +1,7 @@
 """Simply supported Timoshenko beam.
 
-2 m, 0.4 m x 0.4 m, E = 1 GPa, nu = 0.3, 7850 kg/m^3, shear factor 10 (1 + nu) / (12 + 11 nu), torsion constant 0.8436 of the polar moment.
+2 m, 0.4 m x 0.4 m, E = 1 GPa, nu = 0.3, 7850 kg/m^3, shear factor 10 (1 + nu) / (12 + 11 nu), torsion constant 0.8436
+of the polar moment.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from flexmbd.forms import beam_timoshenko
 from flexmbd.reduction import craig_bampton
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
-SOURCE = Source("Exudyn's ANCF beam tests; roots of (rho^2 I / k G) w^4 - (rho A + rho I k^2 (1 + E / k G)) w^2 + E I k^4 = 0")
+SOURCE = Source(
+    "Exudyn's ANCF beam tests; roots of (rho^2 I / k G) w^4 - (rho A + rho I k^2 (1 + E / k G)) w^2 + E I k^4 = 0"
+)
 BENDING = (95.63398088, 332.23451364, 635.69628837, 965.73546690)
 REFERENCES = (
     Reference("bending 1 to 4", "rad/s", BENDING, 5e-5, Sureness.PRIMARY),
     Reference("extension, fixed and free", "rad/s", (280.3206251329,), 5e-5, Sureness.PRIMARY),
     Reference("twist, fixed and free: half of free and free", "rad/s", (0.5 * 319.34980860,), 5e-5, Sureness.PRIMARY),
 )
-SECONDS = 0.5
 
 
 def compute() -> Computed:

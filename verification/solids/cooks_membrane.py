@@ -1,7 +1,7 @@
 """Cook's membrane, elastic.
 
-A tapered panel of 48 mm, clamped on the left, a shear force over its right end: in plane stress with E = 1, nu = 1/3 and a force of 1; and in plane strain with E = 70, a
-shear stress of 6.25 (CoFEA's comparison, linear elasticity).
+A tapered panel of 48 mm, clamped on the left, a shear force over its right end: in plane stress with E = 1, nu = 1/3
+and a force of 1; and in plane strain with E = 70, a shear stress of 6.25 (CoFEA's comparison, linear elasticity).
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from flexmbd.reduction import Traction, load_vectors
 from verification.plasticity._pieces import node_at
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
-SOURCE = Source("Cook 1974, Journal of the Structural Division ASCE 100; CoFEA benchmarks: CalculiX 32.27, Code_Aster 32.20, Elmer 32.28")
+SOURCE = Source(
+    "Cook 1974, Journal of the Structural Division ASCE 100; CoFEA benchmarks: "
+    "CalculiX 32.27, Code_Aster 32.20, Elmer 32.28"
+)
 REFERENCES = (
     Reference("plane stress, rise of the end's middle", "mm", (23.96,), 1e-3, Sureness.PRIMARY),
     Reference("plane strain, rise of the end's upper corner, Elmer", "mm", (32.28,), 2.5e-3, Sureness.SECONDARY),
 )
-SECONDS = 5.0
 
 
 def rise(young: float, load: float, held: tuple[str, ...], place: tuple[float, float, float]) -> float:
