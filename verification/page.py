@@ -19,7 +19,7 @@ are met within what the digits of their sources and the meshes explain; [the oth
 problem is one small file in `verification/`, which has all digits:
 
     ./run python -m verification --quick            # those of up to {quick:g} s, as the tests run them
-    ./run python -m verification                    # all, in {minutes:.0f} minutes of a core; this page is written from it
+    ./run python -m verification                    # all, {minutes:.0f} minutes of a core; writes this page
     ./run python -m verification machines.andrews   # some of them
     ./run python -m verification --list             # their names and times
 

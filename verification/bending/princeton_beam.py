@@ -23,7 +23,8 @@ REFERENCES = (
     Reference("8.896 N at 45 degrees, torsion constant 1.034 of Saint-Venant's", "m", (0.008837226265, 0.108987937),
               2e-4, Sureness.PRIMARY),
     Reference("8.896 N at 45 degrees, way along the stiff axis by Saint-Venant's constant", "m", (0.008837226265,),
-              2e-4, Sureness.PRIMARY, fails="The table is not of Saint-Venant's torsion constant; see the row above it."),
+              2e-4, Sureness.PRIMARY,
+              fails="The table is not of Saint-Venant's torsion constant; see the row above it."),
 )  # fmt: skip
 STRIP = beam_timoshenko.Parameters.rectangle(
     71.7e9, 0.31, 2700.0, width=12.3777e-3, height=3.2024e-3, orientation=(0.0, 1.0, 0.0)

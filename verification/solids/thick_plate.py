@@ -23,7 +23,7 @@ REFERENCES = (
     Reference("stress yy at D, curved cells", "MPa", (-5.38,), 2e-2, Sureness.PRIMARY),
     Reference(
         "stress yy at D, straight cells", "MPa", (-5.38,), 2e-2, Sureness.PRIMARY,
-        fails="Straight-sided cells have a corner in the inner edge at each node; the stress falls slowly with the mesh.",
+        fails="Straight-sided cells have a corner in the inner edge at each node; finer meshes come nearer.",
     ),
 )  # fmt: skip
 
