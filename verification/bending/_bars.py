@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import flexmbd as fm
+from flexmbd.multibody.linear.working_point import WorkingPoint
 
 Place = tuple[float, float, float]
 
@@ -57,7 +58,7 @@ def straight(bar: Bar, length: float, n: int) -> tuple[fm.System, fm.ExactBeam]:
     return scene, beam
 
 
-def at_rest(scene: fm.System, *, steps: int = 1) -> fm.Equilibrium:
+def at_rest(scene: fm.System, *, steps: int = 1) -> WorkingPoint:
     """The equilibrium under loads that are functions of time, at 1, brought up in equal steps."""
     about = None
     for share in np.arange(1, steps + 1) / steps:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import flexmbd as fm
+from flexmbd.multibody.joint.connection import Connection
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
@@ -38,7 +39,7 @@ START = (
 )  # fmt: skip
 
 
-def mechanism() -> tuple[fm.System, list[fm.Connection], list[fm.Connection], list[fm.Frame]]:
+def mechanism() -> tuple[fm.System, list[Connection], list[Connection], list[fm.Frame]]:
     """The machine, its hinges in the order of the angles, its pins, and a frame of each pin's second body."""
     scene = fm.System()
     hinge, pin = fm.joint.Revolute("z"), fm.joint.PointOnLine("z")

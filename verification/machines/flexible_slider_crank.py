@@ -15,8 +15,8 @@ from flexmbd.record.groups import InterfaceFrame
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
-    "Simeon 1996, Mathematical Modelling of Systems 2; Test Set for Initial Value Problem Solvers, problem Slider Crank, "
-    "MEBDFI with a tolerance of 1e-14"
+    "Simeon 1996, Mathematical Modelling of Systems 2; Test Set for Initial Value Problem Solvers, problem Slider "
+    "Crank, MEBDFI with a tolerance of 1e-14"
 )
 RIGID = (15.00000000000104, -0.3311734988256260, 0.1697373328427860)
 ELASTIC = (1.893192899613509e-4, 2.375751249879174e-5, -5.323896770569702e-6, -8.363313279112129e-6)

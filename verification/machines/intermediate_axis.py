@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import flexmbd as fm
+from flexmbd.multibody.joint.connection import Connection
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source("Jacobi's elliptic functions, as in Landau & Lifshitz, Mechanics, section 37")
@@ -40,7 +41,7 @@ def compute() -> Computed:
         rates.append(numbers(run.beta_rate(ball)[-1]))
         turns[t] = np.copysign(1.0, run.beta(ball)[-1, 0]) * run.beta(ball)[-1]
 
-        def middle(at: float, run: fm.Trajectory = run, ball: fm.Connection = ball) -> float:
+        def middle(at: float, run: fm.Trajectory = run, ball: Connection = ball) -> float:
             return float(run.beta_rate(ball, t=np.array([at]))[0, 1])
 
         if t == 20.0:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import ellipk
 
 import flexmbd as fm
+from flexmbd.multibody.joint.connection import Connection
 from verification.machines._rods import rod
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
@@ -25,7 +26,7 @@ REFERENCES = (
 METHOD = fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8)
 
 
-def swing(body: fm.RigidBody, t_end: float) -> tuple[fm.Trajectory, fm.Connection, fm.Frame]:
+def swing(body: fm.RigidBody, t_end: float) -> tuple[fm.Trajectory, Connection, fm.Frame]:
     """Let it go."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))
     bob = scene.add(body, name="bob")
