@@ -60,8 +60,8 @@ def straight(bar: Bar, length: float, n: int) -> tuple[fm.System, fm.ExactBeam]:
 
 def at_rest(scene: fm.System, *, steps: int = 1) -> WorkingPoint:
     """The equilibrium under loads that are functions of time, at 1, brought up in equal steps."""
-    about = None
-    for share in np.arange(1, steps + 1) / steps:
+    about = scene.equilibrium(t=1.0 / steps)
+    for share in np.arange(2, steps + 1) / steps:
         about = scene.equilibrium(t=float(share), about=about)
     return about
 
