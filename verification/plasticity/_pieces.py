@@ -1,0 +1,31 @@
+"""Bodies of one brick, and what is read from bodies."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from flexmbd import meshes
+from flexmbd.continuum import NonlinearModel
+
+
+def brick(form: ModuleType, parameters: Any) -> NonlinearModel:
+    """A cube of one brick, [0, 1] x [-1/2, 1/2]^2."""
+    mesh = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
+    return NonlinearModel(mesh, form, parameters, degree=1)
+
+
+def node_at(body: NonlinearModel, place: tuple[float, float, float]) -> int:
+    """The node nearest to a place of the undeformed body."""
+    return int(np.argmin(np.linalg.norm(body.layout.node_x - place, axis=1)))
+
+
+def places_of(body: NonlinearModel, dofs: np.ndarray) -> np.ndarray:
+    """(k, 3) Undeformed places of the nodes that dofs belong to."""
+    node = np.empty(body.layout.n_local, dtype=int)
+    node[body.displacement_dofs] = np.arange(len(body.displacement_dofs))[:, None]
+    return np.asarray(body.layout.node_x[node[dofs]])

@@ -1,0 +1,1 @@
+"""Reduced bodies and frequencies of parts."""

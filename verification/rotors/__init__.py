@@ -1,0 +1,1 @@
+"""Rotating beams and vibrations."""
