@@ -72,7 +72,7 @@ def reduce_matrices(
         K: (3 k, 3 k) sparse, N/m; rows of each node x, y, z, nodes as the table has them.
         M: (3 k, 3 k) sparse, kg. Where it is one matrix for all three components, as that of every consistent or
             lumped solid is, all inertia integrals are exact; else those of large motions are completed
-            (`flexmbd.export.superelements.gram_completion`), which the record's provenance says.
+            (`flexmbd.export.gram_completion`), which the record's provenance says.
         nodes: (k, 4) table: number, x, y, z (m).
         interfaces: the frames by name.
         modes: number of fixed-interface modes.

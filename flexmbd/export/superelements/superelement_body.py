@@ -1,7 +1,7 @@
 """From a superelement of another program to a reduced body.
 
 Mass, centre, inertia, frequencies, statics and everything else of small motions are those of the matrices. What a
-superelement does not say of large motions is chosen by `flexmbd.export.superelements.gram_completion`.
+superelement does not say of large motions is chosen by `flexmbd.export.gram_completion`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from flexmbd.errors import ExportError
-from flexmbd.export.superelements.gram_completion import completed_gram, rigid_body
+from flexmbd.export.gram_completion import completed_gram, rigid_body
 from flexmbd.export.superelements.superelement import Superelement
 from flexmbd.record.groups import FRAME_DOFS, FloatArray
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
