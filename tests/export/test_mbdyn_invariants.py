@@ -1,4 +1,4 @@
-"""MBDyn's groups 12 to 19: the invariants of its manual from lumped masses, bodies with rigid inertia alone, its motion."""
+"""MBDyn's groups 12 to 19: the invariants from lumped masses, bodies of rigid inertia alone, its own equations."""
 
 from dataclasses import replace
 
