@@ -205,14 +205,14 @@ def _rigid(groups: Groups, given: RigidBody | None) -> RigidInertia | None:
         if given is not None:
             raise ExportError(f"{groups.path} has a group 12, rigid inertia: leave rigid= out")
         numbers = groups.numbers(12, 13)
-        inertia = numbers[4:].reshape(3, 3)
-        return RigidInertia(float(numbers[0]), numbers[1:4], 0.5 * (inertia + inertia.T))
+        told = numbers[4:].reshape(3, 3)
+        return RigidInertia(float(numbers[0]), numbers[1:4], 0.5 * (told + told.T))
     if given is None:
         return None
-    inertia = np.asarray(given.inertia, dtype=np.float64)
-    return RigidInertia(
-        float(given.mass), np.asarray(given.com, dtype=np.float64), np.diag(inertia) if inertia.ndim == 1 else inertia
-    )
+    inertia: FloatArray = np.asarray(given.inertia, dtype=np.float64)
+    if inertia.ndim == 1:
+        inertia = np.diag(inertia)
+    return RigidInertia(float(given.mass), np.asarray(given.com, dtype=np.float64), inertia)
 
 
 def _check_modal_mass(path: str | Path, nodal: FloatArray, mass: FloatArray) -> None:

@@ -220,9 +220,9 @@ def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
     try:
         lines = next(blocks(read_text(path))).lines
         if lines and len(lines[0].replace(",", " ").split()) == 3:
-            i, j, values = coordinates(lines, 3 * len(x))
+            row, column, values = coordinates(lines, 3 * len(x))
             order = (3 * np.argsort(numbers)[:, None] + np.arange(3)).ravel()
-            return scipy.sparse.csr_array((values, (order[i], order[j])), shape=(3 * len(x), 3 * len(x)))
+            return scipy.sparse.csr_array((values, (order[row], order[column])), shape=(3 * len(x), 3 * len(x)))
         entries = triplets(lines)
         for (node, component), _ in entries:
             if node not in rows or component not in (1, 2, 3):
