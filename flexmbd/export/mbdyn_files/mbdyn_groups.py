@@ -25,7 +25,7 @@ _MOST_MODES = 5000
 
 
 @dataclass(frozen=True)
-class Groups:
+class RecordGroups:
     """The words of each group, without comments, and the lines that are ours.
 
     Attributes:
@@ -43,7 +43,7 @@ class Groups:
     modes: int
 
     @classmethod
-    def of(cls, path: str | Path, text: str) -> Groups:
+    def of(cls, path: str | Path, text: str) -> RecordGroups:
         """The groups of a file's text.
 
         Raises:
@@ -108,7 +108,7 @@ class Groups:
                     f"{self.nodes} of the file have mass: it is of another set of nodes"
                 )
             words = words[:count]
-        inertia = Groups(self.path, {11: words}, (), self.nodes, self.modes).numbers(11, self.nodes, 6)
+        inertia = RecordGroups(self.path, {11: words}, (), self.nodes, self.modes).numbers(11, self.nodes, 6)
         if (inertia[:, :1] != inertia[:, 1:3]).any() or (inertia < 0.0).any():
             raise ExportError(f"{self.path}: group 11 has masses that differ from axis to axis, or negative ones")
         return inertia

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.gram_completion import completed_gram
 from flexmbd.export.mbdyn_files.mbdyn_file import OURS
-from flexmbd.export.mbdyn_files.mbdyn_groups import Groups
+from flexmbd.export.mbdyn_files.mbdyn_groups import RecordGroups
 from flexmbd.export.mbdyn_files.mbdyn_invariants import AGREE, Invariants, RigidInertia, gram_of, stiffening_loads
 from flexmbd.export.mbdyn_files.mbdyn_invariants import shapes as shapes_of_groups
 from flexmbd.export.mbdyn_files.rigid_modes import SplitModes, split_modes
@@ -45,7 +45,7 @@ def read_mbdyn(
 
     The Gram matrix follows from the nodes' masses, moments of inertia and shapes (group 11) or from the invariants
     (groups 14 to 18); group 12, the rigid inertia, goes before what the nodes have of it.  With group 12 alone the
-    modes have no momentum, as MBDyn takes them: those of a free body have none.  Groups 3 and 4 are passed over.
+    modes have no momentum, as MBDyn takes them: those of a free body have none.  RecordGroups 3 and 4 are passed over.
     Frames are nodes, with the axes of B where the file does not tell others.  Modes that are not in normal form are
     brought to it; the partition tells how.  The part of a damping matrix that is not symmetric takes no power and is
     `gyroscopic`; stiffening by loads (group 19) is `geometric`.
@@ -66,7 +66,7 @@ def read_mbdyn(
     """
     try:
         with np.errstate(all="raise", under="ignore"):
-            groups = Groups.of(path, read_text(path))
+            groups = RecordGroups.of(path, read_text(path))
             chosen = _Choices(rigid, uncoupled, momentum_alone)
             return _body(path, groups, interfaces, chosen)
     except ExportError as error:
@@ -84,7 +84,7 @@ class _Choices:
     momentum_alone: bool
 
 
-def _body(path: str | Path, groups: Groups, interfaces: Sequence[str] | None, chosen: _Choices) -> ReducedBody:
+def _body(path: str | Path, groups: RecordGroups, interfaces: Sequence[str] | None, chosen: _Choices) -> ReducedBody:
     k, n = groups.nodes, groups.modes
     labels = groups.labels()
     x = np.column_stack([groups.numbers(group, k) for group in (5, 6, 7)])
@@ -145,7 +145,7 @@ def _body(path: str | Path, groups: Groups, interfaces: Sequence[str] | None, ch
 
 def _inertia(
     path: str | Path,
-    groups: Groups,
+    groups: RecordGroups,
     x: FloatArray,
     shapes: FloatArray,
     *,
@@ -200,7 +200,7 @@ def _inertia(
     return gram, "invariants" if found else "rigid inertia alone: modes without momentum"
 
 
-def _rigid(groups: Groups, given: RigidBody | None) -> RigidInertia | None:
+def _rigid(groups: RecordGroups, given: RigidBody | None) -> RigidInertia | None:
     if 12 in groups.words:
         if given is not None:
             raise ExportError(f"{groups.path} has a group 12, rigid inertia: leave rigid= out")
@@ -230,7 +230,7 @@ def _check_modal_mass(path: str | Path, nodal: FloatArray, mass: FloatArray) -> 
         )
 
 
-def _frame_names(groups: Groups, labels: list[str]) -> list[str]:
+def _frame_names(groups: RecordGroups, labels: list[str]) -> list[str]:
     """Nodes without mass; of a file with invariants alone all, since they are there for joints."""
     if 11 in groups.words:
         return [label for label, m in zip(labels, groups.nodal_inertia()[:, 0], strict=True) if m == 0.0]
@@ -247,7 +247,7 @@ def _resting(shapes: FloatArray) -> BoolArray:
 
 
 def _geometric(
-    groups: Groups, frames: tuple[InterfaceFrame, ...], carrier: str | None, basis: FloatArray
+    groups: RecordGroups, frames: tuple[InterfaceFrame, ...], carrier: str | None, basis: FloatArray
 ) -> GeometricStiffness | None:
     moving = [frame.name for frame in frames if frame.name != carrier]
     matrices = groups.stiffening(len(moving))

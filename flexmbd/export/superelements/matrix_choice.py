@@ -78,7 +78,7 @@ def chosen_matrices(
                 "D = K4 / w4 (Nastran's PARAM,W4), or w4=math.inf to leave it out"
             )
         if math.isfinite(w4):
-            viscous: FloatArray = K4 / w4
+            viscous: FloatArray = np.asarray(K4 / w4, dtype=np.float64)
             D = viscous if D is None else np.asarray(D + viscous)
     return loaded["K"], loaded["M"], D
 
