@@ -281,8 +281,11 @@ def test_structural_damping_at_a_frequency(tmp_path):
     for wrong, match in (({"D": "K4XX"}, "structural damping"), ({"C": "BXX"}, "no role 'C'"), ({"K": "KXX"}, "KXX")):
         with pytest.raises(ExportError, match=match):
             fm.export.read_op4(path, interfaces=ends, matrices=wrong)
-    with pytest.raises(ExportError, match="angular frequency in rad/s"):
-        fm.export.read_op4(path, interfaces=ends, w4=-1.0)
+    for wrong in (-1.0, math.nan, "300"):
+        with pytest.raises(ExportError, match="angular frequency in rad/s"):
+            fm.export.read_op4(path, interfaces=ends, w4=wrong)
+    with pytest.raises(ExportError, match="matrices must be a mapping"):
+        fm.export.read_op4(path, interfaces=ends, matrices="KAA")
 
 
 def test_matrices_chosen_by_name(tmp_path):

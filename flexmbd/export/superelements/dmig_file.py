@@ -120,7 +120,7 @@ def wide(value: float) -> str:
     return best
 
 
-@checked("path", "interfaces", "frame", "mass", error=ExportError)
+@checked("path", "interfaces", "frame", "mass", "matrices", error=ExportError)
 def read_dmig(
     path: str | Path,
     *,

@@ -95,7 +95,7 @@ def _matrix_lines(name: str, matrix: FloatArray) -> Iterator[str]:
     yield f"{1.0:23.16E}"
 
 
-@checked("path", "interfaces", "frame", "mass", "deck", error=ExportError)
+@checked("path", "interfaces", "frame", "mass", "deck", "matrices", error=ExportError)
 def read_op4(
     path: str | Path,
     *,
