@@ -220,6 +220,23 @@ def test_a_deck_beside_the_matrices(tmp_path, rows, suffix, seed):
     np.testing.assert_allclose(np.trace(found.damping), np.trace(damped_rod().damping), rtol=1e-6)
 
 
+def test_a_deck_that_lost_its_grdset(tmp_path):
+    """A GRID without CD moves along the basic axes unless GRDSET says otherwise; what is then refused says so."""
+    element, _ = rod_matrices()
+    text, turns = turned_deck(element)
+    place = element.p[0]
+    start = text.index("GRID*")
+    end = text.index("GRID*", start + 1)
+    blank = "\n".join(large("GRID", 30, "0", *map(float, place), "", "", "")) + "\n"
+    (tmp_path / "part.pch").write_text(text[:start] + blank + text[end:])
+    matrices = [(name, turned(A, turns)) for name, A in (("KAA", element.K), ("MAA", element.M))]
+    (tmp_path / "part.op4").write_bytes(text_op4(matrices, "sparse"))
+    with pytest.raises(ExportError, match=r"GRIDs 30 have no CD, and others have one: where GRDSET"):
+        fm.export.read_op4(tmp_path / "part.op4")
+    (tmp_path / "part.pch").write_text("GRDSET,,,,,,6\n" + text[:start] + blank + text[end:])
+    same_body(fm.export.read_op4(tmp_path / "part.op4"), damped_rod(), rtol=1e-7)
+
+
 def test_dmig_moves_along_the_grids_own_directions(tmp_path):
     element, _ = rod_matrices()
     text, turns = turned_deck(element)

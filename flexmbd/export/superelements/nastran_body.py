@@ -88,7 +88,16 @@ def nastran_body(
     placed, (K, M, D) = with_bound_nodes(placed, (K, M, D), order, sets, places)
     K, M, D = _carried(path, (K, M, D), free, boundary, frames=list(placed.values()))
     read = ReadMatrices(placed, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
-    return body_of(read, path, interfaces=None, frame=frame, units=units)
+    try:
+        return body_of(read, path, interfaces=None, frame=frame, units=units)
+    except ExportError as error:
+        plain = sorted(node for node, (_, _, cd) in boundary.placed.items() if cd == 0 and node in moved)
+        if not plain or all(cd == 0 for _, _, cd in boundary.placed.values()):
+            raise
+        raise ExportError(
+            f"{error}. GRIDs {', '.join(map(str, plain[:8]))} have no CD, and others have one: where GRDSET gave it to "
+            "them, add a line GRDSET,,,,,,CD to the deck"
+        ) from error
 
 
 def _moved(dofs: Sequence[Dof], matrices: Matrices) -> tuple[list[Dof], Matrices]:
