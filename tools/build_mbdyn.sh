@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds MBDyn from a source that is at hand into the environment of ./run, where tests and demos find it:
 #
-#   ./run tools/build_mbdyn.sh mbdyn-1.7.3.tar.gz      # or an unpacked folder; some ten minutes on two processors
+#   ./run --tools tools/build_mbdyn.sh mbdyn-1.7.3.tar.gz      # or an unpacked folder; some ten minutes on two processors
 #   ./run pytest tests/export/test_mbdyn.py            # test_mbdyn_moves_as_we_do runs then
 #
 # Nothing is downloaded. The flags are those with which 1.7.3 was built by hand for docs/export/mbdyn.md: its sources are
@@ -12,8 +12,8 @@ fail() { echo "build_mbdyn.sh: $*" >&2; exit 1; }
 
 (($# == 1)) || fail "give the source of MBDyn, mbdyn-1.7.3.tar.gz or its unpacked folder (https://www.mbdyn.org, downloads)"
 [[ -e $1 ]] || fail "there is no $1"
-[[ -n ${FLEXMBD_ENV:-} ]] || fail "call it by ./run, which says where the environment is"
-command -v g++ >/dev/null && command -v make >/dev/null || fail "g++ and make are needed: apt-get install g++ make"
+[[ -n ${FLEXMBD_ENV:-} ]] || fail "call it by ./run --tools, which says where the environment is"
+command -v g++ >/dev/null && command -v make >/dev/null || fail "g++ and make are needed: call it by ./run --tools"
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

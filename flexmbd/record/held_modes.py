@@ -92,6 +92,35 @@ def held_modes(
     return HeldModes(np.sqrt(square[::-1]), root[:, None] * shapes, shapes / root[:, None])
 
 
+def held_frequencies(mass: FloatArray, stiffness: FloatArray, rows: FloatArray) -> FloatArray:
+    """Ascending natural frequencies (Hz) of a body of which some motions are held.
+
+    Rigid motions that are free go with the deformations so that they have no momentum, where they have inertia; a bar
+    has none about its axis.
+
+    Args:
+        mass: (6 + n, 6 + n) of B and the modal coordinates.
+        stiffness: (n,) 1/s^2.
+        rows: (m, 6 + n) what is zero of B's motion and the modal coordinates.
+    """
+    root = np.concatenate([np.ones(6), np.sqrt(stiffness)])  # so that deformations are of like energies
+    weighed = mass / np.outer(root, root)
+    free = null_space(rows / root)
+    rigid = null_space(rows[:, :6]) if len(rows) else np.eye(6)
+    rigid = np.vstack([rigid, np.zeros((len(stiffness), rigid.shape[1]))])
+    left, sizes, _ = np.linalg.svd(free - rigid @ (rigid.T @ free), full_matrices=False)
+    shapes = left[:, sizes > 0.5]  # each is 0 or 1: the rigid motions are among the free ones
+    shapes -= rigid @ _inverse(rigid.T @ weighed @ rigid) @ rigid.T @ weighed @ shapes
+    inverse = np.linalg.inv(np.linalg.cholesky(shapes[6:].T @ shapes[6:]))
+    square, vectors = np.linalg.eigh(inverse @ (shapes.T @ weighed @ shapes) @ inverse.T)
+    # what is below is no mass but round-off
+    moving = square > len(mass) * np.finfo(float).eps * square.max(initial=0.0)
+    shapes = shapes @ inverse.T @ vectors[:, moving]
+    # Rayleigh quotients: the solver's eigenvalues have an error relative to the largest one
+    quotients = np.einsum("ij,ij->j", shapes[6:], shapes[6:]) / np.einsum("ij,ij->j", shapes, weighed @ shapes)
+    return np.asarray(np.sqrt(np.sort(quotients)) / (2.0 * np.pi))
+
+
 def mass_matrix(gram: FloatArray) -> FloatArray:
     """(6 + n, 6 + n) of the undeformed body: `ReducedBody.mass_matrix`."""
     n = (len(gram) - 4) // 3

@@ -37,7 +37,7 @@ from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
-from flexmbd.record.held_modes import interface_motion, mass_matrix, modal_mass, null_space
+from flexmbd.record.held_modes import held_frequencies, interface_motion, mass_matrix, modal_mass
 from flexmbd.record.pictured import PicturedRecord
 from flexmbd.record.record_faults import record_faults
 from flexmbd.record.summary import summary
@@ -214,7 +214,7 @@ class ReducedBody(PicturedRecord):
 
         Returns:
             Ascending elastic frequencies; rigid-body modes that the supports leave are not
-            listed.
+            listed, nor deformations without mass.
 
         Raises:
             InterfaceError: an interface or a component is not known.
@@ -231,15 +231,7 @@ class ReducedBody(PicturedRecord):
                         f"choose from {', '.join(FRAME_DOFS)}"
                     )
                 rows = np.vstack([rows, motion[FRAME_DOFS.index(component)]])
-        free = null_space(rows)
-        n_rigid = 6 - np.linalg.matrix_rank(rows[:, :6]) if len(rows) else 6
-        mass = self.mass_matrix()
-        inverse = np.linalg.inv(np.linalg.cholesky(free.T @ mass @ free))
-        k = (free[6:].T * self.stiffness) @ free[6:]
-        shapes = free @ inverse.T @ np.linalg.eigh(inverse @ k @ inverse.T)[1][:, n_rigid:]
-        # Rayleigh quotients: the solver's eigenvalues have an error relative to the largest one
-        eigenvalues = (self.stiffness @ shapes[6:] ** 2) / np.sum(shapes * (mass @ shapes), axis=0)
-        return np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi)
+        return held_frequencies(self.mass_matrix(), self.stiffness, rows)
 
     def inspect(self) -> str:
         """A readable sheet of the body; the same text for the same record.

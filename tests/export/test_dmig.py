@@ -95,7 +95,7 @@ def test_positions_and_names_from_the_grids(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ("GRID,7,,0.0", "GRID,7,4,0.0", "coordinate systems of its own"),
+        ("GRID,7,,0.0", "GRID,7,4,0.0", "no coordinate system 4"),
         ("GRID,7,,0.0", "GRID,7,,nan", "not a finite number"),
         ("GRID,7,,0.0,0.0,0.0\n", "", "not the square|of no interface|no matrix entries"),
         (f"{'DMIG':8}{'MX':8}{0:8}{1:8}", f"{'DMIG':8}{'MX':8}{0:8}{9:8}", "form 9"),

@@ -247,7 +247,7 @@ def edited(text, group, change):
         (1, lambda block: block.replace("42", "4" * 5000), "expected a revision and five numbers"),
         (1, lambda block: "", "lacks record groups 2"),
         (1, None, "its first record group is 2, not 1"),
-        (11, None, "has no group 11, nodal masses"),
+        (11, None, "has neither group 11, nodal masses, nor group 12"),
         (9, None, "lacks record groups 9"),
         (2, lambda block: block.replace("point-2\n", "point-1\n"), "two nodes share a label"),
         (5, lambda block: "nan " + block.split(" ", 1)[1], "group 5, X coordinates, holds values that are not finite"),

@@ -53,14 +53,15 @@ def written(tmp_path, *changes):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ("       8       8       6       2KAAX", "99999999       8       6       2KAAX", "read are dense real ones"),
-        ("       8       8       6       2KAAX", "    4000    4000       6       2KAAX", "too short to hold"),
-        ("       8       8       6       2KAAX", "       8      -8       6       2KAAX", "-8 rows"),
+        ("       8       8       6       2KAAX", "99999999       8       6       2KAAX", "rows 8 to 13"),
+        ("       8       8       6       2KAAX", "       8    4000       6       2KAAX", "of size .4000, 8."),
+        ("       8       8       6       2KAAX", "       8 9999999       6       2KAAX", "9999999 rows"),
+        ("       8       8       6       2KAAX", "       8       8       6       9KAAX", "type 9"),
         ("       8       8       6       2KAAX", "       8       8       6       4KAAX", "type 4"),
         ("       1       1       8", "       1       1       9", "rows 1 to 9|header|could not convert"),
-        ("       1       1       8", "       1       0       8", "sparse"),
+        ("       1       1       8", "       1       0       8", "invalid literal"),
         ("KAAX    ", "XAAX    ", "begins with K; it holds XAAX, MAAX"),
-        ("MAAX    ", "KAAX    ", "KAAX is there twice"),
+        ("MAAX    ", "KAAX    ", "it holds KAAX:1, KAAX:2"),
     ],
 )
 def test_files_that_do_not_fit(tmp_path, old, new, match):
@@ -150,11 +151,12 @@ def test_pyyeti_reads_words_of_64_bits(tmp_path, order):
     ("old", "new", "match"),
     [
         (b"KAAX", b"XAAX", "begins with K; it holds XAAX"),
-        (b"MAAX", b"KAAX", "KAAX is there twice"),
-        (np.array([1, 1, 16], "<i4").tobytes(), np.array([1, 0, 16], "<i4").tobytes(), "written as a sparse one"),
+        (b"MAAX", b"KAAX", "it holds KAAX:1, KAAX:2"),
+        (np.array([1, 1, 16], "<i4").tobytes(), np.array([1, 0, 16], "<i4").tobytes(), "a string of -1 words"),
         (np.array([1, 1, 16], "<i4").tobytes(), np.array([9, 1, 16], "<i4").tobytes(), "KAAX is cut|header should be"),
         (np.array([1, 1, 16], "<i4").tobytes(), np.array([1, 2, 16], "<i4").tobytes(), "column 1 has rows 2 to 9"),
-        (np.array([8, 8, 6, 2], "<i4").tobytes(), np.array([8, -8, 6, 2], "<i4").tobytes(), "-8 rows"),
+        (np.array([8, 8, 6, 2], "<i4").tobytes(), np.array([8, -9999, 6, 2], "<i4").tobytes(), "9999 rows"),
+        (np.array([8, 8, 6, 2], "<i4").tobytes(), np.array([8, 8, 6, 9], "<i4").tobytes(), "type 9"),
         (np.array([8, 8, 6, 2], "<i4").tobytes(), np.array([8, 8, 6, 4], "<i4").tobytes(), "type 4"),
     ],
 )

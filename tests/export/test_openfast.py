@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 from exported_bodies import damped_rod, floating_bar, small_body, soft_bar
 from mutations import survive
 
@@ -173,3 +174,48 @@ def test_connection_points(tmp_path, make, chosen):
 def test_connection_points_are_other_interfaces(tmp_path):
     with pytest.raises(ExportError, match="beside the one at the platform"):
         fm.export.openfast_connections(small_body(), tmp_path / "c.dat")
+
+
+def on_soil(tmp_path):
+    """The file of a rod with a stiffness of its soil, K and M of it, its weight, and the soil's damping."""
+    body = damped_rod()
+    fm.export.openfast(body, tmp_path / "free.dat", interface="small_end", lossy=True)
+    lines = (tmp_path / "free.dat").read_text().splitlines()
+
+    def rows(title, count):
+        at = next(i for i, line in enumerate(lines) if line.startswith(title)) + 1
+        return at, np.array([line.split() for line in lines[at : at + count]], dtype=float)
+
+    n = 6 + body.n_modes
+    half = np.random.default_rng(1).standard_normal((6, 6))
+    soil = np.diag([1e6, 1e6, 1e6, 1e4, 1e4, 1e4]) ** 0.5
+    soil = soil @ (np.eye(6) + 0.1 * half @ half.T) @ soil
+    at, K = rows("!Stiffness", n)
+    K[:6, :6] += soil
+    lines[at : at + n] = ["".join(f"{value:25.16E}" for value in row) for row in K.tolist()]
+    (tmp_path / "jacket.dat").write_text("\n".join(lines))
+    return tmp_path / "jacket.dat", K, rows("!Mass", n)[1], rows("!Weight constant", 1)[1][0]
+
+
+def test_a_structure_on_its_foundation(tmp_path):
+    """Held at the ground its frequencies are those of K and M, and its sag is K^-1 of the file's weight."""
+    path, K, M, weight = on_soil(tmp_path)
+    rod = damped_rod()
+    with pytest.raises(ExportError, match=r"Of a structure on its foundation say so: foundation='seabed'"):
+        fm.export.read_openfast(path)
+    with pytest.raises(ExportError, match=r"are given by rigid=fm.RigidBody"):
+        fm.export.read_openfast(path, foundation="seabed")
+    rigid = fm.RigidBody(rod.mass, rod.inertia, rod.com)
+    with pytest.raises(ExportError, match="its stiffness holds it nowhere"):
+        fm.export.read_openfast(tmp_path / "free.dat", foundation="seabed", rigid=rigid)
+    body = fm.export.read_openfast(path, foundation="seabed", rigid=rigid)
+    exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)) / 2.0 / np.pi
+    np.testing.assert_allclose(body.frequencies(["seabed"]), exact, rtol=1e-9)
+    np.testing.assert_allclose(body.mass, rod.mass, rtol=1e-12)
+    np.testing.assert_allclose(body.inertia, rod.inertia, atol=1e-12 * np.trace(rod.inertia))
+    scene = fm.System(gravity=(0.0, 0.0, -9.80665))
+    part = scene.add(fm.FlexibleBody(body), name="jacket")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), part.frame("seabed"))
+    sag = np.linalg.solve(K, weight)
+    found = body.interface("small_end").modes @ scene.equilibrium().q(part)
+    np.testing.assert_allclose(found, sag[:6], rtol=0.0, atol=1e-9 * abs(sag[:6]).max())

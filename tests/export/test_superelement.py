@@ -10,7 +10,7 @@ from particles import of_unit_mass
 
 import flexmbd as fm
 from flexmbd.errors import ExportError, InterfaceError
-from flexmbd.export.superelements.gram_completion import completed_gram
+from flexmbd.export.gram_completion import completed_gram
 from flexmbd.export.superelements.superelement_body import reduced_body
 from flexmbd.record.point_masses import point_masses
 

@@ -47,6 +47,13 @@ def test_python_is_that_of_the_environment() -> None:
         assert Path(shutil.which(name) or "").parent == Path(os.environ["FLEXMBD_ENV"], "bin")
 
 
+def test_more_tools_are_asked_for_before_the_command() -> None:
+    """Within the environment nothing changes any more: the command runs as it is."""
+    done = run("--tools", "python", "-c", "import sys; print(sys.argv[1:])", "--tools")
+    assert done.stdout == "['--tools']\n"
+    assert "--tools stands before a command" in run("--tools").stderr
+
+
 def test_unknown_command() -> None:
     done = run("no-such-command")
     assert done.returncode == 127

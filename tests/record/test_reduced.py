@@ -151,6 +151,45 @@ def test_low_frequencies_keep_their_digits_beside_stiff_modes():
     assert body.frequencies() == pytest.approx(hertz(*free), rel=1e-12)
 
 
+def test_a_line_of_masses_has_no_inertia_about_itself():
+    """Its bending has, k / 1; a turn about the line is a rigid motion like others."""
+    x = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    phi = np.zeros((3, 3))
+    phi[:, 2] = np.array([1.0, -2.0, 1.0]) / np.sqrt(6.0)
+    fields = np.concatenate([np.ones((3, 1)), x, phi], axis=1)
+    body = ReducedBody(
+        gram=fields.T @ fields,
+        stiffness=np.array([1e4]),
+        damping=np.zeros((1, 1)),
+        interfaces=(InterfaceFrame("end", np.zeros(3), np.eye(3), np.zeros((6, 1))),),
+        frame="end",
+        partition=np.eye(1),
+        partition_names=("one",),
+    )
+    assert body.frequencies() == pytest.approx(hertz(1e4), rel=1e-13)
+    assert body.frequencies({"end": ("x", "y", "z")}) == pytest.approx(hertz(1e4), rel=1e-12)
+
+
+def test_a_deformation_that_moves_no_mass_has_no_frequency():
+    """Two masses 2 m apart and a third, 0.2 m off their line, that a mode turns about it as the body turns."""
+    x = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.2, 0.0]])
+    phi = np.zeros((3, 3, 2))
+    phi[:, 0, 0] = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    phi[2, 2, 1] = 1.0
+    fields = np.concatenate([np.ones((3, 1)), x, phi[..., 0], phi[..., 1]], axis=1)
+    body = ReducedBody(
+        gram=fields.T @ fields,
+        stiffness=np.array([1e4, 4e4]),
+        damping=np.zeros((2, 2)),
+        interfaces=(InterfaceFrame("end", np.zeros(3), np.eye(3), np.zeros((6, 2))),),
+        frame="end",
+        partition=np.eye(2),
+        partition_names=("one", "other"),
+    )
+    assert body.frequencies() == pytest.approx(hertz(1e4), rel=1e-12)
+    assert body.frequencies(["end"]) == pytest.approx(hertz(1e4, 4e4), rel=1e-12)
+
+
 def test_body_without_modes(tmp_path):
     rigid = two_crosses(
         gram=two_crosses().gram[:4, :4],

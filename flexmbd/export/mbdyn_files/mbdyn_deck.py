@@ -51,6 +51,7 @@ def mbdyn_deck(
     gravity: float = 9.81,
     end: float = 1.0,
     step: float = 1e-3,
+    invariants: bool = False,
 ) -> MbdynPendulum:
     """Write an input deck (.mbd) of a pendulum that MBDyn runs as it is, in the folder of the deck.
 
@@ -71,6 +72,7 @@ def mbdyn_deck(
         gravity: m/s^2.
         end: s.
         step: s.
+        invariants: whether the file was written so.
 
     Raises:
         ExportError: the body has no interface; the axis has no direction or runs through the centre of mass; a name or
@@ -98,7 +100,7 @@ def mbdyn_deck(
     if body.frame is not None:
         nodes[body.frame] = MODAL_NODE
     pendulum = MbdynPendulum(hung.name, turning, gravity * down, float(rate), nodes)
-    write_file(path, "\n".join(_lines(body, name, pendulum, end=end, step=step)) + "\n")
+    write_file(path, "\n".join(_lines(body, name, pendulum, times=(end, step), invariants=invariants)) + "\n")
     return pendulum
 
 
@@ -117,14 +119,16 @@ def _directions(body: ReducedBody, place: FloatArray, axis: Sequence[float]) -> 
     return turning, np.asarray(arm / distance, dtype=np.float64)
 
 
-def _lines(body: ReducedBody, fem: str, pendulum: MbdynPendulum, *, end: float, step: float) -> Iterator[str]:
+def _lines(
+    body: ReducedBody, fem: str, pendulum: MbdynPendulum, *, times: tuple[float, float], invariants: bool
+) -> Iterator[str]:
     others = [body.interface(name) for name, label in pendulum.nodes.items() if label != MODAL_NODE]
     names = "".join(f", {pendulum.nodes[frame.name]} is {frame.name}" for frame in others)
     at = body.interface(pendulum.hinge).p_BI_B
     spin = pendulum.rate * pendulum.axis
     yield "# A reduced elastic body as a pendulum; SI units. Run it in this folder: mbdyn -f <this file>"
     yield f"# Nodes: {MODAL_NODE} is the body frame{names}; the hinge is at {pendulum.hinge}"
-    yield from _settings(1 + len(others), end=end, step=step)
+    yield from _settings(1 + len(others), end=times[0], step=times[1], differentiated=invariants)
     yield "begin: nodes;"
     yield "    # position, orientation, velocity, angular velocity"
     yield f"    structural: {MODAL_NODE}, modal, null, eye, {vector(np.cross(spin, -at))}, {vector(spin)};"
@@ -140,15 +144,19 @@ def _lines(body: ReducedBody, fem: str, pendulum: MbdynPendulum, *, end: float, 
     yield "        from file,"
     yield "        damping from file," if np.any(body.damping) else "        no damping,"
     yield f'        "{fem}",'
-    yield f"        {len(others)},"
-    yield from (f'            "{frame.name}", {pendulum.nodes[frame.name]}, null,' for frame in others)
-    yield "        use invariant 9;"
+    ends = [f"        {len(others)}"]
+    ends += [f'            "{frame.name}", {pendulum.nodes[frame.name]}, null' for frame in others]
+    if not invariants:  # of files that have them MBDyn takes them all, and knows no such words
+        ends.append("        use invariant 9")
+    yield ",\n".join(ends) + ";"
     yield ""
     yield from _hinge_and_weight(pendulum, at)
     yield "end: elements;"
 
 
-def _settings(nodes: int, *, end: float, step: float) -> tuple[str, ...]:
+def _settings(nodes: int, *, end: float, step: float, differentiated: bool) -> tuple[str, ...]:
+    # MBDyn stiffens by loads in the modal joint of automatic differentiation alone
+    differentiation = ("    use automatic differentiation;",) if differentiated else ()
     return (
         "begin: data;",
         "    problem: initial value;",
@@ -170,6 +178,7 @@ def _settings(nodes: int, *, end: float, step: float) -> tuple[str, ...]:
         f"    structural nodes: {nodes};",
         "    joints: 2;",
         "    gravity;",
+        *differentiation,
         "    output precision: 16;",
         "    default orientation: orientation matrix;",
         "end: control data;",

@@ -1,14 +1,16 @@
 """Reduced bodies for MBDyn: the data file (.fem) of its modal joint.
 
 MBDyn builds all inertia integrals of a moving body from nodes with masses, so the file holds the few fictitious
-points of `flexmbd.record.point_masses`: then the modal mass is that of the nodes to round-off.  Each interface frame is
-one more node, without mass, named as the frame is.  See docs/export/mbdyn.md.
+points of `flexmbd.record.point_masses`: then the modal mass is that of the nodes to round-off.  Its development version
+takes the integrals themselves, and stiffening by loads.  Each interface frame is one more node, without mass, named as
+the frame is.  See docs/export/mbdyn.md.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +18,14 @@ from numpy.typing import ArrayLike
 
 from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_losses, checked_writer
+from flexmbd.export.mbdyn_files.mbdyn_invariants import invariants as inertia_invariants
+from flexmbd.export.mbdyn_files.mbdyn_invariants import shapes, stiffening_loads
 from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FloatArray
-from flexmbd.record.point_masses import point_masses
+from flexmbd.record.point_masses import PointMasses, point_masses
 from flexmbd.record.reduced_body import ReducedBody
 
-CAPABILITIES = Capabilities()
+CAPABILITIES = Capabilities(stiffening=True)
 
 #: Lines of a file that MBDyn passes over and `read_mbdyn` understands.
 OURS = "** flexmbd"
@@ -33,25 +37,37 @@ _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_.+-]{0,79}")
 
 
 @checked_writer
-def mbdyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
+def mbdyn(
+    body: ReducedBody, path: str | Path, *, invariants: bool = False, lossy: bool = False
+) -> tuple[str, ...]:
     """Write the data file of MBDyn's modal joint. Not collective.
 
     Args:
         body: an elastic body.
         path: destination, as a rule `*.fem`.
+        invariants: write the rigid inertia and the inertia invariants (groups 12, 14 to 18) in the place of nodes with
+            masses, and the stiffening by loads that the record has (group 19): for MBDyn's development version; that of
+            1.7.3 and before knows no groups beyond 13.
         lossy: as of all formats; nothing grave is lost here.
 
     Returns:
         What is not in the file, a phrase each.
 
     Raises:
-        ExportError: the body has no modes; a frame's name is none for MBDyn; the destination cannot be written.
+        ExportError: the body has no modes; a frame's name is none for MBDyn; with invariants, it has no interface; the
+            destination cannot be written.
     """
-    losses = check_losses(body, CAPABILITIES, kind="MBDyn's modal joint", lossy=lossy)
+    stiffened = invariants and body.geometric is not None
+    able = replace(CAPABILITIES, stiffening=stiffened)
+    losses = check_losses(body, able, kind="MBDyn's modal joint", lossy=lossy)
+    if stiffened and body.stretch is not None:
+        losses += ("stiffening by the modes' stretch: that by load is there",)
     check_modes(body)
     for frame in body.interfaces:
         check_label(frame.name)
-    write_file(path, "\n".join(_lines(body)) + "\n")
+    if invariants and not body.interfaces:
+        raise ExportError("a file without nodal masses has the interfaces as its nodes, and this body has none")
+    write_file(path, "\n".join(_lines(body, invariants=invariants)) + "\n")
     return losses
 
 
@@ -73,17 +89,59 @@ def check_label(name: str) -> None:
         )
 
 
-def _lines(body: ReducedBody) -> Iterator[str]:
+def _lines(body: ReducedBody, *, invariants: bool) -> Iterator[str]:
     n, frames = body.n_modes, body.interfaces
-    points = point_masses(body)
-    x = np.vstack([points.x, *(frame.p_BI_B for frame in frames)])
+    points = None if invariants else point_masses(body)
+    yield from _head(body, points)
+    yield "** RECORD GROUP 9, MODAL MASS MATRIX"
+    yield from _square(_modal_mass(body))
+    yield "** RECORD GROUP 10, MODAL STIFFNESS MATRIX"
+    yield from _square(np.diag(body.stiffness))
+    if points is not None:
+        mass = np.zeros((len(points.x) + len(frames), 6))
+        mass[: len(points.x), :3] = points.mass[:, None]
+        yield "** RECORD GROUP 11, DIAGONAL OF LUMPED MASS MATRIX"
+        yield from (_row(node) for node in mass)
+    else:
+        yield "** RECORD GROUP 12, RIGID BODY INERTIA"
+        yield from (number(body.mass), _row(body.com), *map(_row, body.inertia))
+    if np.any(body.damping):
+        yield "** RECORD GROUP 13, MODAL DAMPING MATRIX"
+        yield from _square(0.5 * (body.damping + body.damping.T))
+    if points is None:
+        found = inertia_invariants(body.gram)
+        for group, (attribute, shape) in shapes(n).items():
+            yield f"** RECORD GROUP {group}, INVARIANT {attribute[1:]}"
+            yield from _square(getattr(found, attribute).reshape(shape[0], -1))
+        yield from _stiffening(body)
+    yield "** END OF FILE"
+
+
+def _stiffening(body: ReducedBody) -> Iterator[str]:
+    """Group 19: the loads of the record that MBDyn knows, by their numbers there."""
+    group = body.geometric
+    loads = stiffening_loads([frame.name for frame in body.interfaces if frame.name != body.frame])
+    there = [] if group is None else [load for load in loads if load in group.loads]
+    if group is None or not there:
+        return
+    yield "** RECORD GROUP 19, MODAL STRESS STIFFENING MATRIX"
+    yield str(len(there))
+    for load in there:
+        yield str(1 + loads.index(load))
+        yield from _square(group.K[group.loads.index(load)])
+
+
+def _head(body: ReducedBody, points: PointMasses | None) -> Iterator[str]:
+    """Groups 1 to 8: nodes and modes."""
+    n, frames = body.n_modes, body.interfaces
+    count = 0 if points is None else len(points.x)
+    x = np.array([*([] if points is None else points.x), *(frame.p_BI_B for frame in frames)])
     # (nodes, 6, n): displacements and small rotations
-    shapes = np.zeros((len(x), 6, n))
-    shapes[: len(points.x), :3] = points.phi
-    for row, frame in enumerate(frames, start=len(points.x)):
-        shapes[row] = frame.modes
-    mass = np.zeros((len(x), 6))
-    mass[: len(points.x), :3] = points.mass[:, None]
+    moved = np.zeros((len(x), 6, n))
+    if points is not None:
+        moved[:count, :3] = points.phi
+    for row, frame in enumerate(frames, start=count):
+        moved[row] = frame.modes
     yield "** MBDyn MODAL DATA FILE"
     yield "** SI units, axes and origin of the modal node; nodes with mass are fictitious, the others are interfaces"
     yield from _our_lines(body)
@@ -91,7 +149,7 @@ def _lines(body: ReducedBody) -> Iterator[str]:
     yield "**   REVISION,  NODE,  NORMAL, ATTACHMENT, CONSTRAINT, REJECTED MODES."
     yield f"     REV0 {len(x)} {n} 0 0 0"
     yield "** RECORD GROUP 2, FINITE ELEMENT NODE LIST"
-    yield from (f"{POINT}{number}" for number in range(1, len(points.x) + 1))
+    yield from (f"{POINT}{number}" for number in range(1, count + 1))
     yield from (frame.name for frame in frames)
     yield "** RECORD GROUP 3, INITIAL MODAL DISPLACEMENTS"
     yield from _rows(np.zeros(n))
@@ -103,17 +161,7 @@ def _lines(body: ReducedBody) -> Iterator[str]:
     yield "** RECORD GROUP 8, MODE SHAPES"
     for mode in range(n):
         yield f"** NORMAL MODE SHAPE # {mode + 1}"
-        yield from (_row(node) for node in shapes[:, :, mode])
-    yield "** RECORD GROUP 9, MODAL MASS MATRIX"
-    yield from _square(_modal_mass(body))
-    yield "** RECORD GROUP 10, MODAL STIFFNESS MATRIX"
-    yield from _square(np.diag(body.stiffness))
-    yield "** RECORD GROUP 11, DIAGONAL OF LUMPED MASS MATRIX"
-    yield from (_row(node) for node in mass)
-    if np.any(body.damping):
-        yield "** RECORD GROUP 13, MODAL DAMPING MATRIX"
-        yield from _square(0.5 * (body.damping + body.damping.T))
-    yield "** END OF FILE"
+        yield from (_row(node) for node in moved[:, :, mode])
 
 
 def _our_lines(body: ReducedBody) -> Iterator[str]:

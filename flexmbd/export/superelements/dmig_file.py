@@ -6,9 +6,7 @@ mode.  Numbers stand in fields of 16 characters, which is 11 to 14 digits.
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,24 +14,18 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_losses, checked_writer
-from flexmbd.export.superelements.full_matrices import NodeSet
-from flexmbd.export.superelements.node_binding import (
-    Interfaces,
-    bound_nodes,
-    node_sets,
-    single_nodes,
-    with_bound_nodes,
-)
+from flexmbd.export.superelements.matrix_choice import MatrixNames, chosen_matrices
+from flexmbd.export.superelements.matrix_text import Dof
+from flexmbd.export.superelements.nastran_body import nastran_body
+from flexmbd.export.superelements.nastran_boundary import CARDS, Boundary
+from flexmbd.export.superelements.nastran_cards import cards, number, whole
+from flexmbd.export.superelements.node_binding import Interfaces, node_sets
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
-    InterfaceNode,
-    ReadMatrices,
-    body_of,
     checked_size,
     comment,
     commented_interfaces,
     node_comment,
-    position,
 )
 from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
 from flexmbd.files.whole_file import read_text, write_file
@@ -43,9 +35,6 @@ from flexmbd.record.reduced_body import ReducedBody
 
 CAPABILITIES = Capabilities(nodal_interfaces=True, large_motion=False)
 
-# Node and component (0 for SPOINTs) of a row.
-_Dof = tuple[int, int]
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[edED]?([+-]?\d+))?")
 _LARGEST_ID = 99_999_999
 
 
@@ -100,7 +89,7 @@ def dmig(
     return left
 
 
-def _cards(name: str, matrix: FloatArray, dofs: list[_Dof]) -> Iterator[str]:
+def _cards(name: str, matrix: FloatArray, dofs: list[Dof]) -> Iterator[str]:
     """The lower triangle, column by column."""
     yield f"DMIG    {name:<8s}{0:<8d}{6:<8d}{2:<8d}{0:<8d}"
     for j, (node, component) in enumerate(dofs):
@@ -131,18 +120,21 @@ def wide(value: float) -> str:
     return best
 
 
-@checked("path", "interfaces", "frame", "mass", error=ExportError)
+@checked("path", "interfaces", "frame", "mass", "matrices", error=ExportError)
 def read_dmig(
     path: str | Path,
     *,
     interfaces: Interfaces | None = None,
     frame: str | None = None,
     units: str | None = None,
+    matrices: MatrixNames | None = None,
+    w4: float | None = None,
 ) -> ReducedBody:
-    """Read a body from DMIG matrices whose names begin with K, M and, where it is damped, B. Not collective.
+    """Read a body from DMIG matrices whose names begin with K, M and, where it is damped, B or K4. Not collective.
 
     Args:
         path: punch file or part of a deck, in small, large or comma-separated fields; other cards are passed over.
+            GRIDs may stand and move in coordinate systems of their own.
         interfaces: names of the GRIDs with six components, `InterfaceNode.node` their numbers; or sets of GRIDs, as
             the three components of solids, each bound to a rigid frame (`NodeSet`); default: as a file of ours says,
             else all GRIDs of the file, called "grid 7" and so on.
@@ -150,151 +142,94 @@ def read_dmig(
             the first.
         units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: as a file of ours
             says, else "m-kg-s".
+        matrices: which are taken where there are several, ``{"K": "KAAX", "M": "MAAX", "D": "BAAX", "K4": "K4AAX"}``.
+        w4: angular frequency (rad/s) at which structural damping K4 is taken as the viscous K4 / w4; infinity leaves
+            it out.
 
     Raises:
-        ExportError: the file is damaged, or holds something else; its units are others.
+        ExportError: the file is damaged, or holds something else; its units are others; it has structural damping and
+            w4 is not given.
     """
     text = read_text(path)
     try:
-        deck = _parsed(text)
+        deck = parsed_deck(text)
     except (ValueError, IndexError, OverflowError) as error:
         raise ExportError(f"{path}: {error}") from error
-    sets = node_sets(interfaces)
-    ours = commented_interfaces(text.splitlines(), bound=bool(sets))
-    named = single_nodes(interfaces) or ({} if sets else dict(ours.interfaces))
-    if not named and not sets:
-        named = {f"grid {node}": InterfaceNode(p, node) for node, p in deck.grids.items() if node in deck.nodes}
-    order = _order(deck, named, path, sets)
-    K, M, D = (_matrix(deck, letter, order, path) for letter in "KMB")
-    if K is None or M is None:
-        raise ExportError(f"{path} holds no DMIG matrix whose name begins with {'M' if K is not None else 'K'}")
-    placed = {
-        name: one if one.position is not None else InterfaceNode(deck.grids.get(one.node or 0), one.node, one.axes)
-        for name, one in named.items()
-    }
-    placed, (K, M, D) = with_bound_nodes(placed, (K, M, D), order, sets, deck.grids)
-    read = ReadMatrices(placed, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
-    return body_of(read, path, interfaces=None, frame=frame, units=units)
+    ours = commented_interfaces(text.splitlines(), bound=bool(node_sets(interfaces)))
+    dofs = deck.dofs()
+    if dofs:
+        checked_size(len(dofs), path)
+    names = list(deck.entries)
+
+    def load(number: int) -> FloatArray:
+        try:
+            return deck.dense(names[number])
+        except ValueError as error:
+            raise ExportError(f"{path}: {error}") from error
+
+    found = chosen_matrices(path, names, load, matrices=matrices, w4=w4)
+    return nastran_body(
+        path, deck.boundary, dofs, found, ours=ours, interfaces=interfaces, frame=frame, units=units
+    )
 
 
 @dataclass(eq=False)
-class _Deck:
-    """Cards of a deck: positions, forms and entries (row, column, value) of matrices by name."""
+class Deck:
+    """Cards of a deck: the boundary, forms with types, and entries (row, column, value) of matrices by name."""
 
-    grids: dict[int, FloatArray] = field(default_factory=dict)
-    forms: dict[str, int] = field(default_factory=dict)
-    entries: dict[str, list[tuple[_Dof, _Dof, float]]] = field(default_factory=dict)
-    nodes: set[int] = field(default_factory=set)
+    boundary: Boundary = field(default_factory=Boundary)
+    forms: dict[str, tuple[int, int]] = field(default_factory=dict)
+    entries: dict[str, list[tuple[Dof, Dof, float]]] = field(default_factory=dict)
+
+    def dofs(self) -> list[Dof]:
+        """Node and component of each row of the matrices, by number."""
+        return sorted({dof for entries in self.entries.values() for row, column, _ in entries for dof in (row, column)})
+
+    def dense(self, name: str) -> FloatArray:
+        """A matrix, rows as `dofs` has them, or ValueError."""
+        form, kind = self.forms[name]
+        if not _is_square((form, kind)):
+            raise ValueError(f"DMIG {name} has form {form}, type {kind}; read are real ones, square or symmetric")
+        order = {dof: row for row, dof in enumerate(self.dofs())}
+        matrix = np.zeros((len(order), len(order)))
+        for row, column, value in self.entries[name]:
+            i, j = order[row], order[column]
+            matrix[i, j] = value
+            if form == 6:
+                matrix[j, i] = value
+        return matrix
 
 
-def _parsed(text: str) -> _Deck:
-    deck = _Deck()
-    for fields in _cards_of(text):
-        if fields[0] == "GRID":
-            if _whole(fields, 2) or _whole(fields, 6):
-                raise ValueError(f"GRID {fields[1]} has coordinate systems of its own; write it in the basic one")
-            deck.grids[_whole(fields, 1)] = position([_number(fields, i) for i in (3, 4, 5)])
+def _is_square(form: tuple[int, int]) -> bool:
+    """Whether a matrix is square or symmetric, and real."""
+    return form[0] in (1, 6) and form[1] in (1, 2)
+
+
+def parsed_deck(text: str) -> Deck:
+    """The cards of a deck, others passed over.
+
+    Raises:
+        ValueError, IndexError, OverflowError: one is damaged.
+    """
+    deck = Deck()
+    for fields in cards(text):
+        if fields[0] in CARDS:
+            deck.boundary.add(fields)
         elif fields[0] == "DMIG":
             _add(deck, fields)
     return deck
 
 
-def _add(deck: _Deck, fields: list[str]) -> None:
+def _add(deck: Deck, fields: list[str]) -> None:
     name = fields[1].upper()
     if name not in deck.forms:
-        form, kind = _whole(fields, 3), _whole(fields, 4)
-        if form not in (1, 6) or kind not in (1, 2):
-            raise ValueError(f"DMIG {name} has form {form}, type {kind}; read are real ones, square or symmetric")
-        deck.forms[name] = form
+        deck.forms[name] = whole(fields, 3), whole(fields, 4)
         deck.entries[name] = []
         return
-    column = _whole(fields, 2), _whole(fields, 3)
+    if not _is_square(deck.forms[name]):  # loads, and complex ones
+        return
+    column = whole(fields, 2), whole(fields, 3)
     for i in range(5, len(fields), 4):
         if any(fields[i : i + 3]):
-            row = _whole(fields, i), _whole(fields, i + 1)
-            deck.entries[name].append((row, column, _number(fields, i + 2)))
-            deck.nodes |= {row[0], column[0]}
-
-
-def _cards_of(text: str) -> Iterator[list[str]]:
-    """Fields of one card after another, continuations joined; the first is the card's name without the star."""
-    card: list[str] = []
-    for line in text.splitlines():
-        line = line.partition("$")[0].expandtabs().rstrip()
-        if not line:
-            continue
-        head, fields = _fields(line)
-        if head == "" or head[0] in "*+":
-            if card:
-                card += fields
-            continue
-        if card:
-            yield card
-        card = [head.rstrip("*").upper(), *fields]
-    if card:
-        yield card
-
-
-def _fields(line: str) -> tuple[str, list[str]]:
-    """Name and data fields of a line: four wide ones or eight small ones, those that are not there empty."""
-    if "," in line:
-        head, *fields = (item.strip() for item in line.split(","))
-        return head, (fields + [""] * 8)[: 4 if "*" in head else 8]
-    head = line[:8].strip()
-    width = 16 if "*" in head else 8
-    return head, [line[8 + i * width : 8 + (i + 1) * width].strip() for i in range(64 // width)]
-
-
-def _whole(fields: list[str], at: int) -> int:
-    text = fields[at] if at < len(fields) else ""
-    if not re.fullmatch(r"\d{0,9}", text, re.ASCII):
-        raise ValueError(f"{fields[0]} {fields[1]}: {text[:30]!r} is not a whole number")
-    return int(text or 0)
-
-
-def _number(fields: list[str], at: int) -> float:
-    text = fields[at] if at < len(fields) else ""
-    found = _NUMBER.fullmatch(text or "0.")
-    value = math.nan if found is None else float(f"{found[1]}e{found[2] or 0}")
-    if not math.isfinite(value):
-        raise ValueError(f"{fields[0]} {fields[1]}: {text[:30]!r} is not a finite number")
-    return value
-
-
-def _order(
-    deck: _Deck, named: Mapping[str, InterfaceNode], path: str | Path, sets: Mapping[str, NodeSet]
-) -> dict[_Dof, int]:
-    """Row of each degree of freedom: six of each interface, then those of bound nodes and scalar points by number."""
-    bound = bound_nodes(sets)
-    dofs = {dof for entries in deck.entries.values() for row, column, _ in entries for dof in (row, column)}
-    order: dict[_Dof, int] = {}
-    for name, one in named.items():
-        if one.node not in deck.nodes:
-            raise ExportError(f"{path} has no matrix entries of interface {name!r}, GRID {one.node}")
-        order |= {(one.node, c): len(order) + c - 1 for c in range(1, 7)}
-    for node, component in sorted(dofs):
-        if component == 0 or node in bound:
-            order[node, component] = len(order)
-        elif (node, component) not in order:
-            raise ExportError(
-                f"{path}: component {component} of GRID {node} is of no interface of six components; name the GRID "
-                "among the interfaces, bind it to a frame (NodeSet), or couple it to one (RBE2, RBE3) before "
-                "the reduction"
-            )
-    checked_size(len(order), path)
-    return order
-
-
-def _matrix(deck: _Deck, letter: str, order: Mapping[_Dof, int], path: str | Path) -> FloatArray | None:
-    names = [name for name in deck.forms if name.startswith(letter)]
-    if not names:
-        return None
-    if len(names) > 1:
-        raise ExportError(f"{path} holds {' and '.join(names)}; leave one matrix beginning with {letter}")
-    matrix = np.zeros((len(order), len(order)))
-    for row, column, value in deck.entries[names[0]]:
-        i, j = order[row], order[column]
-        matrix[i, j] = value
-        if deck.forms[names[0]] == 6:
-            matrix[j, i] = value
-    return matrix
+            row = whole(fields, i), whole(fields, i + 1)
+            deck.entries[name].append((row, column, number(fields, i + 2)))

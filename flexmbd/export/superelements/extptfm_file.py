@@ -14,7 +14,9 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_body, check_losses, checked_writer
+from flexmbd.export.superelements.standing_body import Standing, standing_body
 from flexmbd.export.superelements.superelement import Superelement, rigid_motion, superelement
+from flexmbd.export.superelements.superelement_body import resistance
 from flexmbd.export.superelements.superelement_frames import (
     InterfaceNode,
     ReadMatrices,
@@ -25,6 +27,7 @@ from flexmbd.export.superelements.superelement_frames import (
 )
 from flexmbd.files.whole_file import read_text, write_file
 from flexmbd.given import checked
+from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -167,17 +170,29 @@ def _self_weight(M: FloatArray, gravity: float) -> tuple[FloatArray, FloatArray]
 
 @checked(error=ExportError)
 def read_openfast(
-    path: str | Path, *, interfaces: Mapping[str, InterfaceNode] | None = None, frame: str | None = None
+    path: str | Path,
+    *,
+    interfaces: Mapping[str, InterfaceNode] | None = None,
+    frame: str | None = None,
+    foundation: str | None = None,
+    rigid: RigidBody | None = None,
 ) -> ReducedBody:
     """Read a body from a superelement file of OpenFAST 5. Not collective.
+
+    A structure on its foundation, as a jacket with the stiffness of its soil, is no free body: it becomes one whose
+    frame is the interface ``foundation``, to be fixed to the ground, at the place of the platform at rest.  Gravity
+    along z loads it as the file's constant weight says; what changes of that with the platform's motion is left out.
 
     Args:
         path: what Red_FileName names.
         interfaces: name of the one interface; default: as a file of ours says, else "platform", at the origin.
         frame: "" for a body frame that floats; default: as a file of ours says, else on the interface.
+        foundation: name of the interface that a structure on its foundation stands on.
+        rigid: its mass, centre and inertia, from the platform reference point: the file has no such numbers.
 
     Raises:
-        ExportError: the file is damaged, or holds something else.
+        ExportError: the file is damaged, or holds something else; the structure is held, and ``foundation`` is not
+            given, or is free, and it is.
     """
     text = read_text(path)
     lines = text.splitlines()
@@ -194,7 +209,31 @@ def read_openfast(
         for name, one in named.items()
     }
     read = ReadMatrices(placed, found["K"], found["M"], found["D"], frame=ours.frame, floating=ours.floating)
-    return body_of(read, path, interfaces=None, frame=frame)
+    if foundation is None:
+        return _free(path, read, frame)
+    if rigid is None or len(placed) != 1 or foundation in placed:
+        raise ExportError(
+            f"{path}: a structure on the foundation {foundation!r} has one other interface, and its mass, centre and "
+            "inertia, which the file does not tell, are given by rigid=fm.RigidBody(mass, inertia, com)"
+        )
+    try:
+        weight = _matrix(lines, "!weight constant", size, rows=1)[0]
+    except ValueError as error:
+        raise ExportError(f"{path}: {error}; without it nobody knows how gravity loads the structure") from error
+    standing = Standing(foundation, next(iter(placed)), rigid)
+    return standing_body(read, weight, standing, source=str(path))
+
+
+def _free(path: str | Path, read: ReadMatrices, frame: str | None) -> ReducedBody:
+    try:
+        return body_of(read, path, interfaces=None, frame=frame)
+    except ExportError as error:
+        # of a free body the forces of rigid motions are round-off of what cancels
+        if len(read.K) >= 6 and np.isfinite(read.K).all() and resistance(read.K, np.eye(len(read.K), 6)) > 0.5:
+            raise ExportError(
+                f"{error}. Of a structure on its foundation say so: foundation='seabed', rigid=fm.RigidBody(...)"
+            ) from error
+        raise
 
 
 def _dimensions(lines: list[str]) -> Iterator[int]:
@@ -206,14 +245,15 @@ def _dimensions(lines: list[str]) -> Iterator[int]:
             yield int(text)
 
 
-def _matrix(lines: list[str], keyword: str, size: int) -> FloatArray:
+def _matrix(lines: list[str], keyword: str, size: int, *, rows: int | None = None) -> FloatArray:
     starts = [i for i, line in enumerate(lines) if line.lower().startswith(keyword)]
     if len(starts) != 1:
         raise ValueError(f"it holds {len(starts)} matrices {keyword!r}; one is needed")
     at = starts[0] + 1
     # older versions repeat the dimension
     at += at < len(lines) and lines[at].startswith("!")
-    rows = [line.split() for line in lines[at : at + size]]
-    if len(rows) != size or any(len(row) != size for row in rows):
-        raise ValueError(f"the matrix {keyword!r} is not of {size} rows and columns")
-    return np.array([[float(word.replace("D", "E")) for word in row] for row in rows]).reshape(size, size)
+    count = size if rows is None else rows
+    table = [line.split() for line in lines[at : at + count]]
+    if len(table) != count or any(len(row) != size for row in table):
+        raise ValueError(f"the matrix {keyword!r} is not of {count} rows and {size} columns")
+    return np.array([[float(word.replace("D", "E")) for word in row] for row in table]).reshape(count, size)

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.coupling import Coupling
 from flexmbd.errors import ExportError
-from flexmbd.export.superelements.matrix_text import blocks, triplets
+from flexmbd.export.superelements.constrained_basis import BoundFrame, basis
+from flexmbd.export.superelements.matrix_text import blocks, coordinates, triplets
 from flexmbd.export.superelements.superelement import Superelement, rigid_motion
 from flexmbd.export.superelements.superelement_body import reduced_body, resistance
 from flexmbd.export.superelements.unit_system import SI, unit_system
@@ -33,24 +35,26 @@ _SAME = 1e-9
 _LINE = 1e-8
 # Forces of a rigid motion relative to those of its parts.
 _FREE = 1e-6
-# Residual of the static shapes relative to the load: a singular stiffness shows here.
-_EQUILIBRIUM = 1e-6
 
 
 @checked(error=ExportError)
 @dataclass(frozen=True, eq=False)
 class NodeSet:
-    """Nodes that move as one rigid frame.
+    """Nodes that move as one rigid frame, or whose mean motion a frame is.
 
     Attributes:
         nodes: their numbers in the node table; three or more, not in one line.
         origin: (3,) m or the units of the table, the frame's origin in the table's axes; the nodes' mean by default.
         axes: (3, 3) rotation from the frame's axes to the table's.
+        coupling: RIGID, or AVERAGED (RBE3): the frame is the mean of the nodes, which stay free; of full matrices.
+        weights: of the nodes in an average, as the parts of a face's area; equal by default.
     """
 
     nodes: ArrayLike
     origin: ArrayLike | None = None
     axes: ArrayLike = field(default_factory=lambda: np.eye(3))
+    coupling: Coupling = Coupling.RIGID
+    weights: ArrayLike | None = None
 
 
 @checked(error=ExportError)
@@ -72,7 +76,7 @@ def reduce_matrices(
         K: (3 k, 3 k) sparse, N/m; rows of each node x, y, z, nodes as the table has them.
         M: (3 k, 3 k) sparse, kg. Where it is one matrix for all three components, as that of every consistent or
             lumped solid is, all inertia integrals are exact; else those of large motions are completed
-            (`flexmbd.export.superelements.gram_completion`), which the record's provenance says.
+            (`flexmbd.export.gram_completion`), which the record's provenance says.
         nodes: (k, 4) table: number, x, y, z (m).
         interfaces: the frames by name.
         modes: number of fixed-interface modes.
@@ -94,11 +98,11 @@ def reduce_matrices(
     if frame is not None and frame not in frames:
         raise ExportError(f"there is no interface {frame!r} for the body frame; there are {', '.join(frames)}")
     _check_free(K, x)
-    basis = _basis(K, M, x, frames, modes)
-    stiffness, mass = (basis.T @ (matrix @ basis) for matrix in (K, M))
+    shapes = basis(K, M, x, frames, modes)
+    stiffness, mass = (shapes.T @ (matrix @ shapes) for matrix in (K, M))
     damping = np.zeros_like(mass)
     if D is not None:
-        damping = system.mass / system.time * (basis.T @ (_symmetric(D, "D", 3 * len(x)) @ basis))
+        damping = system.mass / system.time * (shapes.T @ (_symmetric(D, "D", 3 * len(x)) @ shapes))
     element = Superelement(
         names=tuple(frames),
         p=np.array([one.p for one in frames.values()]),
@@ -109,8 +113,8 @@ def reduce_matrices(
         frame=frame,
     )
     body = reduced_body(element, source="the matrices")
-    shapes = basis @ _coordinates(body, len(basis.T) - 6 * len(frames))
-    phi = np.einsum("ba,kbn->kan", body.R_MB, shapes.reshape(len(x), 3, -1))
+    moved = shapes @ _coordinates(body, len(shapes.T) - 6 * len(frames))
+    phi = np.einsum("ba,kbn->kan", body.R_MB, moved.reshape(len(x), 3, -1))
     positions = (x - body.p_MB_M) @ body.R_MB
     provenance = {**body.provenance, "reduction": "Craig-Bampton, of another program's matrices"}
     changes: dict[str, Any] = {"provenance": provenance}
@@ -199,7 +203,8 @@ def _array(words: list[str], sizes: list[int], *, symmetric: bool) -> FloatArray
 def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
     """A full matrix from lines ``node, component, node, component, value``, rows as a node table has them.
 
-    Abaqus writes such files by *MATRIX OUTPUT, FORMAT=MATRIX INPUT.
+    Abaqus writes such files by *MATRIX OUTPUT, FORMAT=MATRIX INPUT. Lines ``row column value``, as by
+    FORMAT=COORDINATE, count three rows a node from 1 on, nodes by their numbers.
 
     Args:
         path: the file.
@@ -213,7 +218,12 @@ def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
     numbers, x = node_table(nodes)
     rows = {int(number): 3 * i - 1 for i, number in enumerate(numbers)}
     try:
-        entries = triplets(next(blocks(read_text(path))).lines)
+        lines = next(blocks(read_text(path))).lines
+        if lines and len(lines[0].replace(",", " ").split()) == 3:
+            row, column, values = coordinates(lines, 3 * len(x))
+            order = (3 * np.argsort(numbers)[:, None] + np.arange(3)).ravel()
+            return scipy.sparse.csr_array((values, (order[row], order[column])), shape=(3 * len(x), 3 * len(x)))
+        entries = triplets(lines)
         for (node, component), _ in entries:
             if node not in rows or component not in (1, 2, 3):
                 raise ValueError(f"component {component} of node {node} is none of the table's displacements")
@@ -222,21 +232,6 @@ def read_triplets(path: str | Path, nodes: ArrayLike) -> Sparse:
     i = [rows[row[0]] + row[1] for row, _ in entries]
     j = [rows[column[0]] + column[1] for _, column in entries]
     return scipy.sparse.csr_array((list(entries.values()), (i, j)), shape=(3 * len(x), 3 * len(x)))
-
-
-@dataclass(frozen=True, eq=False)
-class BoundFrame:
-    """A frame that moves with its nodes.
-
-    Attributes:
-        p: (3,) m, its origin.
-        R: (3, 3) its axes.
-        rows: of its nodes in the node table.
-    """
-
-    p: FloatArray
-    R: FloatArray
-    rows: NDArray[np.int64]
 
 
 def node_table(nodes: ArrayLike) -> tuple[NDArray[np.int64], FloatArray]:
@@ -312,52 +307,21 @@ def frames_of(
         p = x[rows].mean(axis=0) if one.origin is None else length * np.asarray(one.origin, dtype=np.float64)
         if p.shape != (3,) or R.shape != (3, 3) or not abs(R.T @ R - np.eye(3)).max() < 1e-6 or np.linalg.det(R) < 0.0:
             raise ExportError(f"interface {name!r}: its origin is not a point (3,), or its axes are no rotation (3, 3)")
-        frames[name] = BoundFrame(p, R, rows)
+        frames[name] = BoundFrame(p, R, rows, _weights(name, one, chosen, [int(numbers[row]) for row in rows]))
     return frames
 
 
-def _basis(K: Sparse, M: Sparse, x: FloatArray, frames: Mapping[str, BoundFrame], modes: int) -> FloatArray:
-    """(3 k, 6 b + m) static shapes of the interfaces, along the table's axes, and fixed-interface modes."""
-    import scipy.linalg
-    import scipy.sparse.linalg
-
-    shapes = np.zeros((3 * len(x), 6 * len(frames)))
-    inside = np.ones(3 * len(x), dtype=bool)
-    for i, one in enumerate(frames.values()):
-        for row in one.rows:
-            inside[3 * row : 3 * row + 3] = False
-            shapes[3 * row : 3 * row + 3, 6 * i : 6 * i + 3] = np.eye(3)
-            shapes[3 * row : 3 * row + 3, 6 * i + 3 : 6 * i + 6] = np.cross(np.eye(3), x[row] - one.p).T
-    free = np.flatnonzero(inside)
-    if not 0 <= modes <= len(free):
-        raise ExportError(f"modes={modes}: the body has {len(free)} dofs inside, and so many modes")
-    if len(free) == 0:
-        return shapes
-    load = (K @ shapes)[free]
-    K_inside, M_inside = K[free][:, free].tocsc(), M[free][:, free].tocsc()
-    try:
-        factor = scipy.sparse.linalg.splu(K_inside, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-        shapes[free] = -factor.solve(load)
-    except RuntimeError as error:
-        raise ExportError(_singular(str(error))) from error
-    left = np.linalg.norm(K_inside @ shapes[free] + load, axis=0).max()
-    if not left <= _EQUILIBRIUM * np.linalg.norm(load, axis=0).max():
-        raise ExportError(_singular(f"the static shapes leave {left:.1e} N"))
-    if modes == 0:
-        return shapes
-    if 2 * modes + 2 >= len(free):
-        values = scipy.linalg.eigh(M_inside.toarray(), K_inside.toarray())[1][:, ::-1][:, :modes]
-    else:
-        inverse = scipy.sparse.linalg.LinearOperator(K_inside.shape, matvec=factor.solve)
-        start = np.random.default_rng(0).normal(size=len(free))
-        values = scipy.sparse.linalg.eigsh(K_inside, k=modes, M=M_inside, sigma=0.0, OPinv=inverse, v0=start)[1]
-    fixed = np.zeros((3 * len(x), modes))
-    fixed[free] = values / np.sqrt(np.einsum("ij,ij->j", values, M_inside @ values))
-    return np.hstack([shapes, fixed])
-
-
-def _singular(why: str) -> str:
-    return f"the stiffness inside is singular ({why}): a part of the body is connected to no interface"
+def _weights(name: str, one: NodeSet, chosen: list[int], kept: list[int]) -> FloatArray | None:
+    """Of an averaged interface's nodes, as they are kept; None of a rigid one."""
+    if one.coupling is Coupling.RIGID:
+        if one.weights is not None:
+            raise ExportError(f"interface {name!r} has weights and is rigid: Coupling.AVERAGED takes weights")
+        return None
+    given = np.ones(len(chosen)) if one.weights is None else np.asarray(one.weights, dtype=np.float64)
+    if given.shape != (len(chosen),) or not (np.isfinite(given).all() and (given > 0.0).all()):
+        raise ExportError(f"interface {name!r}: weights must be positive numbers, one a node, {len(chosen)} of them")
+    by_number = dict(zip(chosen, given, strict=True))
+    return np.array([by_number[number] for number in kept])
 
 
 def _coordinates(body: ReducedBody, modes: int) -> FloatArray:

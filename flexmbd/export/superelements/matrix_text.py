@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.record.groups import FloatArray
+from flexmbd.record.groups import FloatArray, IntArray
 
 #: (node, degree of freedom) of a row.
 Dof = tuple[int, int]
@@ -81,6 +81,32 @@ def triplets(lines: list[str]) -> Entries:
             raise ValueError(f"the entries of {row} and {column} differ from each other")
         entries[row, column] = value
     return entries
+
+
+def coordinates(lines: list[str], size: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Rows and columns from 0, and values, of lines ``row column value`` that count from 1; one triangle or both.
+
+    Raises:
+        ValueError: a line is something else, or an entry is outside of so many rows, or there twice.
+    """
+    words = [line.replace(",", " ").split() for line in lines]
+    if any(len(line) != 3 for line in words):
+        wrong = next(line for line in words if len(line) != 3)
+        raise ValueError(f"{' '.join(wrong)[:60]!r} is not `row column value`")
+    i, j = (np.array([whole(line[at]) for line in words], dtype=np.int64) - 1 for at in (0, 1))
+    values = np.array([number(line[2]) for line in words])
+    most = int(max(i.max(), j.max())) + 1
+    if min(i.min(), j.min()) < 0 or most > size:
+        raise ValueError(
+            f"it has rows up to {most}, and the node table asks for {size}, three displacements a node: write it of a "
+            "part of solid elements without supports"
+        )
+    if len(np.unique(i * size + j)) < len(i):
+        raise ValueError("an entry is there twice")
+    if not ((i > j).any() and (i < j).any()):
+        off = i != j
+        i, j, values = np.append(i, j[off]), np.append(j, i[off]), np.append(values, values[off])
+    return i, j, values
 
 
 def user_element(found: list[Block]) -> tuple[list[Dof], dict[str, FloatArray]]:

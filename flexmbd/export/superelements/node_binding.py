@@ -67,6 +67,11 @@ def with_bound_nodes(
     T, kept = np.zeros((n, first + 6 * len(frames))), np.ones(n, dtype=bool)
     T[:first, :first], kept[:first] = np.eye(first), False
     for k, (name, frame) in enumerate(frames.items()):
+        if frame.weights is not None:
+            raise ExportError(
+                f"interface {name!r}: nodes that another program retained are bound rigidly; an average of nodes "
+                "(Coupling.AVERAGED) is taken of full matrices, by reduce_matrices"
+            )
         begin = first + 6 * k
         for row in frame.rows:
             node = int(numbers[row])

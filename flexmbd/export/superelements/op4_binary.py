@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.export.superelements.superelement_frames import MOST_ROWS
+from flexmbd.export.superelements.op4_matrix import Op4Matrix, check_kind, string_head
 from flexmbd.record.groups import FloatArray
 
 
@@ -31,8 +31,22 @@ class _Words:
         return f"{self.order}4{self.whole}{self.letters}s"
 
     def real(self, kind: int) -> int:
-        """Bytes of a number of real single (1) or double (2) precision."""
-        return self.size if kind == 1 else 8
+        """Bytes of a real of single (types 1 and 3) or double precision."""
+        return self.size if kind % 2 else 8
+
+    def unpack(self, record: bytes, at: int, count: int) -> tuple[int, ...]:
+        """Whole numbers of a record, or ValueError."""
+        end = at + count * self.size
+        if end > len(record):
+            raise ValueError(f"a column's record of {len(record)} bytes is cut short")
+        return struct.unpack(f"{self.order}{count}{self.whole}", record[at:end])
+
+    def name(self, letters: bytes) -> str:
+        """Of a matrix: words of eight bytes hold four letters each, or eight."""
+        first, second = letters[: self.letters // 2], letters[self.letters // 2 :]
+        if self.size == 8 and second.strip():
+            letters = first[:4] + second[:4]
+        return letters.decode("ascii", "replace").strip().upper()
 
 
 _WORDS = tuple(_Words(order, *words) for order in "<>" for words in (("i", 4, 8), ("q", 8, 16)))
@@ -43,55 +57,57 @@ def is_binary(data: bytes) -> bool:
     return _words(data) is not None
 
 
-def binary_matrices(data: bytes) -> dict[str, FloatArray]:
-    """The dense real matrices of a file by their names.
+def binary_matrices(data: bytes) -> list[Op4Matrix]:
+    """The matrices of a file, in order.
 
     Raises:
         ValueError: the file is damaged, or holds something else.
     """
     words = _words(data) or _WORDS[0]
-    matrices: dict[str, FloatArray] = {}
+    matrices = []
     records = _records(data, words.order)
     for header in records:
         if len(header) != struct.calcsize(words.header):
             raise ValueError(f"a record of {len(header)} bytes stands where a matrix's header should be")
-        columns, rows, form, kind, letters = struct.unpack(words.header, header)
-        name = letters.decode("ascii", "replace").strip().upper()
-        if kind not in (1, 2) or not 0 < columns <= MOST_ROWS or not 0 < rows <= MOST_ROWS:
-            raise ValueError(
-                f"matrix {name} has {rows} rows, {columns} columns, form {form} and type {kind}; read are dense real "
-                f"ones of at most {MOST_ROWS} rows"
-            )
-        if name in matrices:
-            raise ValueError(f"matrix {name} is there twice")
-        # zeros are not written, so the file's length says little; a superelement's matrices are dense
-        if rows * columns > 64 * len(data):
-            raise ValueError(f"matrix {name} claims {rows} x {columns} entries, and the file is too short to hold them")
-        matrices[name] = _dense(records, (rows, columns), words, size=words.real(kind), name=name)
+        columns, rows, _, kind, letters = struct.unpack(words.header, header)
+        name = words.name(letters)
+        check_kind(name, kind)
+        size = words.real(kind)
+
+        def numbers(content: bytes, count: int, size: int = size) -> FloatArray:
+            return np.frombuffer(content, dtype=f"{words.order}f{size}", count=count).astype(np.float64)
+
+        matrix = Op4Matrix(name, rows, columns, kind, len(data), numbers)
+        _read_columns(matrix, records, words)
+        matrices.append(matrix)
     return matrices
 
 
-def _dense(records: Iterator[bytes], shape: tuple[int, int], words: _Words, *, size: int, name: str) -> FloatArray:
-    """A matrix from its columns' records, numbers of ``size`` bytes; the last one's column is behind all."""
-    rows, columns = shape
-    matrix = np.zeros(shape)
-    head = 3 * words.size
+def _read_columns(matrix: Op4Matrix, records: Iterator[bytes], words: _Words) -> None:
+    """Take a matrix's columns from their records; the last one's column is behind all."""
+    head, real = 3 * words.size, words.real(matrix.kind)
     for record in records:
-        if len(record) < head:
-            raise ValueError(f"matrix {name}: a column's record has {len(record)} bytes")
-        number, first, count = struct.unpack(f"{words.order}3{words.whole}", record[:head])
-        if number == columns + 1:
-            return matrix
-        if first == 0:
-            raise ValueError(f"matrix {name} is written as a sparse one; write it dense")
-        if count < 1 or len(record) != head + words.size * count or words.size * count % size:
-            raise ValueError(f"matrix {name}: column {number} of {count} words has {len(record)} bytes")
-        values = np.frombuffer(record, dtype=f"{words.order}f{size}", offset=head)
-        last = first - 1 + len(values)
-        if not (0 < number <= columns and 0 < first and last <= rows):
-            raise ValueError(f"matrix {name} of {rows} x {columns}: column {number} has rows {first} to {last}")
-        matrix[first - 1 : last, number - 1] = values
-    raise ValueError(f"matrix {name} is cut short")
+        column, first, count = words.unpack(record, 0, 3)
+        if column == matrix.columns + 1:
+            return
+        if count < 1 or len(record) != head + words.size * count:
+            raise ValueError(f"matrix {matrix.name}: column {column} of {count} words has {len(record)} bytes")
+        at = head
+        while at < len(record):
+            if first > 0:
+                length, row = count, first
+            elif matrix.bigmat:
+                length, row = words.unpack(record, at, 2)
+                length, at = length - 1, at + 2 * words.size
+            else:
+                length, row = string_head(words.unpack(record, at, 1)[0])
+                at += words.size
+            end = at + length * words.size
+            if length < 1 or end > len(record) or length * words.size % (real * matrix.reals):
+                raise ValueError(f"matrix {matrix.name}: column {column} has a string of {length} words")
+            matrix.add(column, row, (end - at) // real, record[at:end])
+            at = end
+    raise ValueError(f"matrix {matrix.name} is cut short")
 
 
 def _words(data: bytes) -> _Words | None:

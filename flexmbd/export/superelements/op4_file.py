@@ -1,4 +1,4 @@
-"""Nastran OUTPUT4 matrices as text (.op4): K, M and D of a superelement, all digits.
+"""Nastran OUTPUT4 matrices (.op4): K, M and D of a superelement, all digits.
 
 The file holds no names and no geometry; ours holds besides the matrices PAAX of positions, QAAX of quaternions and
 NAAX of the names' characters, which other programs need not read.
@@ -6,7 +6,6 @@ NAAX of the names' characters, which other programs need not read.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -14,10 +13,18 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_losses, checked_writer
+from flexmbd.export.superelements.matrix_choice import MatrixNames, chosen_matrices
+from flexmbd.export.superelements.matrix_text import Dof
+from flexmbd.export.superelements.nastran_body import nastran_body
+from flexmbd.export.superelements.nastran_boundary import CARDS, Boundary
+from flexmbd.export.superelements.nastran_cards import cards
+from flexmbd.export.superelements.node_binding import Interfaces, single_nodes
 from flexmbd.export.superelements.op4_binary import binary_matrices, is_binary
+from flexmbd.export.superelements.op4_matrix import Op4Matrix
+from flexmbd.export.superelements.op4_text import text_matrices
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
-    MOST_ROWS,
+    FileComments,
     InterfaceNode,
     ReadMatrices,
     body_of,
@@ -34,7 +41,6 @@ from flexmbd.rotation import from_quaternion, to_quaternion
 CAPABILITIES = Capabilities(large_motion=False)
 
 _RECTANGULAR, _SYMMETRIC = 2, 6
-_HEADER = re.compile(r"([ \d-]{8})([ \d-]{8})([ \d]{8})([ \d]{8})(.{8})\s*(?:\d+P,?)?(\d+)[ED](\d+)\.\d+\s*", re.ASCII)
 
 
 @checked_writer
@@ -89,108 +95,109 @@ def _matrix_lines(name: str, matrix: FloatArray) -> Iterator[str]:
     yield f"{1.0:23.16E}"
 
 
-@checked("path", "interfaces", "frame", "mass", error=ExportError)
+@checked("path", "interfaces", "frame", "mass", "deck", "matrices", error=ExportError)
 def read_op4(
     path: str | Path,
     *,
-    interfaces: Mapping[str, InterfaceNode] | None = None,
+    deck: str | Path | None = None,
+    interfaces: Interfaces | None = None,
     frame: str | None = None,
     units: str | None = None,
+    matrices: MatrixNames | None = None,
+    w4: float | None = None,
 ) -> ReducedBody:
-    """Read a body from dense real matrices, in text or binary form, names beginning with K, M and B. Not collective.
+    """Read a body from real matrices, in text or binary form, names beginning with K, M, B and K4. Not collective.
 
     Args:
-        path: what OUTPUT4 wrote, not sparse.
-        interfaces: names and positions, in the order of the rows, six each; the rest are modes; default: as a file of
-            ours says.
+        path: what OUTPUT4 wrote, dense, sparse or BIGMAT; matrices that are not taken may be of any kind.
+        deck: the .pch or .asm that EXTSEOUT wrote beside it, which says what the rows are (EXTRN, SECONCT) and where
+            the GRIDs lie; default: the one of the same name, where it is there.
+        interfaces: with a deck as of `read_dmig`; without: names and positions, in the order of the rows, six each,
+            the rest are modes; default: as a file of ours says.
         frame: the interface that carries the body frame; "" for one that floats; default: as a file of ours says, else
             the first.
         units: of the file's numbers, positions included, as length-mass-time, "mm-t-s"; default: "m-kg-s", as files of
             ours are.
+        matrices: which are taken where there are several, ``{"K": "KAA", "M": "MAA", "D": "BAA", "K4": "K4AA"}``;
+            "KAA:2" is the second one of that name.
+        w4: angular frequency (rad/s) at which structural damping K4 is taken as the viscous K4 / w4; infinity leaves
+            it out.
 
     Raises:
-        ExportError: the file is damaged, or holds something else; its units are others.
+        ExportError: the file or the deck is damaged, or holds something else; its units are others; it has structural
+            damping and w4 is not given.
     """
     data = read_file(path)
-    text = "" if is_binary(data) else read_text(path)
     try:
-        matrices = _parsed(text) if text else binary_matrices(data)
-        ours, at, floating = _interfaces(matrices)
+        stored = binary_matrices(data) if is_binary(data) else text_matrices(read_text(path))
+        ours, at, floating = _interfaces({one.name: one for one in stored})
     except (ValueError, IndexError, OverflowError) as error:
         raise ExportError(f"{path}: {error}") from error
-    found: dict[str, FloatArray] = {}
-    for letter in "KMB":
-        names = [name for name in matrices if name.startswith(letter)]
-        if len(names) > 1 or (not names and letter != "B"):
-            there = ", ".join(matrices) or "none"
-            raise ExportError(f"{path} should hold one matrix whose name begins with {letter}; it holds {there}")
-        if names:
-            found[letter] = matrices[names[0]]
-    K, M, D, said = found["K"], found["M"], found.get("B"), SI if ours else None
-    read = ReadMatrices(ours, K, M, D, frame=at, floating=floating, units=said)
-    return body_of(read, path, interfaces=interfaces, frame=frame, units=units)
+
+    def load(number: int) -> FloatArray:
+        try:
+            return stored[number].dense()
+        except (ValueError, OverflowError) as error:
+            raise ExportError(f"{path}: {error}") from error
+
+    K, M, D = chosen_matrices(path, [one.name for one in stored], load, matrices=matrices, w4=w4)
+    if deck is None and not ours and not any(_is_placed(one) for one in (interfaces or {}).values()):
+        deck = _deck_beside(path)
+    if deck is None:
+        frames = single_nodes(interfaces)
+        if len(frames) < len(interfaces or {}):
+            raise ExportError(f"{path} does not say which nodes its rows are: give deck=, the .pch or .asm beside it")
+        read = ReadMatrices(ours, K, M, D, frame=at, floating=floating, units=SI if ours else None)
+        return body_of(read, path, interfaces=frames or None, frame=frame, units=units)
+    boundary, dofs = _boundary(deck)
+    if len(dofs) != len(K):
+        raise ExportError(f"{deck} names {len(dofs)} rows, and the matrices of {path} have {len(K)}")
+    nobody = FileComments({}, None, False, None)
+    return nastran_body(
+        path, boundary, dofs, (K, M, D), ours=nobody, interfaces=interfaces, frame=frame, units=units
+    )
 
 
-def _parsed(text: str) -> dict[str, FloatArray]:
-    lines = text.splitlines()
-    matrices: dict[str, FloatArray] = {}
-    at = 0
-    while at < len(lines):
-        if not lines[at].strip():
-            at += 1
-            continue
-        header = _HEADER.match(lines[at].ljust(64))
-        if header is None:
-            raise ValueError(f"line {at + 1} is not a header of a matrix in text form: {lines[at][:60]!r}")
-        columns, rows, form, kind = (int(header[i]) for i in range(1, 5))
-        name = header[5].strip().upper()
-        if rows < 0 or kind not in (1, 2) or not 0 < columns <= MOST_ROWS or not 0 < rows <= MOST_ROWS:
-            raise ValueError(
-                f"matrix {name} has {rows} rows, {columns} columns, form {form} and type {kind}; read are dense real "
-                f"ones of at most {MOST_ROWS} rows"
-            )
-        if name in matrices:
-            raise ValueError(f"matrix {name} is there twice")
-        per_line, width = int(header[6]), int(header[7])
-        if not (0 < per_line <= 20 and 8 <= width <= 40):
-            raise ValueError(f"matrix {name} has {per_line} numbers of {width} characters a line")
-        matrices[name], at = _dense(lines, at + 1, (rows, columns), layout=(per_line, width), name=name)
-    return matrices
+def _is_placed(one: object) -> bool:
+    return isinstance(one, InterfaceNode) and one.position is not None
 
 
-def _dense(
-    lines: list[str], at: int, shape: tuple[int, int], *, layout: tuple[int, int], name: str
-) -> tuple[FloatArray, int]:
-    """A matrix from its columns, and the line after it."""
-    rows, columns = shape
-    # zeros are not written, so the file's length says little; a superelement's matrices are dense
-    if rows * columns > 64 * sum(map(len, lines[at:])):
-        raise ValueError(f"matrix {name} claims {rows} x {columns} entries, and the file is too short to hold them")
-    matrix = np.zeros(shape)
-    per_line, width = layout
-    while True:
-        number, first, words = (int(lines[at][i : i + 8]) for i in (0, 8, 16))
-        count = -(-words // per_line)
-        block = lines[at + 1 : at + 1 + count]
-        if words < 1 or len(block) < count:
-            raise ValueError(f"matrix {name}: column {number} is cut short")
-        at += 1 + count
-        if number == columns + 1:
-            return matrix, at
-        if first == 0:
-            raise ValueError(f"matrix {name} is written as a sparse one; write it dense")
-        if not (0 < number <= columns and 0 < first and first - 1 + words <= rows):
-            last = first - 1 + words
-            raise ValueError(f"matrix {name} of {rows} x {columns}: column {number} has rows {first} to {last}")
-        text = [line.ljust(per_line * width)[i * width : (i + 1) * width] for line in block for i in range(per_line)]
-        matrix[first - 1 : first - 1 + words, number - 1] = [float(word.replace("D", "E")) for word in text[:words]]
+def _deck_beside(path: str | Path) -> Path | None:
+    """The .pch or .asm of the same name, where one tells the rows."""
+    for suffix in (".pch", ".asm"):
+        beside = Path(path).with_suffix(suffix)
+        if beside.is_file() and _told(read_text(beside)):
+            return beside
+    return None
 
 
-def _interfaces(matrices: Mapping[str, FloatArray]) -> tuple[dict[str, InterfaceNode], str | None, bool]:
+def _told(text: str) -> bool:
+    return any(fields[0] in ("EXTRN", "SECONCT") for fields in cards(text))
+
+
+def _boundary(deck: str | Path) -> tuple[Boundary, list[Dof]]:
+    """What a deck says of GRIDs and rows."""
+    boundary = Boundary()
+    try:
+        for fields in cards(read_text(deck)):
+            if fields[0] in CARDS:
+                boundary.add(fields)
+        dofs = boundary.order()
+    except (ValueError, IndexError, OverflowError) as error:
+        raise ExportError(f"{deck}: {error}") from error
+    if not dofs:
+        raise ExportError(
+            f"{deck} has neither EXTRN nor SECONCT, and so does not say the order of the rows: give the .pch or .asm "
+            "that EXTSEOUT wrote with the .op4, or interfaces={name: InterfaceNode(position)} in the order of the rows"
+        )
+    return boundary, dofs
+
+
+def _interfaces(matrices: Mapping[str, Op4Matrix]) -> tuple[dict[str, InterfaceNode], str | None, bool]:
     """Interfaces, body frame's interface and whether it floats, of a file of ours."""
     if not {"PAAX", "QAAX", "NAAX"} <= set(matrices):
         return {}, None, False
-    p, quaternions, letters = (matrices[name] for name in ("PAAX", "QAAX", "NAAX"))
+    p, quaternions, letters = (matrices[name].dense() for name in ("PAAX", "QAAX", "NAAX"))
     if not len(p) == len(quaternions) == len(letters):
         raise ValueError("PAAX, QAAX and NAAX are of different numbers of interfaces")
     interfaces: dict[str, InterfaceNode] = {}

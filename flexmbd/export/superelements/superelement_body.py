@@ -1,7 +1,7 @@
 """From a superelement of another program to a reduced body.
 
 Mass, centre, inertia, frequencies, statics and everything else of small motions are those of the matrices. What a
-superelement does not say of large motions is chosen by `flexmbd.export.superelements.gram_completion`.
+superelement does not say of large motions is chosen by `flexmbd.export.gram_completion`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from flexmbd.errors import ExportError
-from flexmbd.export.superelements.gram_completion import completed_gram, rigid_body
+from flexmbd.export.gram_completion import completed_gram, rigid_body
 from flexmbd.export.superelements.superelement import Superelement
 from flexmbd.record.groups import FRAME_DOFS, FloatArray
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
@@ -47,7 +47,7 @@ def reduced_body(element: Superelement, *, source: str) -> ReducedBody:
 
 
 def _body(element: Superelement, source: str) -> ReducedBody:
-    K, M, D = (_symmetrised(matrix, name) for matrix, name in ((element.K, "K"), (element.M, "M"), (element.D, "D")))
+    K, M, D = (symmetrised(matrix, name) for matrix, name in ((element.K, "K"), (element.M, "M"), (element.D, "D")))
     p, R = _body_frame(element, M)
     motions = element.rigid_motions(p)
     rigid_mass = motions.T @ M @ motions
@@ -61,7 +61,7 @@ def _body(element: Superelement, source: str) -> ReducedBody:
     shapes = np.eye(len(K))[:, kept]
     if element.frame is None:
         shapes = shapes - motions @ np.linalg.solve(motions.T @ M @ motions, motions.T @ M @ shapes)
-    k, x = _normal_form(K[np.ix_(kept, kept)], shapes.T @ M @ shapes)
+    k, x = normal_form(K[np.ix_(kept, kept)], shapes.T @ M @ shapes)
     slowest = k[0] if len(k) else 1.0
     _check_free(unfree["stiffness"], _rates(stiffness, rigid_mass) / slowest, "stiffness", _SUPPORT)
     _check_free(unfree["damping"], _rates(damping, rigid_mass) / np.sqrt(slowest), "damping", _EXTERNAL)
@@ -91,7 +91,7 @@ def _body(element: Superelement, source: str) -> ReducedBody:
     )
 
 
-def _symmetrised(matrix: FloatArray, name: str) -> FloatArray:
+def symmetrised(matrix: FloatArray, name: str) -> FloatArray:
     """The symmetric matrix, once it is nearly so."""
     size = np.sqrt(abs(np.diag(matrix)))
     off = abs(matrix - matrix.T)
@@ -154,7 +154,7 @@ def _names(element: Superelement) -> tuple[str, ...]:
     return (*static, *(f"fixed-interface {i + 1}" for i in range(element.n_modes)))
 
 
-def _normal_form(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
+def normal_form(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
     """k (n,) ascending and X (n, n) with X^T mass X = 1 and X^T stiffness X = diag(k)."""
     if len(stiffness) == 0:
         return np.zeros(0), np.zeros((0, 0))

@@ -22,11 +22,13 @@ _TOLERANCE = 1e-5
 _NO_INERTIA = 1e-12
 
 
-def completed_gram(mass: FloatArray) -> FloatArray:
+def completed_gram(mass: FloatArray, *, levers: FloatArray | None = None) -> FloatArray:
     """A Gram matrix with a given mass matrix at rest.
 
     Args:
         mass: (6 + n, 6 + n) symmetric; translation (m) and rotation (rad) of B in B's axes, then q.
+        levers: (3, n, 3) integrals of x_a phi_b, where they are known: a mode is then the linear field that has them,
+            and its rest.
 
     Returns:
         (4 + 3 n, 4 + 3 n), as in `flexmbd.record.reduced_body.ReducedBody`; positive semidefinite.
@@ -39,12 +41,17 @@ def completed_gram(mass: FloatArray) -> FloatArray:
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     linear = mass[:3, 6:]
     angular = mass[3:6, 6:] - np.cross(com, linear.T).T
-    spin = np.linalg.pinv(inertia, rcond=_NO_INERTIA, hermitian=True) @ angular
-    rest = mass[6:, 6:] - linear.T @ linear / m - angular.T @ spin
+    if levers is None:
+        spin = np.linalg.pinv(inertia, rcond=_NO_INERTIA, hermitian=True) @ angular
+        turns = np.array([_skew(w) for w in spin.T]).reshape(n, 3, 3)
+    else:
+        central = levers - np.einsum("a,bi->aib", com, linear)
+        turns = np.einsum("ac,cib->iba", np.linalg.pinv(second, rcond=_NO_INERTIA, hermitian=True), central)
+    moved = np.einsum("iab,bc,jac->ij", turns, second, turns)
+    rest = mass[6:, 6:] - linear.T @ linear / m - moved
     scale = np.sqrt(abs(np.diag(mass)[6:]))
     if n and not np.linalg.eigvalsh(rest / np.outer(scale, scale))[0] > -_TOLERANCE:
         raise ExportError("its mass matrix is not positive definite: some motion has a negative kinetic energy")
-    turns = np.array([_skew(w) for w in spin.T]).reshape(n, 3, 3)
     gram = np.zeros((4 + 3 * n, 4 + 3 * n))
     gram[0, 0] = m
     gram[0, 1:4] = m * com
