@@ -5,6 +5,8 @@ say what failed on them. After each test the ranks meet and tell each other whet
 and another does not come, because it waits in the test for the failed one, the whole run is aborted rather than hung.
 """
 
+import importlib
+import importlib.util
 import os
 import sys
 import time
@@ -19,6 +21,9 @@ from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
+
+if importlib.util.find_spec("dolfinx_solver"):  # PyPI's DOLFINx: its modules find MPI by this one, which comes first
+    importlib.import_module("dolfinx_solver")
 
 
 def _of_mpirun(*names: str) -> int:
