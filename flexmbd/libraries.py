@@ -33,7 +33,7 @@ def require(room: str, *libraries: str) -> None:
     missing = [name for name in libraries if importlib.util.find_spec(name) is None]
     if missing:
         raise MissingLibraryError(
-            f"{room} needs {', '.join(missing)}: pip install 'flexmbd[fem]' (Linux on x86-64, Python 3.12 or newer), or use "
+            f"{room} needs {', '.join(missing)}: pip install 'flexmbd[fem]' (Linux on x86-64, Python from 3.12 on), "
             "./run, or conda with environment.yml (docs/install.md); machines, records and exports run without"
         )
 

@@ -1,7 +1,7 @@
-"""The C compiler by which FFCx makes forms: the one that Python names, else another that is there, else what to install.
+"""The C compiler by which FFCx makes forms: Python's own, else another that is there, else what to install.
 
-cffi takes the compiler that Python itself was built with, unless CC names one; a Python from elsewhere may name one that
-this computer does not have.
+cffi takes the compiler that Python itself was built with, unless CC names one; a Python from elsewhere may name one
+that this computer does not have.
 """
 
 from __future__ import annotations

@@ -30,7 +30,8 @@ def bench(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     asked = sysconfig.get_config_var
-    monkeypatch.setattr(sysconfig, "get_config_var", lambda name: "x86_64-gcc -pthread" if name == "CC" else asked(name))
+    own = "x86_64-gcc -pthread"
+    monkeypatch.setattr(sysconfig, "get_config_var", lambda name: own if name == "CC" else asked(name))
     return tmp_path
 
 

@@ -74,4 +74,5 @@ def test_a_wheel_that_does_not_load_is_told(tmp_path: Path) -> None:
         "try: import flexmbd.meshes\n"
         "except MissingLibraryError as error: print(error)"
     )
-    assert with_wheel(tmp_path, wheel, script) == "PyPI's wheel of DOLFINx does not load: petsc4py would be imported from elsewhere"
+    said = with_wheel(tmp_path, wheel, script)
+    assert said == "PyPI's wheel of DOLFINx does not load: petsc4py would be imported from elsewhere"
