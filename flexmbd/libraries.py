@@ -16,7 +16,7 @@ from flexmbd.errors import MissingLibraryError
 #: What the continuum is made of; they come together, from PyPI, Debian, conda-forge or `./run`.
 OF_THE_CONTINUUM = ("basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl")
 
-#: PyPI's wheel of DOLFINx. This module of it loads MPI, by which the wheel's other modules find libmpi.
+#: PyPI's wheel of DOLFINx: this module of it loads MPI, by which the wheel's other modules find libmpi.
 _WHEEL = "dolfinx_solver"
 
 
@@ -38,8 +38,25 @@ def require(room: str, *libraries: str) -> None:
         )
 
 
+def load_before_wheel() -> None:
+    """Where DOLFINx is PyPI's wheel, load what its modules must find loaded: h5py, then MPI. Not collective.
+
+    `dolfinx.fem.petsc` shows the wheel's HDF5 to all libraries that come after it, and that is an older one than h5py's.
+
+    Raises:
+        MissingLibraryError: the wheel finds no MPI, or another PETSc in the place of its own.
+    """
+    if importlib.util.find_spec(_WHEEL) is None:
+        return
+    importlib.import_module("h5py")
+    try:
+        importlib.import_module(_WHEEL)
+    except ImportError as error:
+        raise MissingLibraryError(f"PyPI's wheel of DOLFINx does not load: {error}") from error
+
+
 def load_continuum() -> None:
-    """Load what must come before DOLFINx and PETSc: the MPI of a wheel, and ffcx. Not collective.
+    """Load what must come before DOLFINx and PETSc: see `load_before_wheel`, and ffcx. Not collective.
 
     ffcx sends all of Python's warnings to a log that nobody reads: they are shown as before. Who asked logging for
     them, or reads that log, keeps what was asked for.
@@ -47,11 +64,7 @@ def load_continuum() -> None:
     Raises:
         MissingLibraryError: PyPI's wheel of DOLFINx finds no MPI, or another PETSc in its place.
     """
-    if importlib.util.find_spec(_WHEEL) is not None:
-        try:
-            importlib.import_module(_WHEEL)
-        except ImportError as error:
-            raise MissingLibraryError(f"PyPI's wheel of DOLFINx does not load: {error}") from error
+    load_before_wheel()
     shown, loaded = warnings.showwarning, "ffcx" in sys.modules
     importlib.import_module("ffcx")
     if loaded:

@@ -5,8 +5,6 @@ say what failed on them. After each test the ranks meet and tell each other whet
 and another does not come, because it waits in the test for the failed one, the whole run is aborted rather than hung.
 """
 
-import importlib
-import importlib.util
 import os
 import sys
 import time
@@ -19,11 +17,12 @@ from _pytest._io import TerminalWriter
 from sharing import pytest_xdist_make_scheduler as pytest_xdist_make_scheduler  # hooks
 from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer
 
+from flexmbd.libraries import load_before_wheel
+
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
 
-if importlib.util.find_spec("dolfinx_solver"):  # PyPI's DOLFINx: its modules find MPI by this one, which comes first
-    importlib.import_module("dolfinx_solver")
+load_before_wheel()  # tests may import DOLFINx themselves, before flexmbd
 
 
 def _of_mpirun(*names: str) -> int:
