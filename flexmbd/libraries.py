@@ -41,7 +41,7 @@ def require(room: str, *libraries: str) -> None:
 def load_before_wheel() -> None:
     """Where DOLFINx is PyPI's wheel, load what its modules must find loaded: h5py, then MPI. Not collective.
 
-    `dolfinx.fem.petsc` shows the wheel's HDF5 to all libraries that come after it, and that is an older one than h5py's.
+    `dolfinx.fem.petsc` shows the wheel's HDF5 to all libraries that come after it, and h5py needs its own, newer one.
 
     Raises:
         MissingLibraryError: the wheel finds no MPI, or another PETSc in the place of its own.

@@ -10,15 +10,12 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from flexmbd.errors import RecordError
 from flexmbd.files import whole_file
 from flexmbd.files.tree_file import HEAD, FileKind, Tree, check_image, image_size, tree_image, tree_of
 from flexmbd.files.whole_file import AS_IT_IS, is_locked_elsewhere, open_part, take_part
-
-if TYPE_CHECKING:
-    from typing import Self  # from Python 3.11 on
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 from llvmlite import ir
@@ -25,9 +25,6 @@ from numba.extending import (
     register_model,
     unbox,
 )
-
-if TYPE_CHECKING:
-    from typing import Self  # from Python 3.11 on
 
 _WORD = ir.IntType(64)
 
