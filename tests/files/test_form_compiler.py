@@ -1,5 +1,6 @@
 """Which compiler makes forms, and what is said where there is none."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -56,9 +57,7 @@ def test_another_that_is_there_is_named(bench, name):
 
 
 def test_ziglang_serves_where_there_is_none(bench, monkeypatch):
-    (bench / "ziglang").mkdir()
-    (bench / "ziglang" / "__init__.py").touch()
-    monkeypatch.syspath_prepend(bench)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "ziglang" or None)
     choose_compiler()
     assert os.environ["CC"] == f"{sys.executable} -m ziglang cc"
 
