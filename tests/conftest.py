@@ -78,7 +78,7 @@ class Ranks:
         began = time.monotonic()
         patience = PATIENCE_AFTER_FAILURE if failed else PATIENCE
         mine, anywhere = bytearray([failed]), bytearray(1)
-        request = self._comm.Iallreduce([mine, self._mpi.BYTE], [anywhere, self._mpi.BYTE], op=self._mpi.MAX)
+        request = self._comm.Iallreduce([mine, self._mpi.UINT8_T], [anywhere, self._mpi.UINT8_T], op=self._mpi.MAX)
         while not request.Test():
             if time.monotonic() - began > patience:
                 self._say(f"waited {patience:.0f} s after {after} for the other ranks: aborting the run")
