@@ -84,7 +84,7 @@ def setting(peers: Iterable[str]) -> Setting:
     named = {name: _version(name) for name in (*_OURS, *peers)}
     versions = {"Python": platform.python_version(), **{name: version for name, version in named.items() if version}}
     return Setting(
-        dt.datetime.now(dt.timezone.utc).date().isoformat(),
+        dt.datetime.now(dt.UTC).date().isoformat(),
         _commit(),
         f"{_processor()}, {os.cpu_count()} cores, {platform.system()}",
         round(os.getloadavg()[0], 1),

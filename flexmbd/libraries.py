@@ -13,8 +13,11 @@ import warnings
 
 from flexmbd.errors import MissingLibraryError
 
-#: What the continuum is made of; they come together, from Debian, conda-forge or `./run`.
+#: What the continuum is made of; they come together, from PyPI, Debian, conda-forge or `./run`.
 OF_THE_CONTINUUM = ("basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl")
+
+#: PyPI's wheel of DOLFINx: this module of it loads MPI, by which the wheel's other modules find libmpi.
+_WHEEL = "dolfinx_solver"
 
 
 def require(room: str, *libraries: str) -> None:
@@ -30,16 +33,38 @@ def require(room: str, *libraries: str) -> None:
     missing = [name for name in libraries if importlib.util.find_spec(name) is None]
     if missing:
         raise MissingLibraryError(
-            f"{room} needs {', '.join(missing)}, which pip does not bring: use ./run, or conda with environment.yml "
-            "(docs/install.md); machines, records and exports run without"
+            f"{room} needs {', '.join(missing)}: pip install 'flexmbd[fem]' (Linux on x86-64, Python from 3.12 on), "
+            "./run, or conda with environment.yml (docs/install.md); machines, records and exports run without"
         )
 
 
-def load_continuum() -> None:
-    """Load ffcx, which sends all of Python's warnings to a log that nobody reads, and have them shown as before.
+def load_before_wheel() -> None:
+    """Where DOLFINx is PyPI's wheel, load what its modules must find loaded: h5py, then MPI. Not collective.
 
-    Who asked logging for them, or reads that log, keeps what was asked for.
+    `dolfinx.fem.petsc` shows the wheel's HDF5 to all libraries that come after it, and h5py needs its own, newer one.
+
+    Raises:
+        MissingLibraryError: the wheel finds no MPI, or another PETSc in the place of its own.
     """
+    if importlib.util.find_spec(_WHEEL) is None:
+        return
+    importlib.import_module("h5py")
+    try:
+        importlib.import_module(_WHEEL)
+    except ImportError as error:
+        raise MissingLibraryError(f"PyPI's wheel of DOLFINx does not load: {error}") from error
+
+
+def load_continuum() -> None:
+    """Load what must come before DOLFINx and PETSc: see `load_before_wheel`, and ffcx. Not collective.
+
+    ffcx sends all of Python's warnings to a log that nobody reads: they are shown as before. Who asked logging for
+    them, or reads that log, keeps what was asked for.
+
+    Raises:
+        MissingLibraryError: PyPI's wheel of DOLFINx finds no MPI, or another PETSc in its place.
+    """
+    load_before_wheel()
     shown, loaded = warnings.showwarning, "ffcx" in sys.modules
     importlib.import_module("ffcx")
     if loaded:

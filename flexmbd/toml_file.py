@@ -9,18 +9,13 @@ from __future__ import annotations
 import difflib
 import math
 import re
-import sys
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 from flexmbd.errors import FlexmbdError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _INDEX = re.compile(r"\[(\d+)\]")
 # Bytes; a scene with a long table has some hundred thousand.

@@ -17,8 +17,12 @@ from _pytest._io import TerminalWriter
 from sharing import pytest_xdist_make_scheduler as pytest_xdist_make_scheduler  # hooks
 from time_limit import pytest_timeout_set_timer as pytest_timeout_set_timer
 
+from flexmbd.libraries import load_before_wheel
+
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("PYVISTA_OFF_SCREEN", "true")
+
+load_before_wheel()  # tests may import DOLFINx themselves, before flexmbd
 
 
 def _of_mpirun(*names: str) -> int:
@@ -74,7 +78,7 @@ class Ranks:
         began = time.monotonic()
         patience = PATIENCE_AFTER_FAILURE if failed else PATIENCE
         mine, anywhere = bytearray([failed]), bytearray(1)
-        request = self._comm.Iallreduce([mine, self._mpi.BYTE], [anywhere, self._mpi.BYTE], op=self._mpi.MAX)
+        request = self._comm.Iallreduce([mine, self._mpi.UINT8_T], [anywhere, self._mpi.UINT8_T], op=self._mpi.MAX)
         while not request.Test():
             if time.monotonic() - began > patience:
                 self._say(f"waited {patience:.0f} s after {after} for the other ranks: aborting the run")

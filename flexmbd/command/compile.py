@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from flexmbd.command.launch import usable_cores
 from flexmbd.command.terminal import add_json, print_json, print_line, print_warning, wants_bar
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.kernel_cache import cache_folder, is_cache_writable
@@ -42,7 +42,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     names = ", ".join(INTEGRATORS)
     parser.add_argument("integrators", nargs="*", metavar="INTEGRATOR", help=f"any of {names}")
     parser.add_argument("--all", action="store_true", help="all integrators")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes (one a core)")
+    parser.add_argument("--jobs", type=int, default=usable_cores(), help="processes (one a core)")
     add_json(parser)
     parser.set_defaults(run=compile_kernels)
 

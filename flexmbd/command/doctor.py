@@ -20,8 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from flexmbd.command.launch import launched_ranks
+from flexmbd.command.launch import launched_ranks, usable_cores
 from flexmbd.command.terminal import add_json, print_json, print_line
+from flexmbd.files.form_compiler import form_compiler, lacking_for_forms
 from flexmbd.multibody.kernels.base.kernel_cache import cache_folder
 
 _BROKEN = 1
@@ -149,7 +150,7 @@ def _numba_cache() -> Finding:
 
 def _speed() -> list[Finding]:
     """What the linear algebra runs on."""
-    findings = [Finding("speed", "cores", "ok", f"{len(os.sched_getaffinity(0))} of {os.cpu_count()}")]
+    findings = [Finding("speed", "cores", "ok", f"{usable_cores()} of {os.cpu_count()}")]
     threads = os.environ.get("OMP_NUM_THREADS", "")
     findings.append(Finding("speed", "BLAS of numpy", "ok", _loaded_blas()))
     limit = f"OMP_NUM_THREADS={threads}" if threads else "not limited"
@@ -177,7 +178,7 @@ def _continuum() -> list[Finding]:
     """DOLFINx and what goes with it: all missing is a choice, some missing or of a wrong version is a fault."""
     probed = _probe([*_CONTINUUM, _OURS])
     missing = [name for name in _CONTINUUM if probed[name][1].startswith("ModuleNotFoundError")]
-    remedy = "see docs/install.md: ./run, Debian's python3-dolfinx or conda-forge's fenics-dolfinx"
+    remedy = "see docs/install.md: pip install 'flexmbd[fem]', ./run, Debian's python3-dolfinx or conda-forge's"
     if "dolfinx" in missing:
         detail = "not installed; flexmbd check and reduce need it, nothing else does"
         return [Finding("continuum", "dolfinx", "missing", detail, remedy)]
@@ -210,12 +211,11 @@ def _programs() -> list[Finding]:
 
 
 def _compiler() -> Finding:
-    """The C compiler, for FMUs and for forms."""
-    for name in ("cc", "gcc", "clang"):
-        place = shutil.which(name)
-        if place is not None:
-            return Finding("clients", "C compiler", "ok", place)
-    return Finding("clients", "C compiler", "missing", "not on the PATH", "for FMUs and new forms: apt install gcc")
+    """The C compiler, for forms and, where it is gcc, for FMUs."""
+    compiler, lacking = form_compiler(), lacking_for_forms()
+    if not compiler:
+        return Finding("clients", "C compiler", "missing", "not on the PATH", "for FMUs and new forms: apt install gcc")
+    return Finding("clients", "C compiler", "ok", shutil.which(compiler) or compiler, lacking)
 
 
 def _version(distribution: str) -> str:

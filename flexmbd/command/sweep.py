@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from flexmbd.command.body_file import check_free, make_folder
 from flexmbd.command.interrupts import INTERRUPTED, exits_at_once, interrupts_once
+from flexmbd.command.launch import usable_cores
 from flexmbd.command.simulate import add_settings, settings_of, shows_bar
 from flexmbd.command.terminal import add_json, print_json, print_line, print_warning
 from flexmbd.command.workers import worker_processes
@@ -58,7 +58,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         "--take", action="append", default=[], choices=list(TAKES), help=f"this (default: {', '.join(_TAKEN)})"
     )
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder of results (default: SCENE_sweep)")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes (one a core)")
+    parser.add_argument("--jobs", type=int, default=usable_cores(), help="processes (one a core)")
     parser.add_argument("--force", action="store_true", help="begin anew where results are there")
     bar = parser.add_mutually_exclusive_group()
     bar.add_argument("--progress", action="store_true", help="a progress bar on stderr, even if it is not a terminal")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -17,6 +18,9 @@ class _DeafProcess(SpawnProcess):
 
     def start(self) -> None:
         """Begin with SIGINT blocked, which the process inherits; what another thread hears of meanwhile comes then."""
+        if sys.platform == "win32":  # which has nothing that a process inherits
+            super().start()
+            return
         heard = []
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:

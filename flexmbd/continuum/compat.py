@@ -5,7 +5,9 @@ Tested with 0.9 and 0.11; the branches for 0.10 alone follow its published sourc
 
 from __future__ import annotations
 
+import functools
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,9 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, jit, mesh
 
-from flexmbd.errors import VersionError
+from flexmbd.errors import MissingLibraryError, VersionError
 from flexmbd.files.form_cache import mend_form_cache
+from flexmbd.files.form_compiler import choose_compiler, lacking_for_forms
 
 
 def check_version(version: str) -> None:
@@ -41,6 +44,30 @@ jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (max(_waits, 300), _text)
 
 if MPI.COMM_WORLD.rank == 0:  # which compiles for all
     mend_form_cache(Path(jit.get_options()["cache_dir"]))
+
+
+def says_what_is_lacking(compile_form: Callable[..., Any]) -> Callable[..., Any]:
+    """DOLFINx's compilation of a form, which names a compiler or headers that are not there.
+
+    Forms that were compiled before need neither. Collective as that compilation is; all ranks look for themselves, so
+    that they raise alike.
+    """
+
+    @functools.wraps(compile_form)
+    def compiled(*arguments: Any, **options: Any) -> Any:
+        try:
+            return compile_form(*arguments, **options)
+        except Exception as error:
+            lacking = lacking_for_forms()
+            if lacking:
+                raise MissingLibraryError(lacking) from error
+            raise
+
+    return compiled
+
+
+choose_compiler()
+jit.ffcx_jit = says_what_is_lacking(jit.ffcx_jit)
 
 
 def cell_nodes(domain: mesh.Mesh) -> npt.NDArray[np.int32]:

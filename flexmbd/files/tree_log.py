@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from flexmbd.errors import RecordError
+from flexmbd.files import whole_file
 from flexmbd.files.tree_file import HEAD, FileKind, Tree, check_image, image_size, tree_image, tree_of
-from flexmbd.files.whole_file import is_locked_elsewhere, open_part, take_part
+from flexmbd.files.whole_file import AS_IT_IS, is_locked_elsewhere, open_part, take_part
 
 T = TypeVar("T")
 
@@ -56,6 +57,9 @@ class TreeLog:
                 raise
         except OSError as error:
             raise _not_written(path, error) from error
+        if whole_file.WINDOWS:
+            os.close(file)
+            return cls.resume(path, size=len(image), kind=kind)
         return cls(path, kind, file, size=len(image))
 
     @classmethod
@@ -66,7 +70,7 @@ class TreeLog:
             RecordError: it cannot be written.
         """
         try:
-            file = os.open(path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0))
+            file = os.open(path, os.O_RDWR | AS_IT_IS)
         except OSError as error:
             raise _not_written(path, error) from error
         if is_locked_elsewhere(file):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,6 +27,10 @@ except ImportError:  # Windows
 # Names of parts: ".", so many bytes of the target's name at most, random digits (two a byte) and what they end in.
 _LONGEST_STEM, _TOKEN, _PART = 100, 8, ".part"
 _LONGEST_WORDS = 300
+#: What `os.open` is given beside how: Windows would write two bytes for b"\n".
+AS_IT_IS = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+#: Where no open file is renamed.
+WINDOWS = sys.platform == "win32"
 
 #: No file of a reduced body is larger (bytes); what claims more is refused before it is read.
 LARGEST = 2**31
@@ -79,7 +84,7 @@ def open_part(target: Path) -> tuple[Path, int]:
     while True:
         # nobody can guess the name and plant a link there
         temporary = target.with_name(f"{_part_prefix(target)}{secrets.token_hex(_TOKEN)}{_PART}")
-        file = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o666)
+        file = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL | AS_IT_IS, 0o666)
         if not lock_alone(file) or temporary.exists():
             return temporary, file
         os.close(file)  # another writer took it for one that was left
@@ -116,10 +121,18 @@ def first_line(error: BaseException) -> str:
 def take_part(temporary: Path, target: Path, *, file: int) -> None:
     """Let a complete part take its target's place, for good.
 
+    On Windows the descriptor is none of the file's afterwards; it is to be closed all the same.
+
     Raises:
         OSError: it cannot.
     """
     os.fsync(file)
+    if WINDOWS:  # where no folder can be opened either
+        nothing = os.open(os.devnull, os.O_RDONLY)  # takes the descriptor's place, for the caller to close
+        os.dup2(nothing, file)
+        os.close(nothing)
+        os.replace(temporary, target)
+        return
     os.replace(temporary, target)
     folder = os.open(target.parent, os.O_RDONLY)
     try:
@@ -157,7 +170,7 @@ def _remove_left(target: Path) -> None:
             if not (name.startswith(prefix) and name.endswith(_PART) and len(name) == len(prefix) + length):
                 continue
             with suppress(OSError):
-                file = os.open(entry.path, os.O_RDWR | os.O_NOFOLLOW)
+                file = os.open(entry.path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
                 try:
                     if lock_alone(file):
                         os.unlink(entry.path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -109,7 +111,10 @@ class _HandledBlock:
         left.wait()
         time.sleep(_AGAIN_AFTER)
         if self.may_send():
-            signal.pthread_kill(main, signal.SIGINT)
+            if sys.platform == "win32":
+                _thread.interrupt_main()
+            else:
+                signal.pthread_kill(main, signal.SIGINT)
 
 
 _blocks: list[_HandledBlock] = []  # the innermost last

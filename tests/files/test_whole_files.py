@@ -13,6 +13,7 @@ from exported_bodies import small_body
 from flexmbd.ensemble.results_file import new_file
 from flexmbd.errors import ExportError, RecordError
 from flexmbd.export.record_arrays import npz, read_npz
+from flexmbd.files import whole_file
 from flexmbd.files.array_file import read_arrays, write_arrays
 from flexmbd.files.whole_file import write_file
 
@@ -85,3 +86,30 @@ def test_an_archive_without_provenance_is_read_back(tmp_path):
     assert not body.provenance
     npz(body, tmp_path / "body.npz")
     np.testing.assert_array_equal(read_npz(tmp_path / "body.npz").gram, body.gram)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_where_no_open_file_can_be_renamed(name, tmp_path, monkeypatch):
+    """As on Windows: the part is closed before it takes its name, and what grows goes on in the renamed file."""
+    monkeypatch.setattr(whole_file, "WINDOWS", True)
+    replace, renamed = os.replace, []
+
+    def unless_open(source, target):
+        inode = os.stat(source).st_ino
+        opened = [os.stat(f"/proc/self/fd/{one}") for one in os.listdir("/proc/self/fd") if alive(one)]
+        assert inode not in [one.st_ino for one in opened]
+        renamed.append(target)
+        replace(source, target)
+
+    def alive(descriptor):
+        return os.path.exists(f"/proc/self/fd/{descriptor}")
+
+    monkeypatch.setattr(os, "replace", unless_open)
+    before = len(os.listdir("/proc/self/fd"))
+    WRITERS[name](tmp_path / "out.file")
+    assert len(renamed) == 1
+    assert len(os.listdir("/proc/self/fd")) == before
+    expected = tmp_path / "expected.file"
+    monkeypatch.undo()
+    WRITERS[name](expected)
+    assert (tmp_path / "out.file").stat().st_size == expected.stat().st_size

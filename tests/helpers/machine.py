@@ -39,11 +39,13 @@ PYTHON = """
 case "$1 ${2-}" in
 "-m venv")
     note venv
+    echo "$*" >>"$here/venv.arguments"
     mkdir -p "${@: -1}/bin"
     ln -s "$here/python3" "${@: -1}/bin/python"
     ;;
 "-m pip")
     note pip
+    echo "$*" >>"$here/pip.arguments"
     trouble pip
     touch "${0%/*}"/{pytest,mypy,ruff}
     chmod +x "${0%/*}"/{pytest,mypy,ruff}
@@ -122,6 +124,10 @@ class Machine:
         lines = file.read_text().splitlines() if file.exists() else []
         file.unlink(missing_ok=True)
         return lines
+
+    def arguments(self, stub: str) -> list[str]:
+        """What python was given at each call of a stub of its modules, a line each."""
+        return (self.stubs / f"{stub}.arguments").read_text().splitlines()
 
     def waiting(self, stub: str) -> bool:
         """Whether a stub that was told to wait has come so far."""

@@ -52,3 +52,27 @@ def test_forms_import_ufl_and_little_else(file: Path) -> None:
         elif isinstance(node, ast.ImportFrom) and not str(node.module).startswith("flexmbd.forms"):
             imported.add("." if node.level else str(node.module).partition(".")[0])
     assert imported <= ALLOWED_IN_FORMS
+
+
+def with_wheel(folder: Path, text: str, script: str) -> str:
+    """What a script prints where PyPI's wheel of DOLFINx is installed, of which one module stands in a folder."""
+    (folder / "dolfinx_solver.py").write_text(text)
+    script = f"import sys; sys.path.insert(0, {str(folder)!r})\n{script}"
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.mark.parametrize("room", ["continuum", "meshes", "reduction"])
+def test_a_wheel_s_mpi_comes_after_h5py_and_before_all_that_needs_it(room: str, tmp_path: Path) -> None:
+    wheel = "import sys\nprint({'h5py', 'mpi4py', 'petsc4py', 'slepc4py', 'dolfinx'} & set(sys.modules))"
+    assert with_wheel(tmp_path, wheel, f"import flexmbd.{room}") == "{'h5py'}"
+
+
+def test_a_wheel_that_does_not_load_is_told(tmp_path: Path) -> None:
+    wheel = "raise ImportError('petsc4py would be imported from elsewhere')"
+    script = (
+        "from flexmbd.errors import MissingLibraryError\n"
+        "try: import flexmbd.meshes\n"
+        "except MissingLibraryError as error: print(error)"
+    )
+    said = with_wheel(tmp_path, wheel, script)
+    assert said == "PyPI's wheel of DOLFINx does not load: petsc4py would be imported from elsewhere"

@@ -62,6 +62,8 @@ def test_unknown_command() -> None:
 
 def test_base_packages_are_not_shadowed() -> None:
     """DOLFINx was compiled with the base's numpy: another one in the environment above it would be a risk."""
+    if Path(os.environ["FLEXMBD_ENV"], "flexmbd.stamp").read_text().split("\n")[1] == "wheel":
+        pytest.skip("all come from PyPI")
     names = ("numpy", "scipy", "h5py", "numba", "dolfinx")
     script = f"import importlib.util as u; print(*(u.find_spec(name).origin for name in {names}), sep='\\n')"
     done = run("python", "-c", script)
@@ -146,7 +148,7 @@ class TestSetUp:
     def test_unknown_way(self, script: Path) -> None:
         done = self.set_up(script, FLEXMBD_WAY="wheels")
         assert done.returncode == 1
-        assert done.stderr == "run: FLEXMBD_WAY is 'wheels': it may be host, apt or tree\n"
+        assert done.stderr == "run: FLEXMBD_WAY is 'wheels': it may be host, wheel, apt or tree\n"
 
     def test_no_pyproject(self, script: Path) -> None:
         (script.parent / "pyproject.toml").unlink()
@@ -222,6 +224,26 @@ class TestTrees:
         assert machine.run()[0] == 0
         assert machine.calls() == ["mmdebstrap trixie"] * (stage == "mmdebstrap") + ["venv", *FILL]
         assert machine.trees() == ["trixie"]
+
+    def test_from_wheels_alone(self, machine: Machine) -> None:
+        """Nothing of the python below is seen, and pip is asked for DOLFINx."""
+        machine.environment["FLEXMBD_WAY"] = "wheel"
+        code, said = machine.run()
+        assert code == 0, said
+        assert machine.calls() == ["venv", *FILL]
+        assert machine.trees() == []
+        (environment,) = machine.cache.glob("venv/*/")
+        assert machine.arguments("venv") == [f"-m venv {environment.parent}/{environment.name}"]
+        assert machine.arguments("pip")[0].split()[-3].endswith("/checkout[test,fem]")
+        assert machine.run() == (0, "")
+
+    def test_a_python_that_takes_no_wheel(self, machine: Machine) -> None:
+        machine.environment["FLEXMBD_WAY"] = "wheel"
+        machine.script.write_text(machine.script.read_text().replace("(3, 12) <= sys", "(3, 98) <= sys"))
+        code, said = machine.run()
+        assert code == 1
+        assert said.startswith("run: the wheel of DOLFINx needs Python 3.12 to 3.14, and ")
+        assert machine.calls() == []
 
     def test_two_calls_at_once(self, machine: Machine) -> None:
         (machine.stubs / "mmdebstrap.waits").write_text("0.5")
