@@ -22,6 +22,11 @@ from flexmbd.meshes.frame import frame as frame
 from flexmbd.meshes.h5_file import write as write
 from flexmbd.meshes.line import line as line
 from flexmbd.meshes.mesh_file import read as read
+from flexmbd.meshes.place import InBox as InBox
+from flexmbd.meshes.place import OnCylinder as OnCylinder
+from flexmbd.meshes.place import OnPlane as OnPlane
+from flexmbd.meshes.place import Place as Place
+from flexmbd.meshes.place import with_facet_groups as with_facet_groups
 from flexmbd.meshes.plate import plate as plate
 from flexmbd.meshes.quarter_ring import quarter_ring as quarter_ring
 from flexmbd.meshes.round_bar import round_bar as round_bar

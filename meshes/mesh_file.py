@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,15 +15,19 @@ from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.abaqus_file import read_abaqus
 from flexmbd.meshes.dimension import check_arguments, checked_part, require_names, require_positive
-from flexmbd.meshes.foreign_mesh import ForeignMesh, solid_input
+from flexmbd.meshes.foreign_mesh import ForeignMesh
 from flexmbd.meshes.h5_file import h5_input
 from flexmbd.meshes.msh_file import merge
 from flexmbd.meshes.nastran_file import read_nastran
+from flexmbd.meshes.place import Place, check_places, with_places
+from flexmbd.meshes.solid_cells import solid_input
 
 _READERS: dict[str, Callable[[Path], ForeignMesh]] = {
     ".inp": read_abaqus,
     ".bdf": read_nastran,
     ".nas": read_nastran,
+    ".dat": read_nastran,
+    ".blk": read_nastran,
 }
 
 
@@ -31,8 +35,11 @@ _READERS: dict[str, Callable[[Path], ForeignMesh]] = {
 def read(
     path: str | Path,
     *,
+    solids: Sequence[str] | None = None,
     cell_groups: Sequence[str] | None = None,
     facet_groups: Sequence[str] | None = None,
+    places: Mapping[str, Place] | None = None,
+    tetrahedra: bool = False,
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
@@ -43,13 +50,18 @@ def read(
     | .msh | gmsh, format 4.1 or 2.2 | rank 0 | the named physical groups |
     | .h5 | what `write` has written | each rank its share | those that were written |
     | .inp | Abaqus, CalculiX | rank 0 | sets of elements and nodes, surfaces |
-    | .bdf, .nas | Nastran, by meshio | rank 0 | "property 7" of solids and of shells on them |
+    | .bdf, .nas, .dat, .blk | Nastran | rank 0 | "property 7" of solids and of shells on them; "SPC 1", "SET1 4", \
+"RBE2 50", "RBE3 51", "PLOAD4 3" |
 
     Args:
         path: of the file; for .h5 on all ranks, else on rank 0.
-        cell_groups: names of the groups of cells to take, for a file in which some overlap; None for
-            all.
+        solids: names of the groups of cells that make the mesh, as of a file with several bodies; None for all solids.
+        cell_groups: names of the groups of cells to take; None for those that do not overlap, small ones first (of
+            .msh and .h5 for all).
         facet_groups: of those of facets.
+        places: facet groups by place, in m; groups of the file that share facets with them give way, where
+            `facet_groups` is None.
+        tetrahedra: cut all cells into tetrahedra, as wedges, pyramids and meshes of several kinds ask for.
         scale: metres in the file's unit of length: 1e-3 for a file in millimetres. No file says its
             unit.
         comm: the communicator of the mesh.
@@ -57,16 +69,22 @@ def read(
     Raises:
         MeshError: on all ranks; there is no such file, it is of no known kind or cannot be read; the
             mesh has no three-dimensional cells, or of several kinds, or bad ones, or falls into pieces;
-            a name is not there; no named group below the cells, or two that overlap; an argument is
-            out of range or not the same on all ranks.
+            a name is not there; no named group below the cells, or two were asked for that overlap; an
+            argument is out of range or not the same on all ranks.
+
+    Warns:
+        MeshWarning: elements that bear or weigh are left out, or sets are no groups since they overlap.
     """
     arguments = dict(locals())
 
     def check() -> None:
         require_positive(scale=scale)
-        for name, groups in (("cell_groups", cell_groups), ("facet_groups", facet_groups)):
+        for name, groups in (("solids", solids), ("cell_groups", cell_groups), ("facet_groups", facet_groups)):
             if groups is not None:
                 require_names(name, groups, example='["foot", "pin"]')
+        check_places("places", places or {})
+        if not isinstance(tetrahedra, bool):
+            raise MeshError(f"tetrahedra must be True or False, got {tetrahedra!r}")
 
     check_arguments(comm, arguments, check)
     file = Path(path)
@@ -74,19 +92,26 @@ def read(
     suffix = file.suffix.lower()
     if suffix == ".h5":
         share = h5_input(file, comm, cell_groups=cell_groups, facet_groups=facet_groups)
-        return spread(comm, replace(share, points=share.points * scale))
+        return finished(share)
+
+    def finished(share: MeshInput) -> TaggedMesh:
+        mesh = spread(comm, replace(share, points=share.points * scale))
+        return with_places(mesh, places or {}, give_way=facet_groups is None)
 
     def build() -> MeshInput:
         if suffix != ".msh":
             foreign = _READERS[suffix](file)
-            whole = solid_input(foreign, cell_groups=cell_groups, facet_groups=facet_groups)
+            whole = solid_input(
+                foreign, solids=solids, cell_groups=cell_groups, facet_groups=facet_groups, tetrahedra=tetrahedra,
+                named=not places,
+            )  # fmt: skip
         else:
             with session.model():
                 merge(file)
                 whole = session.model_input(3, cell_groups=cell_groups, facet_groups=facet_groups)
-        return replace(whole, points=whole.points * scale)
+        return whole
 
-    return spread(comm, from_root(comm, build))
+    return finished(from_root(comm, build))
 
 
 def _check_file(path: Path) -> None:
