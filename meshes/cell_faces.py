@@ -44,6 +44,7 @@ class FaceTable:
     Attributes:
         rows: (n, 4) vertices of each, around.
         is_outer: (n,) whether it is of one cell only.
+        of_cells: (faces of all cells,) which face each is, in the order given.
     """
 
     def __init__(self, every: Sequence[IntArray], n: int) -> None:
@@ -53,7 +54,10 @@ class FaceTable:
         low, high = self._halves(rows)
         self._low, self._high = np.unique(low), np.unique(high)
         key = np.searchsorted(self._low, low) * len(self._high) + np.searchsorted(self._high, high)
-        self._keys, first, count = np.unique(key, return_index=True, return_counts=True)
+        self._keys, first, inverse, count = np.unique(
+            key, return_index=True, return_inverse=True, return_counts=True
+        )
+        self.of_cells = inverse.reshape(-1)
         self.rows = rows[first]
         self.is_outer = count == 1
 

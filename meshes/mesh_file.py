@@ -14,10 +14,16 @@ from flexmbd.continuum.parallel import on_root
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.abaqus_file import read_abaqus
-from flexmbd.meshes.dimension import check_arguments, checked_part, require_names, require_positive
+from flexmbd.meshes.dimension import (
+    check_arguments,
+    checked_part,
+    require_count,
+    require_names,
+    require_positive,
+)
 from flexmbd.meshes.foreign_mesh import ForeignMesh
 from flexmbd.meshes.h5_file import h5_input
-from flexmbd.meshes.msh_file import merge
+from flexmbd.meshes.msh_file import foreign_model, merge
 from flexmbd.meshes.nastran_file import read_nastran
 from flexmbd.meshes.place import Place, check_places, with_places
 from flexmbd.meshes.solid_cells import solid_input
@@ -39,6 +45,7 @@ def read(
     cell_groups: Sequence[str] | None = None,
     facet_groups: Sequence[str] | None = None,
     places: Mapping[str, Place] | None = None,
+    piece: int | None = None,
     tetrahedra: bool = False,
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -61,6 +68,7 @@ def read(
         facet_groups: of those of facets.
         places: facet groups by place, in m; groups of the file that share facets with them give way, where
             `facet_groups` is None.
+        piece: of solids that fall into pieces that share no facet, the one to take, from 1, large ones first.
         tetrahedra: cut all cells into tetrahedra, as wedges, pyramids and meshes of several kinds ask for.
         scale: metres in the file's unit of length: 1e-3 for a file in millimetres. No file says its
             unit.
@@ -85,32 +93,38 @@ def read(
         check_places("places", places or {})
         if not isinstance(tetrahedra, bool):
             raise MeshError(f"tetrahedra must be True or False, got {tetrahedra!r}")
+        if piece is not None:
+            require_count("piece", piece)
+        if Path(path).suffix.lower() == ".h5" and (tetrahedra or solids is not None or piece is not None):
+            raise MeshError(f"{path}: solids, piece and tetrahedra are for files of other programs, not for .h5")
 
     check_arguments(comm, arguments, check)
     file = Path(path)
     on_root(comm, lambda: _check_file(file))
     suffix = file.suffix.lower()
-    if suffix == ".h5":
-        share = h5_input(file, comm, cell_groups=cell_groups, facet_groups=facet_groups)
-        return finished(share)
 
     def finished(share: MeshInput) -> TaggedMesh:
-        mesh = spread(comm, replace(share, points=share.points * scale))
-        return with_places(mesh, places or {}, give_way=facet_groups is None)
+        return with_places(spread(comm, share), places or {}, give_way=facet_groups is None)
+
+    def of(foreign: ForeignMesh) -> MeshInput:
+        return solid_input(
+            replace(foreign, points=foreign.points * scale), solids=solids, cell_groups=cell_groups,
+            facet_groups=facet_groups, piece=piece, tetrahedra=tetrahedra, named=not places,
+        )  # fmt: skip
 
     def build() -> MeshInput:
         if suffix != ".msh":
-            foreign = _READERS[suffix](file)
-            whole = solid_input(
-                foreign, solids=solids, cell_groups=cell_groups, facet_groups=facet_groups, tetrahedra=tetrahedra,
-                named=not places,
-            )  # fmt: skip
-        else:
-            with session.model():
-                merge(file)
-                whole = session.model_input(3, cell_groups=cell_groups, facet_groups=facet_groups)
-        return whole
+            return of(_READERS[suffix](file))
+        with session.model():
+            merge(file)
+            if tetrahedra or solids is not None or piece is not None or not session.is_of_one_kind(3):
+                return of(foreign_model(file))
+            whole = session.model_input(3, cell_groups=cell_groups, facet_groups=facet_groups, named=not places)
+        return replace(whole, points=whole.points * scale)
 
+    if suffix == ".h5":
+        share = h5_input(file, comm, cell_groups=cell_groups, facet_groups=facet_groups)
+        return finished(replace(share, points=share.points * scale))
     return finished(from_root(comm, build))
 
 

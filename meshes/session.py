@@ -220,6 +220,7 @@ def model_input(
     *,
     cell_groups: Collection[str] | None = None,
     facet_groups: Collection[str] | None = None,
+    named: bool = True,
 ) -> MeshInput:
     """All of the current model, whose nodes are renumbered if they have gaps; rank 0, in a session.
 
@@ -227,6 +228,7 @@ def model_input(
         dim: dimension of the cells.
         cell_groups: names of the physical groups of cells to take; None for all.
         facet_groups: of those of facets.
+        named: whether a group below the cells must be there.
 
     Raises:
         MeshError: as `tagged_mesh` says, or a name is not there.
@@ -235,7 +237,7 @@ def model_input(
     names = [_names(below) for below in range(dim + 1)]
     names[dim] = chosen("cell", names[dim], cell_groups)
     names[dim - 1] = chosen("facet", names[dim - 1], facet_groups)
-    if not any(names[:dim]):
+    if named and not any(names[:dim]):
         below = _ENTITIES[dim - 1]
         raise MeshError(
             f"the mesh has no named group of {below}s; in gmsh, give each interface a name: "
@@ -270,6 +272,12 @@ def model_input(
 def _taken(groups: Mapping[str, int], names: Collection[str] | None) -> set[int] | None:
     """Their tags, or None for all groups, those without a name too."""
     return None if names is None else set(groups.values())
+
+
+def is_of_one_kind(dim: int) -> bool:
+    """Whether the cells are of one kind that `model_input` takes, or there are none; rank 0, in a session."""
+    kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
+    return len(kinds) == 0 or (len(kinds) == 1 and kinds[0] in _CELLS)
 
 
 def _cell_kind(dim: int) -> int:

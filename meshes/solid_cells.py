@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,14 @@ from flexmbd.meshes.cell_faces import CORNERS
 from flexmbd.meshes.facet_sets import FacetSets, disjoint, rows_of
 from flexmbd.meshes.foreign_mesh import ElementBlock, ForeignMesh
 from flexmbd.meshes.group_choice import chosen
+from flexmbd.meshes.one_piece import one_piece
 from flexmbd.meshes.serendipity import complete
 from flexmbd.meshes.tetrahedra import EDGES, Cells, cut_cells, cut_faces
 
 IntArray = npt.NDArray[np.int64]
 
 # Those that a mesh can be of.
-_WHOLE = ("tetra", "tetra10", "hexahedron", "hexahedron20", "hexahedron27")
+_WHOLE = (("tetrahedron", 4), ("tetrahedron", 10), ("hexahedron", 8), ("hexahedron", 20), ("hexahedron", 27))
 
 
 def solid_input(
@@ -31,6 +33,7 @@ def solid_input(
     solids: Collection[str] | None = None,
     cell_groups: Collection[str] | None = None,
     facet_groups: Collection[str] | None = None,
+    piece: int | None = None,
     tetrahedra: bool = False,
     named: bool = True,
 ) -> MeshInput:
@@ -45,6 +48,7 @@ def solid_input(
         facet_groups: names of the surfaces, sets of shells and sets of nodes to take as groups of
             facets; None for those that do not overlap. Sets of nodes without a whole facet, or not taken,
             become groups of vertices.
+        piece: of solids that fall into pieces that share no facet, the one to take, from 1, large ones first.
         tetrahedra: cut all cells into tetrahedra.
         named: whether a group of facets or vertices must be there.
 
@@ -57,7 +61,6 @@ def solid_input(
     numbers = foreign.node_numbers[order]
     _check_numbers(foreign.path, "node", numbers)
     taken = _solids(foreign, solids)
-    _check_kinds(foreign, taken, tetrahedra=tetrahedra)
     points = foreign.points[order]
     points, rows = _rows(foreign.path, taken, numbers, points)
     tags, cell_names = _cell_groups(foreign, np.concatenate([one.numbers for one in taken]), cell_groups)
@@ -65,6 +68,9 @@ def solid_input(
     blocks = [
         Cells(one.cell, held, mine, one.numbers) for one, held, mine in zip(taken, rows, tags_of, strict=True)
     ]
+    blocks = one_piece(foreign.path, points, blocks, piece)
+    if not tetrahedra:
+        _check_kinds(foreign.path, blocks)
     facets = FacetSets(foreign, blocks, numbers)
     found = facets.groups(facet_groups)
     vertices = facets.vertex_groups(without=found)
@@ -73,7 +79,7 @@ def solid_input(
             f"{foreign.path}: there is no named set on the surface of the part; give each interface a "
             "surface, a set of nodes or of shell elements, or name it by its place: places={...}"
         )
-    if solids is None:
+    if solids is None and piece is None:
         _tell_left_out(foreign, facets.off)
     facet_rows = np.concatenate([np.empty((0, 4), dtype=np.int64), *(facets.faces.rows[at] for at in found.values())])
     facet_tags = np.repeat(np.arange(1, len(found) + 1), [len(at) for at in found.values()])
@@ -82,9 +88,9 @@ def solid_input(
         facet_rows, of = cut_faces(facet_rows)
         facet_tags = facet_tags[of]
     else:
-        merged = np.concatenate([one.rows for one in blocks])
-        points, merged = complete(points, merged, taken[0].kind)
-        cells = Cells(blocks[0].cell, merged, tags, np.concatenate([one.numbers for one in blocks]))
+        (only,) = blocks
+        points, merged = complete(points, only.rows)
+        cells = replace(only, rows=merged)
         facet_rows = facet_rows[:, : 3 if cells.cell == "tetrahedron" else 4]
     degree = 2 if cells.is_curved else 1
     return MeshInput(
@@ -128,12 +134,15 @@ def _solids(foreign: ForeignMesh, solids: Collection[str] | None) -> list[Elemen
     ]
 
 
-def _check_kinds(foreign: ForeignMesh, solids: Sequence[ElementBlock], *, tetrahedra: bool) -> None:
-    if tetrahedra or (len(solids) == 1 and solids[0].kind in _WHOLE):
+def _check_kinds(path: Path, blocks: Sequence[Cells]) -> None:
+    kinds = [(one.cell, one.rows.shape[1]) for one in blocks]
+    if len(kinds) == 1 and kinds[0] in _WHOLE:
         return
-    kinds = ", ".join(f"{len(one.numbers)} {one.kind}" for one in sorted(solids, key=lambda one: one.kind))
+    there, known = (
+        ", ".join(f"{cell} of {width} nodes" for cell, width in sorted(some)) for some in (kinds, _WHOLE)
+    )
     raise MeshError(
-        f"{foreign.path}: the mesh has cells of the kinds {kinds}; a mesh is of one of these: {', '.join(_WHOLE)}. "
+        f"{path}: the mesh has cells of the kinds {there}; all must be of one of these: {known}. "
         "tetrahedra=True cuts all into tetrahedra; solids=(...) takes the cells of some sets alone"
     )
 

@@ -29,6 +29,9 @@ EDGES = {
     "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
 }  # fmt: skip
 
+# Where the middle of each face stands, if there is one.
+_OF_FACES = {"hexahedron": (24, 25, 22, 21, 23, 20), "prism": (0, 0, 15, 16, 17), "pyramid": (13, 0, 0, 0, 0)}
+
 
 @dataclass(frozen=True, eq=False)
 class Cells:
@@ -36,7 +39,7 @@ class Cells:
 
     Attributes:
         cell: basix's name.
-        rows: (n, k) in VTK's order; k is the number of vertices, or more with the middles of edges.
+        rows: (n, k) in VTK's order; k is the number of vertices, or more with the middles of edges, then of faces.
         tags: (n,) of their groups.
         numbers: (n,) the file's.
     """
@@ -140,17 +143,20 @@ def _inner_middles(points: Points, block: Cells, n: int) -> list[tuple[IntArray,
     if not block.is_curved or block.cell == "tetrahedron":
         return []
     edges = {frozenset(edge): CORNERS[block.cell] + i for i, edge in enumerate(EDGES[block.cell])}
+    own = block.rows.shape[1] > CORNERS[block.cell] + len(edges)
     found = []
-    for face in FACES[block.cell]:
+    for face, column in zip(FACES[block.cell], _OF_FACES[block.cell], strict=True):
         if len(face) != 4:
             continue
         around = [edges[frozenset((face[i], face[(i + 1) % 4]))] for i in range(4)]
         middle = 0.5 * points[block.rows[:, around]].sum(axis=1) - 0.25 * points[block.rows[:, list(face)]].sum(axis=1)
+        if own:
+            middle = points[block.rows[:, column]]
         for a, b in ((face[0], face[2]), (face[1], face[3])):
             found.append((_key(block.rows[:, [a, b]], n), middle))
     if block.cell == "hexahedron":
         x = points[block.rows]
-        middle = 0.25 * (x[:, 8:20].sum(axis=1) - x[:, :8].sum(axis=1))
+        middle = x[:, 26] if own else 0.25 * (x[:, 8:20].sum(axis=1) - x[:, :8].sum(axis=1))
         for a, b in ((0, 6), (1, 7), (2, 4), (3, 5)):
             found.append((_key(block.rows[:, [a, b]], n), middle))
     return found
