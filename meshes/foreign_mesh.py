@@ -87,3 +87,15 @@ class ForeignMesh:
     faces: Mapping[str, IntArray] = field(default_factory=dict)
     helpers: Collection[str] = ()
     beside: Mapping[str, int] = field(default_factory=dict)
+
+
+def members(ascending: IntArray, ranges: Sequence[range]) -> IntArray:
+    """Those of ascending numbers that are in ranges, whatever these claim."""
+    parts = [np.empty(0, dtype=np.int64)]
+    single = np.array([one.start for one in ranges if len(one) == 1], dtype=np.int64)
+    parts.append(ascending[np.isin(ascending, single)])
+    for one in ranges:
+        if len(one) > 1:
+            inside = ascending[np.searchsorted(ascending, one.start) : np.searchsorted(ascending, one.stop)]
+            parts.append(inside[(inside - one.start) % one.step == 0])
+    return np.unique(np.concatenate(parts))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from flexmbd.files.bulk_cards import listed, whole
 from flexmbd.meshes.cell_faces import CORNERS, FACES
-from flexmbd.meshes.foreign_mesh import ElementBlock
+from flexmbd.meshes.foreign_mesh import ElementBlock, members
 
 IntArray = npt.NDArray[np.int64]
 Cards = Mapping[str, list[list[str]]]
@@ -37,18 +37,6 @@ def node_sets(cards: Cards, numbers: IntArray) -> dict[str, IntArray]:
     ascending = np.sort(numbers)
     found = {name: members(ascending, parts) for name, parts in ranges.items()}
     return {name: held for name, held in found.items() if len(held) > 0}
-
-
-def members(ascending: IntArray, ranges: Sequence[range]) -> IntArray:
-    """Those of ascending numbers that are in ranges, whatever these claim."""
-    parts = [np.empty(0, dtype=np.int64)]
-    single = np.array([one.start for one in ranges if len(one) == 1], dtype=np.int64)
-    parts.append(ascending[np.isin(ascending, single)])
-    for one in ranges:
-        if len(one) > 1:
-            inside = ascending[np.searchsorted(ascending, one.start) : np.searchsorted(ascending, one.stop)]
-            parts.append(inside[(inside - one.start) % one.step == 0])
-    return np.unique(np.concatenate(parts))
 
 
 def _each_set(cards: Cards) -> Iterator[tuple[str, list[str], list[str]]]:
