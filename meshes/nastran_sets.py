@@ -98,7 +98,7 @@ def load_faces(cards: Cards, elements: Sequence[ElementBlock]) -> dict[str, IntA
             faces += elements_by_number.shells(numbers)
     for fields in cards.get("PLOAD", []):
         corners = [whole(field) for field in fields[2:6] if field]
-        found.setdefault(f"PLOAD {fields[0]}", []).append((corners + [-1])[:4])
+        found.setdefault(f"PLOAD {fields[0]}", []).append([*corners, -1][:4])
     return {name: np.array(faces, dtype=np.int64) for name, faces in found.items() if faces}
 
 

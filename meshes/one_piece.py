@@ -70,6 +70,7 @@ def _labels(blocks: Sequence[Cells], n: int) -> npt.NDArray[np.int64]:
     faces, cells = table.of_cells[order], cells[order]
     same = faces[1:] == faces[:-1]
     total = int(starts[-1])
-    links = coo_array((np.ones(np.count_nonzero(same), dtype=np.int8), (cells[:-1][same], cells[1:][same])), (total, total))
+    one, other = cells[:-1][same], cells[1:][same]
+    links = coo_array((np.ones(len(one), dtype=np.int8), (one, other)), (total, total))
     labels: npt.NDArray[np.int64] = connected_components(links, directed=False)[1].astype(np.int64)
     return labels

@@ -100,7 +100,7 @@ def check_places(what: str, places: object) -> None:
         MeshError: names it.
     """
     if not isinstance(places, Mapping):
-        raise MeshError(f'{what} must be a dictionary of names and places, as {{"foot": OnPlane(...)}}, got {places!r:.80}')
+        raise MeshError(f'{what} must be a dictionary of places, as {{"foot": OnPlane(...)}}, got {places!r:.80}')
     for name, place in places.items():
         where = f"{what}[{name!r}]"
         if not isinstance(name, str) or not name:
@@ -142,9 +142,8 @@ def with_places(part: TaggedMesh, places: Mapping[str, Place], *, give_way: bool
     faults += [f"there is a facet group {name!r} already; choose another name" for name in sorted(named)]
     kept = {name: part.facet_tags.find(tag) for name, tag in part.facet_groups.items()}
     taken = np.concatenate(list(found.values()))
-    sharing = {
-        name: total for name, facets in kept.items() if (total := mesh.comm.allreduce(len(np.intersect1d(facets, taken))))
-    }
+    shared = {name: mesh.comm.allreduce(len(np.intersect1d(facets, taken))) for name, facets in kept.items()}
+    sharing = {name: total for name, total in shared.items() if total > 0}
     if give_way:
         kept = {name: facets for name, facets in kept.items() if name not in sharing}
     else:

@@ -69,6 +69,7 @@ def solid_input(
         Cells(one.cell, held, mine, one.numbers) for one, held, mine in zip(taken, rows, tags_of, strict=True)
     ]
     blocks = one_piece(foreign.path, points, blocks, piece)
+    _check_middles(foreign.path, blocks, numbers, len(points))
     if not tetrahedra:
         _check_kinds(foreign.path, blocks)
     facets = FacetSets(foreign, blocks, numbers)
@@ -157,6 +158,35 @@ def _check_numbers(path: Path, what: str, numbers: IntArray) -> None:
         )
 
 
+def _check_middles(path: Path, blocks: Sequence[Cells], numbers: IntArray, n: int) -> None:
+    """Refuse an edge with two middles and a middle of two edges, of which DOLFINx would ruin its memory."""
+    edges = [np.empty((0, 3), dtype=np.int64)]
+    for one in (one for one in blocks if one.is_curved):
+        for i, (a, b) in enumerate(EDGES[one.cell], start=CORNERS[one.cell]):
+            edges.append(np.column_stack((np.sort(one.rows[:, [a, b]], axis=1), one.rows[:, i])))
+    every = np.concatenate(edges)
+    keys, middles = every[:, 0] * n + every[:, 1], every[:, 2]
+    order = np.lexsort((middles, keys))
+    keys, middles = keys[order], middles[order]
+    double = np.flatnonzero((keys[1:] == keys[:-1]) & (middles[1:] != middles[:-1]))
+    by_middle = np.lexsort((keys, middles))
+    also = np.flatnonzero(
+        (middles[by_middle][1:] == middles[by_middle][:-1]) & (keys[by_middle][1:] != keys[by_middle][:-1])
+    )
+    corner = np.isin(middles, np.concatenate([one.corners.reshape(-1) for one in blocks]))
+    called = np.append(numbers, np.zeros(n - len(numbers), dtype=np.int64))
+    if len(double) > 0:
+        pair = called[middles[double[0] : double[0] + 2]].tolist()
+        fault = f"{len(double)} edges have two nodes in their middle, one of them {pair[0]} and {pair[1]}"
+    elif len(also) > 0:
+        fault = f"{len(also)} nodes are in the middle of two edges, one of them {called[middles[by_middle][also[0]]]}"
+    elif corner.any():
+        fault = f"node {called[middles[corner.argmax()]]} is in the middle of an edge and a corner"
+    else:
+        return
+    raise MeshError(f"{path}: {fault}; the nodes of some elements are in another order than that of their kind")
+
+
 def _rows(
     path: Path, solids: Sequence[ElementBlock], numbers: IntArray, points: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], list[IntArray]]:
@@ -211,8 +241,8 @@ def _tell_left_out(foreign: ForeignMesh, off: Mapping[str, int]) -> None:
         beside.append(f"{sum(off.values())} shells that lie on no solid (of {names})")
     if beside:
         warnings.warn(
-            f"{foreign.path}: beside the solids there are {', '.join(beside)}, which are left out; where that is meant, "
-            "name the solids: solids=(...)",
+            f"{foreign.path}: beside the solids there are {', '.join(beside)}, which are left out; where that is "
+            "meant, name the solids: solids=(...)",
             MeshWarning,
             stacklevel=2,
         )

@@ -314,7 +314,7 @@ BULK = lattice.bdf(lattice.lattice("hexahedron", 1, program="nastran", map=latti
         ("MAT1,1", "SPC1,1,123,1,2,3,4,5,6,7\nMAT1,1", "ends with 7 in the tenth field"),
         ("MAT1,1", "SPC1,1,123,1,2,3,4,5,6,7,8\nMAT1,1", "a line of more than ten fields"),
         ("MAT1,1", "SPC1,1,123,9,THRU,3\nMAT1,1", "SPC 1, card 1: 9 THRU 3 BY 1 is no range"),
-        ("MAT1,1", "PLOAD4,1,5,1.,,,,1000,993\nMAT1,1", "PLOAD4 1 names the nodes 1000 and 993, on no face of element 5"),
+        ("MAT1,1", "PLOAD4,1,5,1.,,,,1000,993\nMAT1,1", "names the nodes 1000 and 993, on no face of element 5"),
         ("MAT1,1", "PLOAD4,1,77,1.,,,,1000,993\nMAT1,1", "PLOAD4 1 names element 77, which is no solid or shell"),
         ("CQUAD4,9000,8,", "CROD,9000,8,", r"no named set on the surface of the part; .* its place: places="),
     ],
