@@ -28,6 +28,8 @@ from flexmbd.meshes.place import OnPlane as OnPlane
 from flexmbd.meshes.place import Place as Place
 from flexmbd.meshes.place import with_facet_groups as with_facet_groups
 from flexmbd.meshes.plate import plate as plate
+from flexmbd.meshes.quality import MeshQuality as MeshQuality
+from flexmbd.meshes.quality import quality as quality
 from flexmbd.meshes.quarter_ring import quarter_ring as quarter_ring
 from flexmbd.meshes.round_bar import round_bar as round_bar
 from flexmbd.meshes.sheet import sheet as sheet

@@ -61,8 +61,10 @@ _OPTIONS = {
     "Mesh.SubdivisionAlgorithm": 0,
 }
 
-# The unit that the lengths of CAD files are converted to.
-_UNIT = "Geometry.OCCTargetUnit"
+# How much smaller than h cells may become that follow the curvature.
+_FINEST = 20.0
+
+_UNIT = "Geometry.OCCTargetUnit"  # that the lengths of CAD files are converted to
 
 # gmsh's element types that DOLFINx and the forms know: by their number the cell, the degree of its
 # geometry, how a person calls them, and the cell's dimension.
@@ -148,9 +150,13 @@ def built_mesh(
     return spread(comm, from_root(comm, run))
 
 
-def generate(*, h: float, degree: int, dim: int = 3) -> None:
-    """Mesh the current model with cells of size h, in its unit, and geometry of the given degree; rank 0."""
-    gmsh.option.setNumber("Mesh.MeshSizeMin", h)
+def generate(*, h: float, degree: int, dim: int = 3, curvature: int | None = None) -> None:
+    """Mesh the current model with cells of size h, in its unit, and geometry of the given degree; rank 0.
+
+    With `curvature`, so many around a full circle where h is larger than that.
+    """
+    gmsh.option.setNumber("Mesh.MeshSizeMin", h if curvature is None else h / _FINEST)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", curvature or 0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", h)
     mesh_model(degree=degree, dim=dim)
 
