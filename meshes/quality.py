@@ -27,7 +27,7 @@ _PLURAL = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
 
 @dataclass(frozen=True)
 class MeshQuality:
-    """The quality of a mesh of solid cells; `print` gives one line.
+    """The quality of a mesh of solid cells; `print` gives a line.
 
     Attributes:
         cell: "tetrahedron" or "hexahedron".

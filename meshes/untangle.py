@@ -42,7 +42,7 @@ _STRAIGHTER = (0.8, 0.6, 0.4, 0.2, 0.0)
 _MOST = 0.01
 
 # Lattices of the points in which determinants are looked at, to bend and to judge; cells judged in one go.
-_COARSE, _FINE = 4, 6
+_COARSE, _FINE = 3, 6
 _BATCH = 10_000
 
 # basix's edges of a tetrahedron, whose middles are the nodes 4 to 9.
@@ -148,7 +148,7 @@ def _key(edges: IntArray, n: int) -> IntArray:
 
 def _bend(points: Points, cells: IntArray, bad: IntArray, held: npt.NDArray[np.bool_]) -> None:
     """Move the middles inside, around bad cells, until these are good; in place."""
-    near = np.isin(cells[:, :4], cells[bad, :4]).any(axis=1)
+    near = np.isin(cells[:, 4:], cells[bad, 4:]).any(axis=1)
     free = np.unique(cells[near, 4:])
     free = free[~held[free]]
     if len(free) == 0:
