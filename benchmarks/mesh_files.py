@@ -2,8 +2,8 @@
 
     ./run python benchmarks/mesh_files.py [LINES]
 
-Processor time of this process and of its children. The decks are a lattice of hexahedra in fields of eight columns and
-between commas; the part is a plate with a hub and a fillet, at sizes at which curved cells are to be bent or straightened.
+Processor time of this process and of its children. The decks are a lattice of hexahedra in fields of eight columns
+and between commas; the part is a plate with a hub and a fillet, at sizes at which cells are bent or straightened.
 """
 
 import os
@@ -30,13 +30,15 @@ def lattice(lines):
     n = max(2, round((lines / 3.0) ** (1 / 3)))
     grid = np.stack(np.meshgrid(*[np.arange(n + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     number = np.arange(len(grid)).reshape([n + 1] * 3) + 1
-    near = [number[i : n + i, j : n + j, k : n + k].reshape(-1) for k in (0, 1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    around = [(i, j, k) for k in (0, 1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    near = [number[i : n + i, j : n + j, k : n + k].reshape(-1) for i, j, k in around]
     return 0.01 * grid, np.stack(near, axis=1)
 
 
 def fixed(points, cells):
     text = ["BEGIN BULK\n"]
-    text += [f"GRID    {i:8d}        {x:8.4f}{y:8.4f}{z:8.4f}\n" for i, (x, y, z) in enumerate(points.tolist(), start=1)]
+    for i, (x, y, z) in enumerate(points.tolist(), start=1):
+        text.append(f"GRID    {i:8d}        {x:8.4f}{y:8.4f}{z:8.4f}\n")
     for i, c in enumerate(cells.tolist(), start=1):
         text.append(f"CHEXA   {i:8d}       1{''.join(f'{v:8d}' for v in c[:6])}+\n+       {c[6]:8d}{c[7]:8d}\n")
     return "".join([*text, "SPC1,1,123,1,THRU,100\nENDDATA\n"])

@@ -14,6 +14,7 @@ from flexmbd.continuum.parallel import on_root
 from flexmbd.errors import MeshError
 from flexmbd.meshes import session
 from flexmbd.meshes.abaqus_file import read_abaqus
+from flexmbd.meshes.cdb_file import read_cdb
 from flexmbd.meshes.dimension import (
     check_arguments,
     checked_part,
@@ -23,6 +24,7 @@ from flexmbd.meshes.dimension import (
 )
 from flexmbd.meshes.foreign_mesh import ForeignMesh
 from flexmbd.meshes.h5_file import h5_input
+from flexmbd.meshes.med_file import read_med
 from flexmbd.meshes.msh_file import foreign_model, merge
 from flexmbd.meshes.nastran_file import read_nastran
 from flexmbd.meshes.place import Place, check_places, with_places
@@ -34,6 +36,8 @@ _READERS: dict[str, Callable[[Path], ForeignMesh]] = {
     ".nas": read_nastran,
     ".dat": read_nastran,
     ".blk": read_nastran,
+    ".cdb": read_cdb,
+    ".med": read_med,
 }
 
 
@@ -59,6 +63,8 @@ def read(
     | .inp | Abaqus, CalculiX | rank 0 | sets of elements and nodes, surfaces |
     | .bdf, .nas, .dat, .blk | Nastran | rank 0 | "property 7" of solids and of shells on them; "SPC 1", "SET1 4", \
 "RBE2 50", "RBE3 51", "PLOAD4 3" |
+    | .cdb | Ansys, by mapdl-archive | rank 0 | components; "material 1" |
+    | .med | Salome, by meshio | rank 0 | groups |
 
     Args:
         path: of the file; for .h5 on all ranks, else on rank 0.

@@ -33,8 +33,9 @@ class MeshQuality:
         cell: "tetrahedron" or "hexahedron".
         degree: of the geometry.
         cells: how many.
-        scaled_jacobian: the least Jacobian determinant in a cell over that of the straight tetrahedron with its corners,
-            of a hexahedron over the mean in it: 1 where nothing is bent, 0 or less where a cell is turned inside out.
+        scaled_jacobian: the least Jacobian determinant in a cell over that of the straight tetrahedron with its
+            corners, of a hexahedron over the mean in it: 1 where nothing is bent, 0 or less where a cell is turned
+            inside out.
         shape: the least determinant of the edges at a corner over their lengths, 1 for a regular tetrahedron or a
             cube, 0 for a flat cell.
         worst: the middle of the cell of the least shape, m.
