@@ -18,6 +18,8 @@ from flexmbd.meshes.block import block as block
 from flexmbd.meshes.connecting_rod import connecting_rod as connecting_rod
 from flexmbd.meshes.crank import crank as crank
 from flexmbd.meshes.crash_tube import crash_tube as crash_tube
+from flexmbd.meshes.deck_materials import DeckMaterial as DeckMaterial
+from flexmbd.meshes.deck_materials import materials as materials
 from flexmbd.meshes.frame import frame as frame
 from flexmbd.meshes.h5_file import write as write
 from flexmbd.meshes.line import line as line

@@ -51,7 +51,7 @@ _DEEPEST = 10
 
 
 @dataclass(frozen=True)
-class _Block:
+class Block:
     """A keyword, its options by their names in capitals, and the lines below it."""
 
     keyword: str
@@ -71,7 +71,7 @@ def read_abaqus(path: Path) -> ForeignMesh:
 class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._blocks = list(_of_one_part(path, list(_blocks(path, depth=0))))
+        self._blocks = list(_of_one_part(path, list(blocks(path, depth=0))))
         self._elements: list[ElementBlock] = []
         # by the name in capitals: as the file first has it, and the parts of the set
         self._element_sets: dict[str, tuple[str, list[IntArray]]] = {}
@@ -117,7 +117,7 @@ class _Reader:
             beside=self._beside,
         )
 
-    def _nodes(self, block: _Block) -> tuple[IntArray, npt.NDArray[np.float64]]:
+    def _nodes(self, block: Block) -> tuple[IntArray, npt.NDArray[np.float64]]:
         if block.options.get("SYSTEM", "R").upper() != "R":
             raise MeshError(f"{self._path}: *NODE with SYSTEM is not read; write cartesian coordinates")
         rows = [_fields(line) for line in block.lines]
@@ -132,7 +132,7 @@ class _Reader:
             _append(self._node_sets, block.options["NSET"], numbers)
         return numbers, points.reshape(-1, 3)
 
-    def _add_elements(self, block: _Block) -> None:
+    def _add_elements(self, block: Block) -> None:
         kind = block.options.get("TYPE", "").upper()
         found = [(name, columns) for pattern, name, columns in _TYPES if pattern.fullmatch(kind)]
         if not found:
@@ -155,7 +155,7 @@ class _Reader:
             _append(self._element_sets, block.options["ELSET"], rows[:, 0])
 
     def _add_set(
-        self, block: _Block, option: str, sets: dict[str, tuple[str, list[IntArray]]]
+        self, block: Block, option: str, sets: dict[str, tuple[str, list[IntArray]]]
     ) -> None:
         if option not in block.options:
             raise MeshError(f"{self._path}: *{option} without a name; write *{option}, {option}=name")
@@ -194,7 +194,7 @@ class _Reader:
             raise MeshError(f"{self._path}: {where} names {field!r}, which is not a set before it")
         return np.concatenate(known[1])
 
-    def _add_surface(self, block: _Block) -> None:
+    def _add_surface(self, block: Block) -> None:
         if "NAME" not in block.options:
             raise MeshError(f"{self._path}: *SURFACE without a name; write *SURFACE, NAME=name")
         name = block.options["NAME"]
@@ -245,8 +245,12 @@ def _exponent(number: str) -> str:
     return number.upper().replace("D", "E")
 
 
-def _blocks(path: Path, *, depth: int) -> Iterator[_Block]:
-    """The keywords of a file and of those it includes."""
+def blocks(path: Path, *, depth: int) -> Iterator[Block]:
+    """The keywords of a file and of those it includes; not collective.
+
+    Raises:
+        MeshError: a file cannot be read, or goes more than ten files deep.
+    """
     if depth > _DEEPEST:
         raise MeshError(f"{path}: *INCLUDE goes more than {_DEEPEST} files deep")
     if not path.is_file():
@@ -256,7 +260,7 @@ def _blocks(path: Path, *, depth: int) -> Iterator[_Block]:
     except ExportError as error:
         raise MeshError(str(error)) from error
     lines = [line for line in lines if line and not line.startswith("**")]
-    block: _Block | None = None
+    block: Block | None = None
     at = 0
     while at < len(lines):
         line, at = lines[at], at + 1
@@ -271,15 +275,15 @@ def _blocks(path: Path, *, depth: int) -> Iterator[_Block]:
         keyword, *options = line[1:].split(",")
         pairs = (option.partition("=") for option in options)
         named = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-        block = _Block(" ".join(keyword.upper().split()), named, [])
+        block = Block(" ".join(keyword.upper().split()), named, [])
         if block.keyword == "INCLUDE":
-            yield from _blocks(path.parent / named.get("INPUT", ""), depth=depth + 1)
+            yield from blocks(path.parent / named.get("INPUT", ""), depth=depth + 1)
             block = None
     if block is not None:
         yield block
 
 
-def _of_one_part(path: Path, blocks: Sequence[_Block]) -> Iterator[_Block]:
+def _of_one_part(path: Path, blocks: Sequence[Block]) -> Iterator[Block]:
     """The blocks of the one part, and the assembly's sets of its instance."""
     parts = [block for block in blocks if block.keyword == "PART"]
     instances = [block for block in blocks if block.keyword == "INSTANCE"]

@@ -47,6 +47,8 @@ def disjoint(
         later: sets that give way to all others, those of the last collection last.
         untold: sets of which nothing is said where they give way.
 
+    A set that holds a smaller one whole gives way to it untold: PrePoMax and gmsh write such.
+
     Raises:
         MeshError: sets that were asked for overlap, or are not there.
     """
@@ -69,7 +71,7 @@ def disjoint(
         if not inside.any():
             taken[name] = asked[name]
             union = np.concatenate((union, asked[name]))
-        elif not inside.all() and name not in untold:
+        elif name not in untold and any(_cross(asked[name], other) for other in taken.values()):
             lost.append(name)
     if lost:
         warnings.warn(
@@ -79,6 +81,12 @@ def disjoint(
             stacklevel=2,
         )
     return {name: taken[name] for name in asked if name in taken}
+
+
+def _cross(one: IntArray, other: IntArray) -> bool:
+    """Whether each of two sets has members that the other has not, and both share some."""
+    shared = len(np.intersect1d(one, other))
+    return 0 < shared < min(len(one), len(other))
 
 
 class FacetSets:

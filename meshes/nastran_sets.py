@@ -98,6 +98,8 @@ def load_faces(cards: Cards, elements: Sequence[ElementBlock]) -> dict[str, IntA
             faces += elements_by_number.shells(numbers)
     for fields in cards.get("PLOAD", []):
         corners = [whole(field) for field in fields[2:6] if field]
+        if len(corners) < 3:
+            raise ValueError(f"PLOAD {fields[0]} names {len(corners)} nodes; a face has three or four")
         found.setdefault(f"PLOAD {fields[0]}", []).append([*corners, -1][:4])
     return {name: np.array(faces, dtype=np.int64) for name, faces in found.items() if faces}
 

@@ -68,6 +68,7 @@ def read_bulk(path: Path, *, wanted: Collection[str]) -> BulkData:
                     f"{card.name} {card.fields[0]}: its line ends with {card.tail} in the tenth field, where only the "
                     "name of a continuation may stand; begin a new line after nine fields"
                 )
+            card.fields += [""] * (-len(card.fields) % 8)
             cards.setdefault(card.name, []).append(card.fields)
     return BulkData(cards, counts)
 

@@ -1,6 +1,7 @@
 """Abaqus's and Nastran's files: the same cells, bent as they should be, with their groups; and what is refused."""
 
 import re
+import warnings
 
 from mpi4py import MPI
 
@@ -276,6 +277,50 @@ def test_sets_of_cells_that_overlap(write):
     assert "all_nodes" in part.vertex_groups
 
 
+PREPOMAX = """*Element, Type=C3D8, Elset=Solid_part-1
+5, 1, 2, 3, 4, 5, 6, 7, 8
+8, 2, 9, 10, 3, 6, 11, 12, 7
+*Elset, Elset=Element_Set-1
+8
+*Elset, Elset=Internal-1_Surface-1_S3
+5, 8
+*Elset, Elset=Internal-2_Surface-1_S5
+5, 8
+*Surface, Name=Surface-1, Type=Element
+Internal-1_Surface-1_S3, S3
+Internal-2_Surface-1_S5, S5
+*Nset, Nset=Node_Set-1
+1, 4, 5, 8
+*Nset, Nset=Internal_Selection-1_Fixed-1
+1, 4, 5, 8
+*Nset, Nset=Gr\u00f6\u00dfe
+1, 2, 5, 6, 9, 11
+"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1"])
+def test_sets_of_prepomax(shared_path, encoding):
+    """Its helpers overlap one another, its parts and its sets; surfaces and sets of the user's are groups, untold."""
+    places = {1: (0, 0, 0), 2: (1, 0, 0), 3: (1, 1, 0), 4: (0, 1, 0), 5: (0, 0, 1), 6: (1, 0, 1), 7: (1, 1, 1),
+              8: (0, 1, 1), 9: (2, 0, 0), 10: (2, 1, 0), 11: (2, 0, 1), 12: (2, 1, 1)}  # fmt: skip
+    text = "*Node\n" + "".join(f"{n}, {x}., {y}., {z}.\n" for n, (x, y, z) in places.items()) + PREPOMAX
+    path = shared_path / "part.inp"
+    if COMM.rank == 0:
+        path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
+    COMM.barrier()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        part = meshes.read(path)
+    assert part.cell_groups.keys() == {"Element_Set-1"}
+    assert part.facet_groups.keys() >= {"Surface-1"}
+    assert len({"Node_Set-1", "Internal_Selection-1_Fixed-1"} & part.facet_groups.keys()) == 1
+    assert "Gr\u00f6\u00dfe" in part.vertex_groups  # its facets are the surface's
+    assert area(part, "Surface-1") == pytest.approx(4.0, rel=1e-13)
+    whole = meshes.read(path, cell_groups=["Solid_part-1"], facet_groups=["Gr\u00f6\u00dfe"])
+    assert n_owned(whole, 3, whole.cells("Solid_part-1")) == 2
+    assert area(whole, "Gr\u00f6\u00dfe") == pytest.approx(2.0, rel=1e-13)
+
+
 def test_two_pieces(write):
     """Two cubes that do not touch: the right one has nodes of its own."""
     source = lattice.lattice("hexahedron", 1, map=lattice.shear)
@@ -291,10 +336,13 @@ def test_two_pieces(write):
 
 BULK = lattice.bdf(lattice.lattice("hexahedron", 1, program="nastran", map=lattice.shear), 1, fields="free")
 
+CHEXAS = BULK[BULK.index("CHEXA") : BULK.index("CQUAD4")]
+
 
 @pytest.mark.parametrize(
     ("old", "new", "pattern"),
     [
+        (CHEXAS, "", r"the mesh has no three-dimensional cells, but quad"),
         (BULK, "nothing\n", r"part\.bdf: not Nastran bulk data: it has no GRID, but NOTHING"),
         ("GRID,1000,,", "GRID,1000,5,", r"coordinate system 5 is used and not given; write its CORD card"),
         ("GRID,1000,,", "GRID,1000,,x", r"GRID 1000: 'x.*' is not a number"),
@@ -316,6 +364,7 @@ BULK = lattice.bdf(lattice.lattice("hexahedron", 1, program="nastran", map=latti
         ("MAT1,1", "SPC1,1,123,9,THRU,3\nMAT1,1", "SPC 1, card 1: 9 THRU 3 BY 1 is no range"),
         ("MAT1,1", "PLOAD4,1,5,1.,,,,1000,993\nMAT1,1", "names the nodes 1000 and 993, on no face of element 5"),
         ("MAT1,1", "PLOAD4,1,77,1.,,,,1000,993\nMAT1,1", "PLOAD4 1 names element 77, which is no solid or shell"),
+        ("MAT1,1", "PLOAD,1,1.,1000,993\nMAT1,1", "PLOAD 1 names 2 nodes; a face has three or four"),
         ("CQUAD4,9000,8,", "CROD,9000,8,", r"no named set on the surface of the part; .* its place: places="),
     ],
 )
