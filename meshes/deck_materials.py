@@ -63,7 +63,7 @@ def materials(path: str | Path, *, units: str, comm: MPI.Comm = MPI.COMM_WORLD) 
 def _materials(path: Path, units: UnitSystem) -> dict[str, DeckMaterial]:
     suffix = path.suffix.lower()
     try:
-        if suffix in (".bdf", ".nas", ".dat", ".blk"):
+        if suffix in (".bdf", ".nas", ".dat", ".blk", ".fem"):
             found = _of_bulk(path)
         elif suffix == ".inp":
             found = _of_input(path)

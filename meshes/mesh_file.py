@@ -36,6 +36,7 @@ _READERS: dict[str, Callable[[Path], ForeignMesh]] = {
     ".nas": read_nastran,
     ".dat": read_nastran,
     ".blk": read_nastran,
+    ".fem": read_nastran,
     ".cdb": read_cdb,
     ".med": read_med,
 }
@@ -61,7 +62,7 @@ def read(
     | .msh | gmsh, format 4.1 or 2.2 | rank 0 | the named physical groups |
     | .h5 | what `write` has written | each rank its share | those that were written |
     | .inp | Abaqus, CalculiX | rank 0 | sets of elements and nodes, surfaces |
-    | .bdf, .nas, .dat, .blk | Nastran | rank 0 | "property 7" of solids and of shells on them; "SPC 1", "SET1 4", \
+    | .bdf, .nas, .dat, .blk, .fem | Nastran | rank 0 | "property 7" of solids and of shells on them; "SPC 1", "SET1 4", \
 "RBE2 50", "RBE3 51", "PLOAD4 3" |
     | .cdb | Ansys, by mapdl-archive | rank 0 | components; "material 1" |
     | .med | Salome, by meshio | rank 0 | groups |

@@ -1,4 +1,4 @@
-"""Meshes in Nastran's bulk data (.bdf, .nas, .dat, .blk): nodes, elements, and sets of both from loads and constraints.
+"""Meshes in Nastran's bulk data (.bdf, .nas, .dat, .blk, .fem): nodes, elements, and sets of both from loads and constraints.
 
 Cards are read by `flexmbd.files.bulk_cards`, places of nodes by `nastran_grids`, sets by `nastran_sets`.
 """

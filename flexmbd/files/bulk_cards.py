@@ -53,12 +53,12 @@ def read_bulk(path: Path, *, wanted: Collection[str]) -> BulkData:
         wanted: names of the cards whose fields are kept, in capitals.
 
     Raises:
-        ValueError: a file that is included is missing or includes itself; a continuation is of no card; fields are
-            too many; there are several sections of bulk data.
+        ValueError: a file that is included is missing or includes itself; a continuation is of no card; a
+            tenth field is no name of one; there are several sections of bulk data.
         ExportError: a file cannot be read.
     """
     lines = _bulk_lines(_with_included(path, path, ()))
-    every = _joined(lines, wanted)
+    every = _joined(lines)
     counts = Counter(card.name for card in every)
     cards: dict[str, list[list[str]]] = {}
     for card in every:
@@ -183,7 +183,7 @@ def _bulk_lines(lines: list[str]) -> list[str]:
     return lines[first:]
 
 
-def _joined(lines: list[str], wanted: Collection[str]) -> list[_Card]:
+def _joined(lines: list[str]) -> list[_Card]:
     """The cards, with their continuations: the next line, or wherever in the file the line of that name stands."""
     cards: list[_Card] = []
     current: _Card | None = None
@@ -194,9 +194,7 @@ def _joined(lines: list[str], wanted: Collection[str]) -> list[_Card]:
             line = line[: line.index("$")]
         if not line or line.isspace():
             continue
-        head, fields, tail, wide, fixed, surplus = _split(line)
-        if surplus and (current.name if head[:1] in "+*" and current is not None else head) in wanted:
-            raise ValueError(f"a line of more than ten fields: {line.strip()[:60]!r}; go on in the next line")
+        head, fields, tail, wide, fixed = _split(line)
         if head and head[0] not in "+*":
             if head[0] == "=":
                 raise ValueError(f"replication ({line.strip()[:20]!r}) is not read; have Nastran punch the sorted deck")
@@ -205,7 +203,7 @@ def _joined(lines: list[str], wanted: Collection[str]) -> list[_Card]:
         else:
             label = head[1:]
             target = current
-            if label and (current is None or current.tail != label):
+            if label and (current is None or label not in _labels(current.tail)):
                 target = open_cards.get(label)
                 if target is None:
                     above = current
@@ -215,12 +213,13 @@ def _joined(lines: list[str], wanted: Collection[str]) -> list[_Card]:
                 raise ValueError(f"the first card begins with a continuation: {line.strip()[:40]!r}")
             if not wide and len(target.fields) % 8:
                 target.fields += [""] * (8 - len(target.fields) % 8)  # a second half that is not there
-            open_cards.pop(label, None)
+            for other in _labels(target.tail):
+                open_cards.pop(other, None)
             target.fields += fields
             target.tail, target.fixed = tail, fixed
             current = target
         if tail:
-            open_cards[tail] = current
+            open_cards.update(dict.fromkeys(_labels(tail), current))
     _attach(pieces, open_cards)
     return cards
 
@@ -228,8 +227,8 @@ def _joined(lines: list[str], wanted: Collection[str]) -> list[_Card]:
 def _attach(pieces: dict[str, tuple[_Card, _Card | None]], open_cards: Mapping[str, _Card]) -> None:
     """Put pieces that stand apart behind the cards that name them."""
     for card in [card for card in open_cards.values() if card.name]:
-        while card.tail in pieces:
-            piece, _ = pieces.pop(card.tail)
+        while label := next((label for label in _labels(card.tail) if label in pieces), ""):
+            piece, _ = pieces.pop(label)
             card.fields += piece.fields
             card.tail, card.fixed = piece.tail, piece.fixed
     for label, (piece, above) in pieces.items():
@@ -238,14 +237,20 @@ def _attach(pieces: dict[str, tuple[_Card, _Card | None]], open_cards: Mapping[s
         above.fields += piece.fields
 
 
-def _split(line: str) -> tuple[str, list[str], str, bool, bool, bool]:
-    """Name in capitals, four or eight fields, name of the continuation; whether wide, in columns, and too many."""
+def _labels(tail: str) -> tuple[str, ...]:
+    """What the continuation may be called behind its + or *: its first column is of no account to Nastran."""
+    return (tail.lstrip("+*"), tail[1:]) if tail else ()
+
+
+def _split(line: str) -> tuple[str, list[str], str, bool, bool]:
+    """Name in capitals, four or eight fields, name of the continuation; whether fields are wide, and in columns."""
     if "," in line:
         head, *items = (item.strip() for item in line.split(","))
         head = head.upper()
         wide = head.endswith("*") if head[:1] != "*" else True
         count = 4 if wide else 8
-        surplus = any(items[count + 1 :])
+        if any(items[count + 1 :]):  # a line that goes on beyond its tenth field, which is no name then
+            count = len(items)
         fields = items[:count] + [""] * (count - len(items))
         tail = items[count] if len(items) > count else ""
     else:
@@ -260,9 +265,7 @@ def _split(line: str) -> tuple[str, list[str], str, bool, bool, bool]:
                 line[8:16].strip(), line[16:24].strip(), line[24:32].strip(), line[32:40].strip(),
                 line[40:48].strip(), line[48:56].strip(), line[56:64].strip(), line[64:72].strip(),
             ]  # fmt: skip
-        tail, surplus = line[72:80].strip() if len(line) > 72 else "", False
+        tail = line[72:80].strip() if len(line) > 72 else ""
     if wide and head[0] != "*":
         head = head.rstrip("* ")
-    if tail:
-        tail = (tail[1:] if tail[0] in "+*" else tail).upper()
-    return head, fields, tail, wide, "," not in line, surplus
+    return head, fields, tail.upper(), wide, "," not in line

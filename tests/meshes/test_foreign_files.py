@@ -360,7 +360,6 @@ CHEXAS = BULK[BULK.index("CHEXA") : BULK.index("CQUAD4")]
         ("MAT1,1", "INCLUDE 'other.bdf\nMAT1,1", "INCLUDE 'other.bdf has no second quote|has no second quote"),
         ("MAT1,1", "INCLUDE 'part.bdf'\nMAT1,1", r"INCLUDE goes in a circle: .*part\.bdf includes .*part\.bdf"),
         ("MAT1,1", "SPC1,1,123,1,2,3,4,5,6,7\nMAT1,1", "ends with 7 in the tenth field"),
-        ("MAT1,1", "SPC1,1,123,1,2,3,4,5,6,7,8\nMAT1,1", "a line of more than ten fields"),
         ("MAT1,1", "SPC1,1,123,9,THRU,3\nMAT1,1", "SPC 1, card 1: 9 THRU 3 BY 1 is no range"),
         ("MAT1,1", "PLOAD4,1,5,1.,,,,1000,993\nMAT1,1", "names the nodes 1000 and 993, on no face of element 5"),
         ("MAT1,1", "PLOAD4,1,77,1.,,,,1000,993\nMAT1,1", "PLOAD4 1 names element 77, which is no solid or shell"),

@@ -79,6 +79,8 @@ WAYS = {
     "tabs": SHELL + SOLIDS
     + "".join(f"GRID\t{n}\t\t{x:.3f}\t{y:.3f}\t{z:.3f}\n" for n, (x, y, z) in PLACES.items()),
     "apart": apart(),
+    "lines of more than ten fields": SHELL + GRIDS + "".join(f"CHEXA,{e},1,{str(a)[1:-1]}\n" for e, a in CELLS.items()),
+    "named but for the first letter": apart().replace("+C1     ", "+1").replace("+C2     ", "+2").replace("+C", "C"),
     "wide": SHELL + GRIDS + wide(),
     "wide, with names": SHELL + GRIDS + wide("*A"),
     "small letters": (SHELL + GRIDS + SOLIDS).lower(),
