@@ -78,9 +78,7 @@ def read(folder, lines):
 
 def mesh(folder):
     path = folder / "hub.step"
-    from test_curved_cells import add_hub
-
-    step_shapes.write(path, add_hub)
+    step_shapes.write(path, step_shapes.add_hub)
     for h in (0.02, 0.012, 0.008, 0.005):
         with session.model():
             gmsh.model.occ.importShapes(str(path))
@@ -100,7 +98,6 @@ def mesh(folder):
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "meshes"))
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as name:
         mesh(Path(name))

@@ -60,13 +60,15 @@ def read_cdb(path: Path) -> ForeignMesh:
     types = {int(key): int(number) for key, number in found["types"]}
     ends = np.cumsum(found["lengths"])
     rows = np.split(found["rows"].astype(np.int64), ends[:-1]) if len(ends) else []
-    held: dict[str, list[tuple[int, IntArray]]] = {}
+    held: dict[str, tuple[list[int], list[IntArray]]] = {}
     materials: dict[str, list[int]] = {}
     beside: dict[str, int] = {}
-    for number, row in zip(found["elements"].tolist(), rows, strict=True):
+    for number, row in zip(map(int, found["elements"]), rows, strict=True):
         kind, nodes = _cell(types.get(int(row[1]), 0), row[_HEADER:], f"{path}: element {number}")
         if kind:
-            held.setdefault(kind, []).append((number, nodes))
+            numbers, every = held.setdefault(kind, ([], []))
+            numbers.append(number)
+            every.append(nodes)
             if nodes.size and not kind.startswith(("tri", "quad")):
                 materials.setdefault(f"material {row[0]}", []).append(number)
         elif (element := types.get(int(row[1]), 0)) not in _MASSLESS:
@@ -76,14 +78,14 @@ def read_cdb(path: Path) -> ForeignMesh:
         {name.removeprefix(head): x.astype(np.int64) for name, x in found.items() if name.startswith(head)}
         for head in ("element set ", "node set ")
     )
-    of_material = {name: np.array(numbers, dtype=np.int64) for name, numbers in materials.items() if name not in sets}
+    of_material = {name: np.array(some, dtype=np.int64) for name, some in materials.items() if name not in sets}
     return ForeignMesh(
         path,
         found["numbers"].astype(np.int64),
         found["points"][:, :3].astype(np.float64),
         [
-            ElementBlock(kind, np.array([n for n, _ in some], dtype=np.int64), np.stack([nodes for _, nodes in some]))
-            for kind, some in held.items()
+            ElementBlock(kind, np.array(numbers, dtype=np.int64), np.stack(every))
+            for kind, (numbers, every) in held.items()
         ],
         sets | of_material,
         node_sets,
@@ -121,7 +123,7 @@ def _padded(nodes: IntArray, width: int, where: str) -> IntArray:
 
 
 def _brick(nodes: IntArray) -> tuple[str, IntArray]:
-    corner = nodes[:8].tolist()
+    corner: list[int] = list(map(int, nodes[:8]))
     curved = len(nodes) == 20
     is_folded = corner[2] == corner[3]
     if len(set(corner[4:])) == 1:

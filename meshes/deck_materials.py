@@ -95,7 +95,7 @@ def _of_bulk(path: Path) -> dict[str, DeckMaterial]:
 
 
 def _of_input(path: Path) -> dict[str, DeckMaterial]:
-    young: dict[str, tuple[str, list[float]]] = {}
+    young: dict[str, tuple[str, float, float]] = {}
     density: dict[str, float] = {}
     sections: dict[str, str] = {}
     name = ""
@@ -104,16 +104,15 @@ def _of_input(path: Path) -> dict[str, DeckMaterial]:
         if block.keyword == "MATERIAL":
             name = options.get("NAME", "")
         elif block.keyword == "ELASTIC" and options.get("TYPE", "ISOTROPIC").upper().startswith("ISO"):
-            if len(block.lines) == 1:
-                young[name.upper()] = (name, _numbers(block)[:2])
+            constants = _numbers(block) if len(block.lines) == 1 else []
+            if len(constants) >= 2:
+                young[name.upper()] = (name, constants[0], constants[1])
         elif block.keyword == "DENSITY" and len(block.lines) == 1:
-            density[name.upper()] = _numbers(block)[0]
+            density[name.upper()] = (_numbers(block) or [0.0])[0]
         elif block.keyword == "SOLID SECTION":
             sections[options.get("ELSET", "")] = options.get("MATERIAL", "").upper()
     return {
-        group: DeckMaterial(young[key][0], *young[key][1], density.get(key, 0.0))
-        for group, key in sections.items()
-        if key in young and len(young[key][1]) == 2
+        group: DeckMaterial(*young[key], density.get(key, 0.0)) for group, key in sections.items() if key in young
     }
 
 

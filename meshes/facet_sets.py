@@ -64,7 +64,7 @@ def disjoint(
     rank = {name: i for i, group in enumerate(later, start=1) for name in group}
     order = sorted(asked, key=lambda name: (rank.get(name, 0), len(asked[name])))
     taken: dict[str, IntArray] = {}
-    union = np.empty(0, dtype=np.int64)
+    union: IntArray = np.empty(0, dtype=np.int64)
     lost = []
     for name in order:
         inside = np.isin(asked[name], union)
@@ -132,7 +132,7 @@ class FacetSets:
                 found.setdefault(name, np.empty(0, dtype=np.int64))
         order = [*foreign.surfaces, *foreign.faces, *shells, *nodes]
         found = {name: found[name] for name in dict.fromkeys(order) if name in found}
-        only_nodes = [name for name in nodes if name not in shells and name not in foreign.faces | foreign.surfaces]
+        only_nodes = [name for name in nodes if name not in shells and name not in {*foreign.faces, *foreign.surfaces}]
         return disjoint(
             "facet", found, names, path=path, later=(only_nodes, foreign.helpers), untold=(*nodes, *foreign.helpers)
         )
@@ -148,7 +148,8 @@ class FacetSets:
 
     def _shells(self, name: str) -> tuple[IntArray, int]:
         """Faces that the shells of a set of elements lie on, and how many lie on none."""
-        held, found = self._foreign.element_sets[name], [np.empty(0, dtype=np.int64)]
+        held = self._foreign.element_sets[name]
+        found: list[IntArray] = [np.empty(0, dtype=np.int64)]
         off = 0
         for one in self._foreign.elements:
             inside = np.isin(one.numbers, held) if one.dim == 2 else np.zeros(1, dtype=bool)
@@ -172,7 +173,7 @@ class FacetSets:
             if asked and (at < 0).any():
                 raise MeshError(f"{path}: {np.count_nonzero(at < 0)} faces of {name!r} are on no solid of the part")
             return np.unique(at[at >= 0])
-        rows = [np.empty((0, 4), dtype=np.int64)]
+        rows: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]
         every = np.unique(np.concatenate([one.numbers for one in self._foreign.elements]))
         for held, label in self._foreign.surfaces[name]:
             rows_of(path, "element", every, held)

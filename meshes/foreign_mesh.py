@@ -91,7 +91,7 @@ class ForeignMesh:
 
 def members(ascending: IntArray, ranges: Sequence[range]) -> IntArray:
     """Those of ascending numbers that are in ranges, whatever these claim."""
-    parts = [np.empty(0, dtype=np.int64)]
+    parts: list[IntArray] = []
     single = np.array([one.start for one in ranges if len(one) == 1], dtype=np.int64)
     parts.append(ascending[np.isin(ascending, single)])
     for one in ranges:

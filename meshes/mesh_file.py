@@ -62,7 +62,7 @@ def read(
     | .msh | gmsh, format 4.1 or 2.2 | rank 0 | the named physical groups |
     | .h5 | what `write` has written | each rank its share | those that were written |
     | .inp | Abaqus, CalculiX | rank 0 | sets of elements and nodes, surfaces |
-    | .bdf, .nas, .dat, .blk, .fem | Nastran | rank 0 | "property 7" of solids and of shells on them; "SPC 1", "SET1 4", \
+    | .bdf, .nas, .dat, .blk, .fem | Nastran | rank 0 | "property 7" of solids, and of shells on them; "SPC 1", \
 "RBE2 50", "RBE3 51", "PLOAD4 3" |
     | .cdb | Ansys, by mapdl-archive | rank 0 | components; "material 1" |
     | .med | Salome, by meshio | rank 0 | groups |
@@ -111,7 +111,7 @@ def read(
     suffix = file.suffix.lower()
 
     def finished(share: MeshInput) -> TaggedMesh:
-        return with_places(spread(comm, share), places or {}, give_way=facet_groups is None)
+        return with_places(spread(comm, share), places or {}, shared="drop" if facet_groups is None else "refuse")
 
     def of(foreign: ForeignMesh) -> MeshInput:
         return solid_input(

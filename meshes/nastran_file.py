@@ -1,4 +1,4 @@
-"""Meshes in Nastran's bulk data (.bdf, .nas, .dat, .blk, .fem): nodes, elements, and sets of both from loads and constraints.
+"""Meshes in Nastran's bulk data (.bdf, .nas, .dat, .blk, .fem): nodes, elements, sets from loads and constraints.
 
 Cards are read by `flexmbd.files.bulk_cards`, places of nodes by `nastran_grids`, sets by `nastran_sets`.
 """
@@ -73,7 +73,7 @@ def _foreign(path: Path, data: BulkData) -> ForeignMesh:
         raise ValueError(f"not Nastran bulk data: it has no GRID{f', but {others}' if others else ''}")
     elements: list[ElementBlock] = []
     owners: dict[str, list[IntArray]] = {}
-    for card, kinds in (_SOLIDS | _SHELLS).items():
+    for card, kinds in {**_SOLIDS, **_SHELLS}.items():
         for block, properties in _elements(card, data.cards.get(card, []), kinds, solid=card in _SOLIDS):
             elements.append(block)
             for owner in np.unique(properties):
@@ -110,10 +110,8 @@ def _elements(
         if texts:
             table = _whole_numbers(card, texts)
             kind = kinds[count]
-            nodes = table[:, 2:]
-            if kind in _EDGES_UP:
-                nodes = nodes[:, _EDGES_UP[kind]]
-            found.append((ElementBlock(kind, table[:, 0], nodes), table[:, 1]))
+            order = _EDGES_UP.get(kind, list(range(count)))
+            found.append((ElementBlock(kind, table[:, 0], table[:, 2:][:, order]), table[:, 1]))
     return found
 
 

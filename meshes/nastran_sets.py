@@ -119,7 +119,7 @@ class _Elements:
                 corners = CORNERS[block.cell]
                 few = numbers if len(numbers) <= len(at) else [number for number in at if number in numbers]
                 rows = [at[number] for number in few if number in at]
-                found += [[*block.nodes[row, :corners].tolist(), -1][:4] for row in rows]
+                found += [[*map(int, block.nodes[row, :corners]), -1][:4] for row in rows]
         return found
 
     def face(self, number: int, first: int, other: int, where: str) -> list[int]:
@@ -131,7 +131,7 @@ class _Elements:
         for block, at in zip(self._blocks, self._at, strict=True):
             if number not in at:
                 continue
-            corners = block.nodes[at[number]].tolist()
+            corners: list[int] = list(map(int, block.nodes[at[number]]))
             if block.dim == 2:
                 return [*corners[: CORNERS[block.cell]], -1][:4]
             for face in FACES[block.cell]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from mpi4py import MPI
 
@@ -79,18 +79,19 @@ Place: TypeAlias = OnPlane | OnCylinder | InBox | Callable[[Points], npt.NDArray
 def with_facet_groups(part: TaggedMesh, groups: Mapping[str, Place]) -> TaggedMesh:
     """The same mesh with more groups of facets of its boundary, by their places. Collective.
 
-    A facet belongs to a place if all of its vertices do.
+    A facet belongs to a place if all of its vertices do. A group that a place lies in whole, as "surface" of a part
+    from STEP, keeps its other facets.
 
     Args:
-        part: the mesh, whose groups are kept.
+        part: the mesh.
         groups: places by the names of the groups, the same on all ranks; lengths in m.
 
     Raises:
-        MeshError: on all ranks; a group is empty or its function fails, it shares facets with another one, has the
-            name of one that is there, or a place is none.
+        MeshError: on all ranks; a group is empty or its function fails, it shares some of its facets with another
+            one, has the name of one that is there, or a place is none.
     """
     check_arguments(part.comm, {"groups": groups}, lambda: check_places("groups", groups))
-    return with_places(part, groups, give_way=False)
+    return with_places(part, groups, shared="cut")
 
 
 def check_places(what: str, places: object) -> None:
@@ -122,8 +123,16 @@ def check_places(what: str, places: object) -> None:
             raise MeshError(f"{where} must be OnPlane, OnCylinder, InBox or a function of points, got {place!r:.80}")
 
 
-def with_places(part: TaggedMesh, places: Mapping[str, Place], *, give_way: bool) -> TaggedMesh:
-    """The mesh with groups by their places; groups that share facets with them are refused, or give way. Collective.
+def with_places(
+    part: TaggedMesh, places: Mapping[str, Place], *, shared: Literal["drop", "cut", "refuse"]
+) -> TaggedMesh:
+    """The mesh with groups by their places. Collective.
+
+    Args:
+        part: the mesh.
+        places: by the names of the groups.
+        shared: what becomes of groups that share facets with them: "drop" takes none of these; "cut" leaves them
+            what is not in the places that lie in them whole, and refuses others; "refuse" refuses them.
 
     Raises:
         MeshError: on all ranks.
@@ -142,12 +151,18 @@ def with_places(part: TaggedMesh, places: Mapping[str, Place], *, give_way: bool
     faults += [f"there is a facet group {name!r} already; choose another name" for name in sorted(named)]
     kept = {name: part.facet_tags.find(tag) for name, tag in part.facet_groups.items()}
     taken = np.concatenate(list(found.values()))
-    shared = {name: mesh.comm.allreduce(len(np.intersect1d(facets, taken))) for name, facets in kept.items()}
-    sharing = {name: total for name, total in shared.items() if total > 0}
-    if give_way:
-        kept = {name: facets for name, facets in kept.items() if name not in sharing}
-    else:
-        faults += [f"{count} of these facets are in the group {name!r} already" for name, count in sharing.items()]
+    counts = {name: mesh.comm.allreduce(len(np.intersect1d(facets, taken))) for name, facets in kept.items()}
+    if shared == "drop":
+        kept = {name: facets for name, facets in kept.items() if counts[name] == 0}
+    elif shared == "cut" and not faults:
+        inside = [np.isin(place, held) for held in kept.values() for place in found.values()]
+        crossing = [one.any() and not one.all() for one in inside]
+        if not mesh.comm.allreduce(any(crossing), op=MPI.LOR):
+            kept = {name: np.setdiff1d(facets, taken) for name, facets in kept.items()}
+            kept = {name: facets for name, facets in kept.items() if mesh.comm.allreduce(len(facets)) > 0}
+            counts = {}
+    if shared != "drop":
+        faults += [f"{n} of these facets are in the group {name!r} already" for name, n in counts.items() if n > 0]
     parallel.raise_collectively(mesh.comm, MeshError("; ".join(faults)) if faults else None)
     every = kept | found
     indices = np.concatenate(list(every.values())).astype(np.int32)
@@ -180,14 +195,14 @@ def _predicate(place: Place, off: float) -> Predicate:
     if isinstance(place, OnPlane):
         normal, origin = _unit(place.normal), np.array(place.point, dtype=float)
         within = place.within or off
-        return lambda x: abs(normal @ (x - origin[:, None])) <= within
+        return lambda x: np.asarray(abs(normal @ (x - origin[:, None])) <= within)
     if isinstance(place, OnCylinder):
         axis, origin = _unit(place.axis), np.array(place.point, dtype=float)
         radius, near = place.radius, place.within or off
         return lambda x: abs(np.linalg.norm(np.cross(axis, (x.T - origin)), axis=1) - radius) <= near
     if isinstance(place, InBox):
         low, high = np.array(place.low, dtype=float)[:, None], np.array(place.high, dtype=float)[:, None]
-        return lambda x: ((x >= low) & (x <= high)).all(axis=0)
+        return lambda x: np.asarray(((x >= low) & (x <= high)).all(axis=0))
     return place
 
 

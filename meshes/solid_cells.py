@@ -160,7 +160,7 @@ def _check_numbers(path: Path, what: str, numbers: IntArray) -> None:
 
 def _check_middles(path: Path, blocks: Sequence[Cells], numbers: IntArray, n: int) -> None:
     """Refuse an edge with two middles and a middle of two edges, of which DOLFINx would ruin its memory."""
-    edges = [np.empty((0, 3), dtype=np.int64)]
+    edges: list[IntArray] = [np.empty((0, 3), dtype=np.int64)]
     for one in (one for one in blocks if one.is_curved):
         for i, (a, b) in enumerate(EDGES[one.cell], start=CORNERS[one.cell]):
             edges.append(np.column_stack((np.sort(one.rows[:, [a, b]], axis=1), one.rows[:, i])))
@@ -204,8 +204,8 @@ def _rows(
         for one, held, lack in zip(solids, rows, lacking, strict=True):
             for i, (a, b) in enumerate(EDGES[one.cell], start=CORNERS[one.cell]):
                 if i < held.shape[1] and (lack.any() or not fill):
-                    edges = np.sort(held[:, [a, b]], axis=1).tolist()
-                    for row, (low, high) in enumerate(edges):
+                    low_rows, high_rows = np.sort(held[:, [a, b]], axis=1).T
+                    for row, (low, high) in enumerate(zip(map(int, low_rows), map(int, high_rows), strict=True)):
                         if not fill and not lack[row, i]:
                             own[low, high] = int(held[row, i])
                         elif fill and lack[row, i]:
@@ -214,7 +214,7 @@ def _rows(
     where = {at: n + i for i, (at, _) in enumerate(new)}
     for held in rows:
         above = held >= n
-        held[above] = [where[at] for at in held[above].tolist()]
+        held[above] = [where[int(at)] for at in held[above]]
     middles = points[[edge for _, edge in new]].mean(axis=1) if new else points[:0]
     return np.vstack((points, middles)), rows
 

@@ -112,7 +112,8 @@ def _cut(block: Cells) -> tuple[IntArray, npt.NDArray[np.int32], IntArray]:
 def _with_middles(points: Points, blocks: Sequence[Cells], corners: IntArray) -> tuple[Points, IntArray]:
     """The middles of the edges of tetrahedra, those of the cells' own where these have some."""
     n = len(points)
-    own_keys, own_rows = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
+    own_keys: list[IntArray] = []
+    own_rows: list[IntArray] = []
     for block in blocks:
         edges = EDGES[block.cell]
         if block.is_curved:

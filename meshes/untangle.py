@@ -201,11 +201,11 @@ def _bend(points: Points, cells: IntArray, bad: IntArray, held: npt.NDArray[np.b
 def _straighten(points: Points, cells: IntArray, bad: IntArray) -> int:
     """Make the edges of bad cells as much straighter as it takes; how many cells that were. In place."""
     curved = points.copy()
-    taken = np.empty(0, dtype=np.int64)
+    taken: IntArray = np.empty(0, dtype=np.int64)
     for rest in _STRAIGHTER:
         if len(bad) == 0:
             break
-        taken = np.union1d(taken, bad)
+        taken = np.union1d(taken, bad).astype(np.int64)
         for i, (a, b) in enumerate(_EDGES, start=4):
             middle = cells[bad, i]
             halfway = (points[cells[bad, a]] + points[cells[bad, b]]) / 2.0

@@ -20,24 +20,7 @@ from flexmbd.meshes.untangle import LEAST, scaled_jacobians, untangle
 pytestmark = pytest.mark.mpi
 
 COMM = MPI.COMM_WORLD
-
-FILLET, HUB, BORE = 3.0, 18.0, 6.35  # mm
-
-
-def add_hub():
-    """A plate with a hub on it, a fillet between them, and three bores."""
-    add = gmsh.model.occ
-    whole, _ = add.fuse([(3, add.addBox(0, 0, 0, 90, 60, 12))], [(3, add.addCylinder(30, 30, 0, 0, 0, 40, HUB))])
-    bores = [(30, 30, BORE), (75, 45, 4), (75, 15, 4)]
-    whole, _ = add.cut(whole, [(3, add.addCylinder(x, y, -10, 0, 0, 100, radius)) for x, y, radius in bores])
-    add.synchronize()
-    root = [
-        tag
-        for _, tag in gmsh.model.getEntities(1)
-        if abs(add.getCenterOfMass(1, tag)[2] - 12) < 1e-6 and add.getMass(1, tag) > 100
-    ]
-    add.fillet([whole[0][1]], [tag for tag in root if gmsh.model.getType(1, tag) == "Circle"], [FILLET])
-
+FILLET, HUB, BORE = step_shapes.FILLET, step_shapes.HUB, step_shapes.BORE
 
 # Of the fillet the area of its section, and its moment about the hub's wall, by Pappus.
 SECTION, MOMENT = FILLET**2 * (1 - np.pi / 4), FILLET**3 * (5 / 6 - np.pi / 4)
@@ -58,7 +41,7 @@ TAGS = {
 def hub(tmp_path_factory):
     path = COMM.bcast(tmp_path_factory.mktemp("hub") / "hub.step" if COMM.rank == 0 else None)
     if COMM.rank == 0:
-        step_shapes.write(path, add_hub)
+        step_shapes.write(path, step_shapes.add_hub)
     COMM.barrier()
     return path
 
@@ -68,11 +51,11 @@ def test_a_fillet_at_any_size(hub, h):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", MeshWarning)
         part = meshes.from_step(hub, tags=TAGS, h=h)
-    told = [str(one.message) for one in told if issubclass(one.category, MeshWarning)]
+    texts = [str(one.message) for one in told if issubclass(one.category, MeshWarning)]
     found = meshes.quality(part)
     assert found.scaled_jacobian >= LEAST
     assert found.cells == n_cells(part)
-    straighter = int(told[0].split("hub.step: ")[1].split(" of ")[0]) if told else 0
+    straighter = int(texts[0].split("hub.step: ")[1].split(" of ")[0]) if texts else 0
     assert straighter <= 0.01 * found.cells
     # the error of curved cells that follow an arc of angle 2 a / n is some a^4
     assert volume(part) == pytest.approx(VOLUME, rel=2e-3)

@@ -51,6 +51,16 @@ def test_planes_cylinders_and_functions(ring):
     assert found.cell_groups == tube.cell_groups
 
 
+def test_a_place_within_a_group_is_cut_out_of_it():
+    """Of a part from STEP "surface" is what has no other name."""
+    bracket = meshes.from_step(meshes.BRACKET, tags={"foot": (0, 0, 0)}, h=8e-3)
+    whole = area(bracket, "surface")
+    found = meshes.with_facet_groups(bracket, {"pin": OnCylinder((0, 0, 0.04), (1, 0, 0), 0.008)})
+    assert area(found, "pin") == pytest.approx(2 * np.pi * 0.008 * 0.02, rel=1e-3)
+    assert area(found, "surface") == pytest.approx(whole - area(found, "pin"), rel=1e-12)
+    assert area(found, "foot") == pytest.approx(area(bracket, "foot"), rel=1e-15)
+
+
 def test_an_end_is_not_on_its_cylinder():
     """A coarse bar whose end has facets with all vertices on the rim."""
     bar = meshes.round_bar(0.1, 0.3, divisions=(2, 2, 2))
@@ -89,7 +99,9 @@ def test_places_of_a_file(deck, shared_path):
     assert area(part, "foot") == pytest.approx(0.01, rel=1e-9)
     assert area(part, "end") == pytest.approx(0.01, rel=1e-9)
     with pytest.raises(MeshError, match="of these facets are in the group 'property 8' already"):
-        meshes.with_facet_groups(meshes.read(deck, scale=1e-3), {"foot": box})
+        meshes.read(deck, scale=1e-3, facet_groups=["property 8"], places={"foot": box})
+    with pytest.raises(MeshError, match="of these facets are in the group 'property 8' already"):
+        meshes.with_facet_groups(meshes.read(deck, scale=1e-3), {"all": lambda x: x[0] < 9.0})
     path = shared_path / "part.h5"
     meshes.write(part, path)
     more = meshes.read(path, places={"top": OnPlane((0, 0, 0.1), (0, 0, 1))})
