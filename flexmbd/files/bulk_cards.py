@@ -1,7 +1,7 @@
 """Cards of Nastran's bulk data: fields of 8 and 16 columns or between commas, continuations, files included.
 
-Of the format (MSC Nastran's Quick Reference Guide, "Format of Bulk Data Entries") all that decks have but replication
-by "=". What a card means is its reader's.
+The format is that of MSC Nastran's Quick Reference Guide, "Format of Bulk Data Entries". What a card means is its
+reader's.
 """
 
 from __future__ import annotations
@@ -187,6 +187,7 @@ def _joined(lines: list[str]) -> list[_Card]:
     """The cards, with their continuations: the next line, or wherever in the file the line of that name stands."""
     cards: list[_Card] = []
     current: _Card | None = None
+    rule: list[str] = []
     open_cards: dict[str, _Card] = {}  # by the name of the continuation that they wait for
     pieces: dict[str, tuple[_Card, _Card | None]] = {}  # continuations before their card, and the card above them
     for line in lines:
@@ -197,7 +198,12 @@ def _joined(lines: list[str]) -> list[_Card]:
         head, fields, tail, wide, fixed = _split(line)
         if head and head[0] not in "+*":
             if head[0] == "=":
-                raise ValueError(f"replication ({line.strip()[:20]!r}) is not read; have Nastran punch the sorted deck")
+                if head == "=":
+                    rule = fields
+                made = _replicated(cards, rule, head, line)
+                cards += made
+                current = cards[-1]
+                continue
             current = _Card(head, fields, tail, fixed)
             cards.append(current)
         else:
@@ -222,6 +228,42 @@ def _joined(lines: list[str]) -> list[_Card]:
             open_cards.update(dict.fromkeys(_labels(tail), current))
     _attach(pieces, open_cards)
     return cards
+
+
+def _replicated(cards: list[_Card], rule: list[str], head: str, line: str) -> list[_Card]:
+    """Cards like the one above: "=" copies a field, "==" all that follow, *(2) adds to it; "=(3)" does so three times.
+
+    Raises:
+        ValueError: there is no card of one line above, or no rule; or the cards are too many.
+    """
+    found = re.fullmatch(r"=(?:\((\d{1,6})\)|(\d{1,6}))?", head, re.ASCII)
+    if found is None or not rule or not cards or len(cards[-1].fields) != 8:
+        raise ValueError(
+            f"replication ({line.strip()[:20]!r}) is read of cards of one line, up to 999999 times; have Nastran punch "
+            "the sorted deck"
+        )
+    made: list[_Card] = []
+    above = cards[-1]
+    for _ in range(int(found[1] or found[2] or 1)):
+        fields = list(above.fields)
+        for i, text in enumerate(rule):
+            if text == "==":
+                break
+            if text.startswith("*"):
+                fields[i] = _sum(fields[i], text[1:].strip("()"))
+            elif text != "=":
+                fields[i] = text
+        above = _Card(above.name, fields, "", True)
+        made.append(above)
+    return made
+
+
+def _sum(text: str, step: str) -> str:
+    """A number and what is added to it, whole where both are."""
+    try:
+        return str(whole(text) + whole(step))
+    except ValueError:
+        return repr(real(text) + real(step))
 
 
 def _attach(pieces: dict[str, tuple[_Card, _Card | None]], open_cards: Mapping[str, _Card]) -> None:
@@ -256,7 +298,7 @@ def _split(line: str) -> tuple[str, list[str], str, bool, bool]:
     else:
         if "\t" in line:
             line = line.expandtabs(8)
-        head = line[:8].strip().upper()
+        head = line[:8].strip().upper() if line[0] != "=" else line.split()[0]
         wide = "*" in head
         if wide:
             fields = [line[8:24].strip(), line[24:40].strip(), line[40:56].strip(), line[56:72].strip()]

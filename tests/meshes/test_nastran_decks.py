@@ -12,6 +12,7 @@ from measures import area, moments, n_cells, n_owned, nodes_of, volume
 
 from flexmbd import meshes
 from flexmbd.errors import MeshError, MeshWarning
+from flexmbd.files.bulk_cards import read_bulk
 
 pytestmark = pytest.mark.mpi
 
@@ -80,6 +81,11 @@ WAYS = {
     + "".join(f"GRID\t{n}\t\t{x:.3f}\t{y:.3f}\t{z:.3f}\n" for n, (x, y, z) in PLACES.items()),
     "apart": apart(),
     "lines of more than ten fields": SHELL + GRIDS + "".join(f"CHEXA,{e},1,{str(a)[1:-1]}\n" for e, a in CELLS.items()),
+    "replicated": SHELL + SOLIDS + "".join(
+        f"GRID,{a},,{x}.,0.,{z}.\n=,*({b - a}),=,=,*1.,==\n"
+        for a, b, x, z in ((1, 4, 0, 0), (5, 8, 0, 1), (2, 3, 1, 0), (6, 7, 1, 1))
+    ) + "GRID    9               2.      0.      0.\n=       *(2)    =       =       =       *1.\n"
+    + "GRID,10,,2.,1.,0.\n=,*2,=,=,=,*(1.)\n",
     "named but for the first letter": apart().replace("+C1     ", "+1").replace("+C2     ", "+2").replace("+C", "C"),
     "wide": SHELL + GRIDS + wide(),
     "wide, with names": SHELL + GRIDS + wide("*A"),
@@ -203,6 +209,15 @@ def test_sets_are_groups(write, cards):
     part = meshes.read(write(deck(GRIDS + SOLIDS + cards + "\n")), facet_groups=[SETS[cards]])
     assert area(part, SETS[cards]) == pytest.approx(1.0, rel=1e-13)
     assert abs(nodes_of(part, SETS[cards])[:, 0]).max(initial=0.0) < 1e-15
+
+
+def test_replicated_cards(write):
+    """The manual's example: five nodes from two lines and a repeat."""
+    text = "GRID,101,,1.0,10.5,,17,3456\n=,*(1),=,*(0.2),==\n=(3)\nSET1,4,101,THRU,105\nCTETRA,1,1,1,2,3,5\n"
+    source = read_bulk(write(text), wanted=("GRID", "SET1")).cards
+    assert [fields[0] for fields in source["GRID"]] == ["101", "102", "103", "104", "105"]
+    assert [float(fields[2]) for fields in source["GRID"]] == pytest.approx([1.0, 1.2, 1.4, 1.6, 1.8], rel=1e-15)
+    assert all(fields[3:7] == ["10.5", "", "17", "3456"] for fields in source["GRID"])
 
 
 def test_sets_that_claim_any_number(write):
