@@ -34,11 +34,19 @@ class OnPlane:
         point: on it, m.
         normal: of any length.
         within: how far off it a vertex may lie, m; None for 2e-5 of the mesh's diagonal.
+
+    Raises:
+        MeshError: a point or direction is no three numbers, a length not positive.
     """
 
     point: Vector
     normal: Vector
     within: float | None = None
+
+    def __post_init__(self) -> None:
+        _vector("OnPlane: point", self.point)
+        _direction("OnPlane: normal", self.normal)
+        _length("OnPlane: within", self.within)
 
 
 @dataclass(frozen=True)
@@ -50,12 +58,21 @@ class OnCylinder:
         axis: of any length.
         radius: m.
         within: how far off it a vertex may lie, m; None for 2e-5 of the mesh's diagonal.
+
+    Raises:
+        MeshError: a point or direction is no three numbers, a length not positive.
     """
 
     point: Vector
     axis: Vector
     radius: float
     within: float | None = None
+
+    def __post_init__(self) -> None:
+        _vector("OnCylinder: point", self.point)
+        _direction("OnCylinder: axis", self.axis)
+        _length("OnCylinder: radius", np.nan if self.radius is None else self.radius)
+        _length("OnCylinder: within", self.within)
 
 
 @dataclass(frozen=True)
@@ -65,10 +82,18 @@ class InBox:
     Attributes:
         low: the lowest x, y, z, m; -inf for no bound.
         high: the highest; inf for no bound.
+
+    Raises:
+        MeshError: a corner is no three numbers, or the low one lies above the high one.
     """
 
     low: Vector
     high: Vector
+
+    def __post_init__(self) -> None:
+        low, high = _vector("InBox: low", self.low, bounded=False), _vector("InBox: high", self.high, bounded=False)
+        if not (low <= high).all():
+            raise MeshError(f"InBox: its low corner {self.low} lies above its high one {self.high}")
 
 
 #: A place, or a function of points (3, n) in m that says of each whether it is in the group (n,).
@@ -103,24 +128,12 @@ def check_places(what: str, places: object) -> None:
     if not isinstance(places, Mapping):
         raise MeshError(f'{what} must be a dictionary of places, as {{"foot": OnPlane(...)}}, got {places!r:.80}')
     for name, place in places.items():
-        where = f"{what}[{name!r}]"
         if not isinstance(name, str) or not name:
             raise MeshError(f"{what} has the name {name!r}; names are texts")
-        if isinstance(place, OnPlane | OnCylinder):
-            direction = place.normal if isinstance(place, OnPlane) else place.axis
-            _vector(where, place.point)
-            if not np.linalg.norm(_vector(where, direction)) > 0.0:
-                raise MeshError(f"{where}: a direction must have a length, got {direction!r}")
-            lengths = (place.within,) if isinstance(place, OnPlane) else (place.within, place.radius)
-            for length in lengths:
-                if length is not None and not 0.0 < float(numbers(length).reshape(-1)[0]) < np.inf:
-                    raise MeshError(f"{where}: radius and within must be positive lengths in m, got {length!r}")
-        elif isinstance(place, InBox):
-            low, high = _vector(where, place.low, bounded=False), _vector(where, place.high, bounded=False)
-            if not (low <= high).all():
-                raise MeshError(f"{where}: the box has its low corner {place.low} above its high one {place.high}")
-        elif not callable(place):
-            raise MeshError(f"{where} must be OnPlane, OnCylinder, InBox or a function of points, got {place!r:.80}")
+        if not isinstance(place, OnPlane | OnCylinder | InBox) and not callable(place):
+            raise MeshError(
+                f"{what}[{name!r}] must be OnPlane, OnCylinder, InBox or a function of points, got {place!r:.80}"
+            )
 
 
 def with_places(
@@ -175,11 +188,21 @@ def with_places(
     )  # fmt: skip
 
 
-def _vector(where: str, value: object, *, bounded: bool = True) -> Points:
+def _vector(what: str, value: object, *, bounded: bool = True) -> Points:
     found = numbers(value)
     if found.shape != (3,) or np.isnan(found).any() or (bounded and not np.isfinite(found).all()):
-        raise MeshError(f"{where}: a point or direction is three numbers, got {value!r:.80}")
+        raise MeshError(f"{what} must be three numbers, got {value!r:.80}")
     return found
+
+
+def _direction(what: str, value: object) -> None:
+    if not np.linalg.norm(_vector(what, value)) > 0.0:
+        raise MeshError(f"{what}: a direction must have a length, got {value!r}")
+
+
+def _length(what: str, value: object) -> None:
+    if value is not None and (numbers(value).shape != () or not 0.0 < float(numbers(value)) < np.inf):
+        raise MeshError(f"{what} must be a positive length in m, got {value!r:.80}")
 
 
 def _diagonal(mesh: dolfinx.mesh.Mesh) -> float:

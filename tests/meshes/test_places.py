@@ -113,11 +113,6 @@ def test_places_of_a_file(deck, shared_path):
     ("places", "pattern"),
     [
         ({"foot": OnPlane((5, 0, 0), (1, 0, 0))}, "facet group 'foot': no boundary facet lies in it"),
-        ({"foot": OnPlane((5, 0), (1, 0, 0))}, r"places\['foot'\]: a point or direction is three numbers, got \(5"),
-        ({"foot": OnPlane((5, 0, 0), (0, 0, 0))}, r"places\['foot'\]: a direction must have a length"),
-        ({"foot": OnPlane((0, 0, 0), (1, 0, 0), within=-1.0)}, "within must be positive lengths in m, got -1"),
-        ({"foot": OnCylinder((0, 0, 0), (1, 0, 0), "8")}, "radius and within must be positive lengths in m, got '8'"),
-        ({"foot": InBox((1, 0, 0), (0, 1, 1))}, "the box has its low corner"),
         ({"foot": 7}, r"places\['foot'\] must be OnPlane, OnCylinder, InBox or a function of points, got 7"),
         ({"": InBox((0, 0, 0), (1, 1, 1))}, "places has the name ''; names are texts"),
         ([InBox((0, 0, 0), (1, 1, 1))], "places must be a dictionary of places"),
@@ -129,3 +124,18 @@ def test_places_that_do_not_fit(deck, places, pattern):
     with pytest.raises(MeshError, match=pattern):
         meshes.read(deck, scale=1e-3, places=places)
     assert COMM.allreduce(1) == COMM.size
+
+
+@pytest.mark.parametrize(
+    ("make", "pattern"),
+    [
+        (lambda: OnPlane((5, 0), (1, 0, 0)), r"OnPlane: point must be three numbers, got \(5, 0\)"),
+        (lambda: OnPlane((5, 0, 0), (0, 0, 0)), "OnPlane: normal: a direction must have a length"),
+        (lambda: OnPlane((0, 0, 0), (1, 0, 0), within=-1.0), "OnPlane: within must be a positive length in m, got -1"),
+        (lambda: OnCylinder((0, 0, 0), (1, 0, 0), "8"), "OnCylinder: radius must be a positive length in m, got '8'"),
+        (lambda: InBox((1, 0, 0), (0, 1, 1)), r"InBox: its low corner \(1, 0, 0\) lies above its high one"),
+    ],
+)
+def test_places_that_are_none(make, pattern):
+    with pytest.raises(MeshError, match=pattern):
+        make()
