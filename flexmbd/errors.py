@@ -195,6 +195,13 @@ class EventWarning(UserWarning):
     """
 
 
+class MeshWarning(UserWarning):
+    """A file holds more than the mesh that was made of it: elements beside the solids, sets that overlap.
+
+    Remedy: name what is meant, by ``solids``, ``cell_groups`` and ``facet_groups``.
+    """
+
+
 class RangeWarning(UserWarning):
     """A reduced body is used beyond what its shapes are good for: bent further than compared, or spun without modes.
 

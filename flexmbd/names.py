@@ -17,6 +17,7 @@ from flexmbd.errors import FormulationError as FormulationError
 from flexmbd.errors import InterfaceError as InterfaceError
 from flexmbd.errors import LockingWarning as LockingWarning
 from flexmbd.errors import MeshError as MeshError
+from flexmbd.errors import MeshWarning as MeshWarning
 from flexmbd.errors import MissingLibraryError as MissingLibraryError
 from flexmbd.errors import ModesWarning as ModesWarning
 from flexmbd.errors import OutOfMemoryError as OutOfMemoryError

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.errors import MeshError
-from flexmbd.meshes.foreign_mesh import ElementBlock, ForeignMesh
+from flexmbd.errors import ExportError, MeshError
+from flexmbd.files.mesh_text import read_lines
+from flexmbd.meshes.foreign_mesh import ElementBlock, ForeignMesh, members
 
 IntArray = npt.NDArray[np.int64]
 
@@ -35,8 +36,12 @@ _TYPES: tuple[tuple[re.Pattern[str], str, int], ...] = (
     (re.compile(r"(S9R5|M3D9[A-Z]*)"), "quad9", 9),
 )
 
-# What is not part of a solid: lines, masses, springs, dashpots, connectors, couplings.
-_LEFT_OUT = re.compile(r"(T[23]D[23]|B[23][123]|MASS|ROTARYI|SPRING|DASHPOT|CONN|DCOUP|GAP).*")
+# What bears or weighs and is no part of a solid; and what only couples.
+_BESIDE = re.compile(r"(T[23]D[23]|B[23][123]|MASS|ROTARYI|SPRING|DASHPOT).*")
+_LEFT_OUT = re.compile(r"(CONN|DCOUP|GAP).*")
+
+# gmsh's own sets, of all elements of one volume, surface or curve.
+_OF_GMSH = re.compile(r"(Volume|Surface|Line)\d+", re.IGNORECASE)
 
 # What makes nodes and elements, or moves them, by rules that are not read.
 _REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
@@ -45,12 +50,8 @@ _REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _DEEPEST = 10
 
 
-# Numbers in one set.
-_MOST = 10**9
-
-
 @dataclass(frozen=True)
-class _Block:
+class Block:
     """A keyword, its options by their names in capitals, and the lines below it."""
 
     keyword: str
@@ -70,12 +71,15 @@ def read_abaqus(path: Path) -> ForeignMesh:
 class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._blocks = list(_of_one_part(path, list(_blocks(path, depth=0))))
+        self._blocks = list(_of_one_part(path, list(blocks(path, depth=0))))
         self._elements: list[ElementBlock] = []
         # by the name in capitals: as the file first has it, and the parts of the set
         self._element_sets: dict[str, tuple[str, list[IntArray]]] = {}
         self._node_sets: dict[str, tuple[str, list[IntArray]]] = {}
         self._surfaces: dict[str, tuple[str, list[tuple[IntArray, str]]]] = {}
+        self._pieces: set[str] = set()  # sets that surfaces are made of
+        self._beside: dict[str, int] = {}
+        self._known: IntArray = np.empty(0, dtype=np.int64)
 
     def foreign(self) -> ForeignMesh:
         numbers: list[IntArray] = []
@@ -87,15 +91,20 @@ class _Reader:
                 points.append(x)
             elif block.keyword == "ELEMENT":
                 self._add_elements(block)
+        self._known = _ascending([one.numbers for one in self._elements])
         for block in self._blocks:
             if block.keyword == "ELSET":
                 self._add_set(block, "ELSET", self._element_sets)
+        self._known = _ascending(numbers)
         for block in self._blocks:
             if block.keyword == "NSET":
                 self._add_set(block, "NSET", self._node_sets)
         for block in self._blocks:
             if block.keyword == "SURFACE":
                 self._add_surface(block)
+        helpers = [
+            name for key, (name, _) in self._element_sets.items() if key in self._pieces or _OF_GMSH.fullmatch(name)
+        ]
         return ForeignMesh(
             self._path,
             np.concatenate(numbers),
@@ -104,9 +113,11 @@ class _Reader:
             _public(self._element_sets),
             _public(self._node_sets),
             dict(self._surfaces.values()),
+            helpers=helpers,
+            beside=self._beside,
         )
 
-    def _nodes(self, block: _Block) -> tuple[IntArray, npt.NDArray[np.float64]]:
+    def _nodes(self, block: Block) -> tuple[IntArray, npt.NDArray[np.float64]]:
         if block.options.get("SYSTEM", "R").upper() != "R":
             raise MeshError(f"{self._path}: *NODE with SYSTEM is not read; write cartesian coordinates")
         rows = [_fields(line) for line in block.lines]
@@ -121,10 +132,13 @@ class _Reader:
             _append(self._node_sets, block.options["NSET"], numbers)
         return numbers, points.reshape(-1, 3)
 
-    def _add_elements(self, block: _Block) -> None:
+    def _add_elements(self, block: Block) -> None:
         kind = block.options.get("TYPE", "").upper()
         found = [(name, columns) for pattern, name, columns in _TYPES if pattern.fullmatch(kind)]
         if not found:
+            if _BESIDE.fullmatch(kind):
+                self._beside[kind] = self._beside.get(kind, 0) + len(block.lines)
+                return
             if _LEFT_OUT.fullmatch(kind):
                 return
             raise MeshError(
@@ -141,7 +155,7 @@ class _Reader:
             _append(self._element_sets, block.options["ELSET"], rows[:, 0])
 
     def _add_set(
-        self, block: _Block, option: str, sets: dict[str, tuple[str, list[IntArray]]]
+        self, block: Block, option: str, sets: dict[str, tuple[str, list[IntArray]]]
     ) -> None:
         if option not in block.options:
             raise MeshError(f"{self._path}: *{option} without a name; write *{option}, {option}=name")
@@ -159,9 +173,9 @@ class _Reader:
                         f"{self._path}: *{option} {name!r}: GENERATE needs first, last and step, got {line!r}"
                     )
                 first, last, step = [*bounds, 1][:3]
-                if (last - first) / step > _MOST:
-                    raise MeshError(f"{self._path}: *{option} {name!r} claims {(last - first) // step + 1} numbers")
-                _append(sets, name, np.arange(first, last + 1, step))
+                if step < 0:
+                    first, last, step = last, first, -step
+                _append(sets, name, members(self._known, [range(first, last + 1, step)]))
             return
         fields = [field for line in block.lines for field in _fields(line) if field]
         _append(sets, name, self._whole([field for field in fields if field.isdigit()], f"*{option}"))
@@ -180,7 +194,7 @@ class _Reader:
             raise MeshError(f"{self._path}: {where} names {field!r}, which is not a set before it")
         return np.concatenate(known[1])
 
-    def _add_surface(self, block: _Block) -> None:
+    def _add_surface(self, block: Block) -> None:
         if "NAME" not in block.options:
             raise MeshError(f"{self._path}: *SURFACE without a name; write *SURFACE, NAME=name")
         name = block.options["NAME"]
@@ -192,6 +206,7 @@ class _Reader:
                 _append(self._node_sets, name, self._held(what, self._node_sets, where))
             elif kind == "ELEMENT":
                 held = self._held(what, self._element_sets, where)
+                self._pieces.update(_key(one) for one in (what, what.rpartition(".")[2]))
                 self._surfaces.setdefault(_key(name), (name, []))[1].append((held, label.upper()))
 
     def _whole(self, fields: Sequence[str], where: str) -> IntArray:
@@ -199,6 +214,10 @@ class _Reader:
             return np.array(fields, dtype=str).astype(np.int64)
         except (ValueError, OverflowError) as error:
             raise MeshError(f"{self._path}: under {where}: {error}") from error
+
+
+def _ascending(numbers: Sequence[IntArray]) -> IntArray:
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *numbers]))
 
 
 def _append(sets: dict[str, tuple[str, list[IntArray]]], name: str, held: IntArray) -> None:
@@ -226,17 +245,22 @@ def _exponent(number: str) -> str:
     return number.upper().replace("D", "E")
 
 
-def _blocks(path: Path, *, depth: int) -> Iterator[_Block]:
-    """The keywords of a file and of those it includes."""
+def blocks(path: Path, *, depth: int) -> Iterator[Block]:
+    """The keywords of a file and of those it includes; not collective.
+
+    Raises:
+        MeshError: a file cannot be read, or goes more than ten files deep.
+    """
     if depth > _DEEPEST:
         raise MeshError(f"{path}: *INCLUDE goes more than {_DEEPEST} files deep")
+    if not path.is_file():
+        raise MeshError(f"{path}: cannot be opened: No such file")
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be opened: {error.strerror}") from error
-    lines = [line.strip() for line in text.splitlines()]
+        lines = [line.strip() for line in read_lines(path)]
+    except ExportError as error:
+        raise MeshError(str(error)) from error
     lines = [line for line in lines if line and not line.startswith("**")]
-    block: _Block | None = None
+    block: Block | None = None
     at = 0
     while at < len(lines):
         line, at = lines[at], at + 1
@@ -251,15 +275,15 @@ def _blocks(path: Path, *, depth: int) -> Iterator[_Block]:
         keyword, *options = line[1:].split(",")
         pairs = (option.partition("=") for option in options)
         named = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-        block = _Block(" ".join(keyword.upper().split()), named, [])
+        block = Block(" ".join(keyword.upper().split()), named, [])
         if block.keyword == "INCLUDE":
-            yield from _blocks(path.parent / named.get("INPUT", ""), depth=depth + 1)
+            yield from blocks(path.parent / named.get("INPUT", ""), depth=depth + 1)
             block = None
     if block is not None:
         yield block
 
 
-def _of_one_part(path: Path, blocks: Sequence[_Block]) -> Iterator[_Block]:
+def _of_one_part(path: Path, blocks: Sequence[Block]) -> Iterator[Block]:
     """The blocks of the one part, and the assembly's sets of its instance."""
     parts = [block for block in blocks if block.keyword == "PART"]
     instances = [block for block in blocks if block.keyword == "INSTANCE"]

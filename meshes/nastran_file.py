@@ -1,139 +1,129 @@
-"""Meshes in Nastran's bulk data (.bdf, .nas, .fem), read by meshio."""
+"""Meshes in Nastran's bulk data (.bdf, .nas, .dat, .blk, .fem): nodes, elements, sets from loads and constraints.
+
+Cards are read by `flexmbd.files.bulk_cards`, places of nodes by `nastran_grids`, sets by `nastran_sets`.
+"""
 
 from __future__ import annotations
 
-import io
-import re
-from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.errors import MeshError
-from flexmbd.meshes.foreign_mesh import KINDS, ElementBlock, ForeignMesh
+from flexmbd.errors import ExportError, MeshError
+from flexmbd.files.bulk_cards import BulkData, read_bulk, whole
+from flexmbd.meshes.foreign_mesh import ElementBlock, ForeignMesh
+from flexmbd.meshes.nastran_grids import GRID_CARDS, read_grids
+from flexmbd.meshes.nastran_sets import SET_CARDS, load_faces, node_sets
 
 IntArray = npt.NDArray[np.int64]
 
-# The cards that must all arrive, by what meshio makes of them.
-_CARDS = {
-    "GRID": ("vertex",),
-    "CTETRA": ("tetra", "tetra10"),
-    "CHEXA": ("hexahedron", "hexahedron20"),
-    "CPENTA": ("wedge", "wedge15"),
-    "CPYRA": ("pyramid", "pyramid13"),
-    "CTRIA3": ("triangle",),
-    "CTRIA6": ("triangle6",),
-    "CQUAD4": ("quad",),
-    "CQUAD8": ("quad8",),
+# By card: kind by the number of nodes, meshio's names; dimension; and where VTK's nodes stand in Nastran's order.
+_EDGES_UP = {  # Nastran lists the middles of the uprights before those of the top
+    "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
+    "wedge15": [*range(9), *range(12, 15), *range(9, 12)],
 }
-_LINES = ("vertex", "line")
+_SOLIDS: Mapping[str, Mapping[int, str]] = {
+    "CTETRA": {4: "tetra", 10: "tetra10"},
+    "CHEXA": {8: "hexahedron", 20: "hexahedron20"},
+    "CPENTA": {6: "wedge", 15: "wedge15"},
+    "CPYRAM": {5: "pyramid", 13: "pyramid13"},
+    "CPYRA": {5: "pyramid", 13: "pyramid13"},
+}
+_SHELLS: Mapping[str, Mapping[int, str]] = {
+    "CTRIA3": {3: "triangle"},
+    "CTRIAR": {3: "triangle"},
+    "CTRIA6": {3: "triangle", 6: "triangle6"},
+    "CQUAD4": {4: "quad"},
+    "CQUADR": {4: "quad"},
+    "CSHEAR": {4: "quad"},
+    "CQUAD8": {4: "quad", 8: "quad8"},
+}
 
-# How many nodes the elements must have.
-_NODES = {
-    "tetra": 4,
-    "tetra10": 10,
-    "hexahedron": 8,
-    "hexahedron20": 20,
-    "triangle": 3,
-    "triangle6": 6,
-    "quad": 4,
-    "quad8": 8,
-}
+# What stands beside solids and bears or weighs.
+_BESIDE = (
+    "CBAR", "CBEAM", "CBEAM3", "CBEND", "CROD", "CONROD", "CTUBE", "CBUSH", "CBUSH1D", "CELAS1", "CELAS2", "CELAS3",
+    "CELAS4", "CONM1", "CONM2", "CMASS1", "CMASS2", "CMASS3", "CMASS4", "CWELD", "CFAST", "CSEAM",
+)  # fmt: skip
 
 
 def read_nastran(path: Path) -> ForeignMesh:
-    """What the bulk data list; each property is a set of elements "property 7"; not collective.
+    """What the bulk data list; not collective.
+
+    Each property is a set of elements "property 7"; sets of nodes are "SPC 1" (of SPC and SPC1), "SET1 4", "RBE2 50",
+    "RBE3 51", and of faces "PLOAD4 3".
 
     Raises:
-        MeshError: meshio is not there; the file cannot be read; meshio leaves out some of it; nodes are
-            in a coordinate system of their own.
+        MeshError: the deck cannot be read or understood.
     """
     try:
-        import meshio
-    except ImportError as error:
-        raise MeshError(
-            f"{path}: meshio reads Nastran's files, and is not there: pip install 'flexmbd[meshes]'"
-        ) from error
-    text = _bulk(path)
+        data = read_bulk(path, wanted=(*GRID_CARDS, *_SOLIDS, *_SHELLS, *SET_CARDS))
+        return _foreign(path, data)
+    except ExportError as error:
+        raise MeshError(str(error)) from error
+    except ValueError as error:
+        raise MeshError(f"{path}: {error}") from error
+
+
+def _foreign(path: Path, data: BulkData) -> ForeignMesh:
+    numbers, points = read_grids(data.cards)
+    if len(numbers) == 0:
+        others = ", ".join(list(data.counts)[:5])
+        raise ValueError(f"not Nastran bulk data: it has no GRID{f', but {others}' if others else ''}")
+    elements: list[ElementBlock] = []
+    owners: dict[str, list[IntArray]] = {}
+    for card, kinds in {**_SOLIDS, **_SHELLS}.items():
+        for block, properties in _elements(card, data.cards.get(card, []), kinds, solid=card in _SOLIDS):
+            elements.append(block)
+            for owner in np.unique(properties):
+                owners.setdefault(f"property {owner}", []).append(block.numbers[properties == owner])
+    return ForeignMesh(
+        path,
+        numbers,
+        points,
+        elements,
+        {name: np.concatenate(parts) for name, parts in owners.items()},
+        node_sets=node_sets(data.cards, numbers),
+        faces=load_faces(data.cards, elements),
+        beside={card: data.counts[card] for card in _BESIDE if card in data.counts},
+    )
+
+
+def _elements(
+    card: str, cards: list[list[str]], kinds: Mapping[int, str], *, solid: bool
+) -> list[tuple[ElementBlock, IntArray]]:
+    """Blocks of one kind each and the properties of their elements; middles that are left out have the node 0."""
+    most, least = max(kinds), min(kinds)
+    rows: dict[int, list[list[str]]] = {count: [] for count in kinds}
+    for fields in cards:
+        nodes = (fields[2 : 2 + most] + [""] * most)[:most]
+        if not all(nodes[:least]):
+            there = sum(map(bool, nodes))
+            raise ValueError(f"{card} {fields[0]} has {there} nodes; it needs {' or '.join(map(str, kinds))}")
+        if not fields[1] and solid:
+            raise ValueError(f"{card} {fields[0]} has no property; give its number in the third field")
+        count = most if most > least and any(nodes[least:]) else least
+        rows[count].append([fields[0], fields[1] or fields[0], *nodes[:count]])
+    found = []
+    for count, texts in rows.items():
+        if texts:
+            table = _whole_numbers(card, texts)
+            kind = kinds[count]
+            order = _EDGES_UP.get(kind, list(range(count)))
+            found.append((ElementBlock(kind, table[:, 0], table[:, 2:][:, order]), table[:, 1]))
+    return found
+
+
+def _whole_numbers(card: str, rows: list[list[str]]) -> IntArray:
+    """A table of texts as numbers, 0 where there is nothing."""
     try:
-        mesh = meshio.read(io.StringIO(text), file_format="nastran")
-    except (Exception, SystemExit) as error:  # noqa: BLE001  (meshio asserts, and even ends the process)
-        raise MeshError(f"{path}: meshio cannot read it: {type(error).__name__} {error}") from error
-    if np.any(mesh.point_data.get("nastran:ref", np.zeros(1)) != 0):
-        raise MeshError(
-            f"{path}: nodes are given in a coordinate system of their own (CP of GRID), which is not read; "
-            "write them in the basic one"
-        )
-    blocks = [(block.type, block.data, mesh.cells_id[i], i) for i, block in enumerate(mesh.cells)]
-    _check_complete(path, text, {"GRID": len(mesh.points)}, [(kind, len(data)) for kind, data, _, _ in blocks])
-    owners = mesh.cell_data.get("nastran:ref", [])
-    held: dict[str, list[IntArray]] = {}
-    elements = []
-    for kind, data, numbers, i in blocks:
-        if kind in _LINES:
-            continue
-        if kind in _NODES and data.shape[1] != _NODES[kind]:
-            raise MeshError(
-                f"{path}: element {numbers[0]} has {data.shape[1]} nodes; a {kind} needs {_NODES[kind]}"
-            )
-        elements.append(ElementBlock(kind, numbers, mesh.points_id[data]))
-        if KINDS.get(kind) is None:
-            continue
-        if len(owners) != len(blocks) or len(owners[i]) != len(numbers):
-            raise MeshError(f"{path}: elements without a property; give each its number")
-        for owner in np.unique(owners[i]):
-            held.setdefault(f"property {owner}", []).append(numbers[owners[i] == owner])
-    sets = {name: np.concatenate(parts) for name, parts in held.items()}
-    return ForeignMesh(path, mesh.points_id, _three(path, mesh.points), elements, sets)
-
-
-def _bulk(path: Path) -> str:
-    """The bulk data between the lines that meshio asks for, whether or not the file has them."""
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be opened: {error.strerror}") from error
-    lines = text.splitlines()
-    heads = [line.strip().upper() for line in lines]
-    begins = [i for i, head in enumerate(heads) if head.startswith("BEGIN")]
-    ends = [i for i, head in enumerate(heads) if head.startswith("ENDDATA")]
-    first = begins[0] + 1 if begins else 0
-    last = ends[0] if ends else len(lines)
-    for card, remedy in (("INCLUDE", "write all into one file"), ("GRDSET", "write it into each GRID")):
-        if any(head.startswith(card) for head in heads):
-            raise MeshError(f"{path}: {card} is not read; {remedy}")
-    bulk = [_with_mark(line) for line in lines[first:last]]
-    return "\n".join(["BEGIN BULK", *bulk, "ENDDATA", ""])
-
-
-def _with_mark(line: str) -> str:
-    """A line that goes on with the one before has a mark, without which meshio may leave it out."""
-    if line.startswith(","):
-        return f"+{line}"
-    if line.startswith(" " * 8) and line.strip():
-        return f"+{' ' * 7}{line[8:]}"
-    return line
-
-
-def _check_complete(
-    path: Path, text: str, read: dict[str, int], blocks: list[tuple[str, int]]
-) -> None:
-    """Refuse a file of which meshio leaves out some, as cards in fields of 16 columns or in small letters."""
-    pattern = re.compile(rf"^({'|'.join(_CARDS)})M?\*?[ ,\t]", re.MULTILINE | re.IGNORECASE)
-    there = Counter(match.group(1).upper() for match in pattern.finditer(text))
-    for card, kinds in _CARDS.items():
-        got = read.get(card, sum(count for kind, count in blocks if kind in kinds))
-        if got != there[card]:
-            raise MeshError(
-                f"{path}: it has {there[card]} cards {card}, and meshio reads {got}; write them in capitals "
-                "and in fields of 8 columns or with commas"
-            )
-    if there["GRID"] == 0:
-        raise MeshError(f"{path}: not Nastran bulk data: it has no GRID")
-
-
-def _three(path: Path, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise MeshError(f"{path}: a GRID needs three coordinates")
-    return points
+        return np.array(rows, dtype=np.str_).astype(np.int64)
+    except (ValueError, OverflowError):  # blanks, or what is no number, which is named
+        table = []
+        for row in rows:
+            try:
+                table.append([whole(text) for text in row])
+            except ValueError as error:
+                raise ValueError(f"{card} {row[0]}: {error}") from error
+        return np.array(table, dtype=np.int64)

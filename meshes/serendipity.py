@@ -23,7 +23,7 @@ _FACES = (
 )
 
 
-def complete(points: Points, cells: IntArray, kind: str) -> tuple[Points, IntArray]:
+def complete(points: Points, cells: IntArray) -> tuple[Points, IntArray]:
     """Add the nodes that hexahedra of 20 nodes lack; other cells are returned as they are.
 
     The shape functions of the 20 nodes are -1/4 at the corners and 1/2 at the middles of the edges of
@@ -32,12 +32,11 @@ def complete(points: Points, cells: IntArray, kind: str) -> tuple[Points, IntArr
     Args:
         points: (n, 3).
         cells: (m, k) rows of points, in VTK's order.
-        kind: meshio's name of the cells.
 
     Returns:
         The points, the new ones after those that were there, and (m, 27) cells in VTK's order.
     """
-    if kind != "hexahedron20":
+    if cells.shape[1] != 20:
         return points, cells
     x = points[cells]
     middles = [

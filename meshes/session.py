@@ -61,8 +61,10 @@ _OPTIONS = {
     "Mesh.SubdivisionAlgorithm": 0,
 }
 
-# The unit that the lengths of CAD files are converted to.
-_UNIT = "Geometry.OCCTargetUnit"
+# How much smaller than h cells may become that follow the curvature.
+_FINEST = 20.0
+
+_UNIT = "Geometry.OCCTargetUnit"  # that the lengths of CAD files are converted to
 
 # gmsh's element types that DOLFINx and the forms know: by their number the cell, the degree of its
 # geometry, how a person calls them, and the cell's dimension.
@@ -148,9 +150,13 @@ def built_mesh(
     return spread(comm, from_root(comm, run))
 
 
-def generate(*, h: float, degree: int, dim: int = 3) -> None:
-    """Mesh the current model with cells of size h, in its unit, and geometry of the given degree; rank 0."""
-    gmsh.option.setNumber("Mesh.MeshSizeMin", h)
+def generate(*, h: float, degree: int, dim: int = 3, curvature: int | None = None) -> None:
+    """Mesh the current model with cells of size h, in its unit, and geometry of the given degree; rank 0.
+
+    With `curvature`, so many around a full circle where h is larger than that.
+    """
+    gmsh.option.setNumber("Mesh.MeshSizeMin", h if curvature is None else h / _FINEST)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", curvature or 0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", h)
     mesh_model(degree=degree, dim=dim)
 
@@ -220,6 +226,7 @@ def model_input(
     *,
     cell_groups: Collection[str] | None = None,
     facet_groups: Collection[str] | None = None,
+    named: bool = True,
 ) -> MeshInput:
     """All of the current model, whose nodes are renumbered if they have gaps; rank 0, in a session.
 
@@ -227,6 +234,7 @@ def model_input(
         dim: dimension of the cells.
         cell_groups: names of the physical groups of cells to take; None for all.
         facet_groups: of those of facets.
+        named: whether a group below the cells must be there.
 
     Raises:
         MeshError: as `tagged_mesh` says, or a name is not there.
@@ -235,7 +243,7 @@ def model_input(
     names = [_names(below) for below in range(dim + 1)]
     names[dim] = chosen("cell", names[dim], cell_groups)
     names[dim - 1] = chosen("facet", names[dim - 1], facet_groups)
-    if not any(names[:dim]):
+    if named and not any(names[:dim]):
         below = _ENTITIES[dim - 1]
         raise MeshError(
             f"the mesh has no named group of {below}s; in gmsh, give each interface a name: "
@@ -270,6 +278,12 @@ def model_input(
 def _taken(groups: Mapping[str, int], names: Collection[str] | None) -> set[int] | None:
     """Their tags, or None for all groups, those without a name too."""
     return None if names is None else set(groups.values())
+
+
+def is_of_one_kind(dim: int) -> bool:
+    """Whether the cells are of one kind that `model_input` takes, or there are none; rank 0, in a session."""
+    kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
+    return len(kinds) == 0 or (len(kinds) == 1 and kinds[0] in _CELLS)
 
 
 def _cell_kind(dim: int) -> int:

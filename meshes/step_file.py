@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from flexmbd.continuum.grid.mesh_input import MeshInput
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.parallel import on_root
-from flexmbd.errors import MeshError
+from flexmbd.errors import MeshError, MeshWarning
 from flexmbd.meshes import session
 from flexmbd.meshes.dimension import (
     check_arguments,
@@ -28,6 +29,7 @@ from flexmbd.meshes.dimension import (
 )
 from flexmbd.meshes.step_faces import StepFace, SurfacePoint, point_text, read_faces, volume
 from flexmbd.meshes.trial_read import Kind, try_to_read
+from flexmbd.meshes.untangle import untangle
 
 # A bracket of our own: a foot with two bolt bores and a lug with a pin bore (data/README.md).
 BRACKET = Path(__file__).parent / "data" / "bracket.step"
@@ -74,6 +76,7 @@ def from_step(
     scale: float = 1.0,
     solid: int | None = None,
     glue: bool = False,
+    curvature: int | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> TaggedMesh:
     """Mesh the solid of a STEP file. Collective.
@@ -88,6 +91,10 @@ def from_step(
     `step_faces` lists the faces. Facet groups: the tags, and "surface" for all other faces of the
     boundary; cell groups: "part", or with `glue` "solid 1", "solid 2", ...
 
+    Tetrahedra of degree 2 that a curved surface turns inside out are bent to follow it, and where that does not
+    help made straighter, one in a hundred at most: they then cut the surface's curve short, which a warning says.
+    `quality` tells what was reached.
+
     Args:
         path: of the file, which is read on rank 0.
         tags: by the names of the facet groups.
@@ -99,13 +106,17 @@ def from_step(
             drawn in millimetres. `tags`, `h` and the mesh are in true metres.
         solid: of a file with several solids, the number of the one to take, from 1.
         glue: of a file with several solids, take all of them and join them where they touch.
+        curvature: cells around a full circle, where these are smaller than h, down to h/20; 12 suits most fillets.
         comm: the communicator of the mesh.
 
     Raises:
         MeshError: on all ranks; there is no such file, it is not a STEP file, it has no solid or
             several; h does not go with the size of the part, which is given; a tag chooses no face,
             or a face that another one has; an argument is out of range or not the same on all ranks;
-            the cells are too big for the part.
+            the cells are too big for the part, or cannot follow its curved faces.
+
+    Warns:
+        MeshWarning: how many cells are straighter than the surface.
     """
     arguments = dict(locals())
 
@@ -113,6 +124,8 @@ def from_step(
         require_positive(h=h, scale=scale)
         require_cell(cell)
         require_degree(degree)
+        if curvature is not None:
+            require_count("curvature", curvature)
         if solid is not None:
             require_count("solid", solid)
             if glue:
@@ -133,11 +146,32 @@ def from_step(
         if cell == "hexahedron":
             gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 2)
             size *= 2
-        session.generate(h=size, degree=degree)
+        session.generate(h=size, degree=degree, curvature=curvature)
         share = session.model_input(3)
+        if degree == 2 and cell == "tetrahedron":
+            share = _valid(share, path)
         return replace(share, points=share.points * scale)
 
     return session.built_mesh(comm, build)
+
+
+def _valid(share: MeshInput, path: str | Path) -> MeshInput:
+    """The same cells, none of them turned inside out by the surface that they follow."""
+    share, done = untangle(share)
+    n = len(share.cells)
+    if done.inverted:
+        raise MeshError(
+            f"{path}: {done.inverted} of {n} cells are turned inside out by the curved faces that they follow; give "
+            "cells that are small where the part is curved, curvature=12, or straight ones, degree=1"
+        )
+    if done.straightened:
+        warnings.warn(
+            f"{path}: {done.straightened} of {n} cells are straighter than the surface, which would turn them inside "
+            "out; a smaller h, or curvature=12, follows it better",
+            MeshWarning,
+            stacklevel=2,
+        )
+    return share
 
 
 @checked_part

@@ -57,7 +57,7 @@ def _describe_part(parser: argparse.ArgumentParser) -> None:
         "mesh",
         type=Path,
         metavar="PART",
-        help="a STEP file (.step, .stp), or a mesh with named groups (.msh, .h5, .inp, .bdf, .nas), lengths in m",
+        help="a STEP file (.step, .stp), or a mesh with groups (.msh, .h5, .inp, .bdf, .nas, .cdb, .med); lengths in m",
     )
     part.add_argument("--list", action="store_true", help="list the faces of the STEP file, or the mesh's groups; stop")
     part.add_argument(

@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import foreign_decks
 import h5py
 import lattice
 import numpy as np
@@ -124,6 +125,18 @@ def tet(suffix):
     return lattice.bdf(part, 1) if suffix == ".bdf" else lattice.inp(part, 1)
 
 
+def archive(path):
+    part = lattice.lattice("tetrahedron", 1, map=lattice.shear)
+    types, ends = [(285, 1, 0)] * len(part.cells), foreign_decks.component("FOOT", "NODE", part.at(0, 0.0))
+    path.write_text(foreign_decks.cdb(part.points, part.cells.tolist(), types=types, components=ends))
+
+
+def med(path):
+    part = lattice.lattice("tetrahedron", 1, map=lattice.shear)
+    tip = {"rows": {2: [0, 1]}, "names": {2: ["tip"]}}
+    foreign_decks.write_med(path, part.points, [("tetra", part.cells, [-6] * len(part.cells))], {-6: ["part"]}, tip)
+
+
 def skin(path):
     return meshes.read(path, facet_groups=["skin"])
 
@@ -208,6 +221,8 @@ CASES = [
     Case("mesh.h5", lambda path: meshes.write(meshes.block(1.0, 1.0, 1.0, divisions=(2, 1, 1)), path), meshes.read),
     Case("mesh.inp", lambda path: path.write_text(tet(".inp")), skin, 150),
     Case("mesh.bdf", lambda path: path.write_text(tet(".bdf")), meshes.read, 150),
+    Case("mesh.cdb", archive, meshes.read, 6),
+    Case("mesh.med", med, meshes.read, 6),
     Case("mesh.msh", lambda path: path.write_text(MSH), meshes.read, 10),
     Case("part.step", lambda path: path.write_bytes(meshes.BRACKET.read_bytes()), meshes.step_faces, 6),
 ]
@@ -416,3 +431,28 @@ def test_rows_of_an_ensemble_that_were_changed_are_run_again(tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(RecordError, match="damaged beside its rows"):
             study(path)
+
+
+RANGES = {
+    "claims.bdf": tet(".bdf").replace(
+        "ENDDATA", "SPC1,1,123,1,THRU,999999999999\nPLOAD4,2,1,1.,,,,THRU,99999999999\nENDDATA"
+    ),
+    "claims.inp": tet(".inp")
+    + "*NSET, NSET=all, GENERATE\n1, 999999999999, 1\n*ELSET, ELSET=any, GENERATE\n0, 99999999999\n",
+    "circle.bdf": "BEGIN BULK\nINCLUDE 'circle.bdf'\n",
+    "missing.bdf": "INCLUDE '/dev/zero'\nBEGIN BULK\n",
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_decks_that_claim_more_than_they_hold(name, tmp_path):
+    path = tmp_path / name
+    path.write_text(RANGES[name])
+    if name.startswith("claims"):
+        skin_too = {"facet_groups": ["skin"]} if name.endswith("inp") else {}
+        with watched(name):
+            assert "all" in meshes.read(path, **skin_too).vertex_groups or name.endswith("bdf")
+    else:
+        reason = {"circle.bdf": "INCLUDE goes in a circle", "missing.bdf": "INCLUDE '/dev/zero' is not there"}[name]
+        with watched(name), pytest.raises(fm.MeshError, match=reason):
+            meshes.read(path)

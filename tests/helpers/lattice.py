@@ -172,7 +172,7 @@ def inp(part, degree):
 def bdf(part, degree, *, fields="fixed"):
     """Bulk data: the left cube of property 3, the right of 4; with degree 1, shells of 8 on x = 0."""
     nodes, elements = node_numbers(len(part.points)), element_numbers(len(part.cells))
-    lines = ["$ two cubes", "SOL 101", "CEND", "BEGIN BULK", "MAT1,1,2.1+11,,0.3,7850."]
+    lines = ["$ two cubes", "SOL 101", "CEND", "BEGIN BULK", "MAT1,1,2.1+11,,0.3,7850.", "PSOLID,3,1", "PSOLID,4,1"]
     for n, (x, y, z) in zip(nodes, part.points.tolist(), strict=True):
         if fields == "fixed":
             lines.append(f"GRID*   {n:<16d}{'':<16}{x:>16.9E}{y:>16.9E}{'*':<8}")

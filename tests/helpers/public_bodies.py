@@ -78,6 +78,11 @@ def mesh_file() -> str:
     return "part.h5"
 
 
+def deck_file() -> str:
+    Path("part.bdf").write_text("MAT1,1,2.1+5,,0.3,7.85-9\nPSOLID,1,1\n")
+    return "part.bdf"
+
+
 def step_file() -> str:
     if not Path("part.step").exists():
         step_shapes.write(Path("part.step"), lambda: gmsh.model.occ.addBox(0, 0, 0, 200, 100, 100))
@@ -178,6 +183,13 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
         "outer_radius": lambda w: 0.2, "inner_radius": lambda w: 0.1, "divisions": lambda w: (1, 2, 1),
         "comm": lambda w: ALONE,
     },
+    "meshes.InBox": {"low": lambda w: (0.0, 0.0, 0.0), "high": lambda w: (1.0, 1.0, 1.0)},
+    "meshes.OnCylinder": {
+        "point": lambda w: (0.0, 0.0, 0.0), "axis": lambda w: (0.0, 0.0, 1.0), "radius": lambda w: 0.1,
+    },
+    "meshes.OnPlane": {"point": lambda w: (0.0, 0.0, 0.0), "normal": lambda w: (0.0, 0.0, 1.0)},
+    "meshes.materials": {"path": lambda w: deck_file(), "units": lambda w: "mm-t-s", "comm": lambda w: ALONE},
+    "meshes.with_facet_groups": {"groups": lambda w: {}},
     "meshes.read": {"path": lambda w: mesh_file(), "comm": lambda w: ALONE},
     "meshes.round_bar": {"divisions": lambda w: (2, 2, 2), "comm": lambda w: ALONE},
     "meshes.sheet": {**_SIZES, "divisions": lambda w: (2, 1)},

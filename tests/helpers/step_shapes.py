@@ -13,6 +13,7 @@ import gmsh
 FOOT = (80.0, 40.0, 8.0)
 BOLT_BORES, BOLT = (-28.0, 28.0), 4.5
 LUG_THICKNESS, LUG_RADIUS, PIN_HEIGHT, PIN = 20.0, 20.0, 40.0, 8.0
+FILLET, HUB, BORE = 3.0, 18.0, 6.35  # mm
 
 
 def add_bracket():
@@ -27,6 +28,21 @@ def add_bracket():
     bores = [(3, add.addCylinder(x, 0, -1, 0, 0, height + 2, BOLT)) for x in BOLT_BORES]
     bores.append((3, add.addCylinder(-half - 1, 0, PIN_HEIGHT, LUG_THICKNESS + 2, 0, 0, PIN)))
     add.cut(whole, bores)
+
+
+def add_hub():
+    """A plate with a hub on it, a fillet between them, and three bores."""
+    add = gmsh.model.occ
+    whole, _ = add.fuse([(3, add.addBox(0, 0, 0, 90, 60, 12))], [(3, add.addCylinder(30, 30, 0, 0, 0, 40, HUB))])
+    bores = [(30, 30, BORE), (75, 45, 4), (75, 15, 4)]
+    whole, _ = add.cut(whole, [(3, add.addCylinder(x, y, -10, 0, 0, 100, radius)) for x, y, radius in bores])
+    add.synchronize()
+    root = [
+        tag
+        for _, tag in gmsh.model.getEntities(1)
+        if abs(add.getCenterOfMass(1, tag)[2] - 12) < 1e-6 and add.getMass(1, tag) > 100
+    ]
+    add.fillet([whole[0][1]], [tag for tag in root if gmsh.model.getType(1, tag) == "Circle"], [FILLET])
 
 
 def write(path, shape, *, says="SI_UNIT(.MILLI.,.METRE.)"):

@@ -49,7 +49,7 @@ def test_the_code_runs(shared_path, monkeypatch, capsys):
             gmsh.write("part.msh")
     COMM.barrier()
     blocks = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 6
     for block in blocks:
         names = {"meshes": meshes}
         if "COMM_SELF" in block:  # on one process, as it says; then on all
@@ -83,8 +83,11 @@ def test_the_table_of_parts(row):
         assert geometry_degree(part.mesh) == degree
 
 
+OTHERS = ("read", "write", "from_step", "step_faces", "from_arrays", "materials", "quality", "with_facet_groups")
+
+
 def test_every_function_is_there():
     made = {name for name, one in vars(meshes).items() if inspect.isfunction(one) and name[0] != "_"}
     beside = {"quarter_ring", "round_bar", "crash_tube", "frame"}  # told beside the table
-    assert {row[0] for row in rows()} | {"read", "write", "from_step", "step_faces", "from_arrays"} | beside == made
+    assert {row[0] for row in rows()} | set(OTHERS) | beside == made
     assert all(f"`{name}" in TEXT or f"meshes.{name}(" in TEXT for name in made)

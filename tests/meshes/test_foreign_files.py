@@ -1,7 +1,7 @@
 """Abaqus's and Nastran's files: the same cells, bent as they should be, with their groups; and what is refused."""
 
 import re
-import sys
+import warnings
 
 from mpi4py import MPI
 
@@ -200,8 +200,8 @@ def test_what_gmsh_writes(shared_path, ending):
         gmsh.finalize()
     COMM.barrier()
     name = {"inp": "wall", "bdf": "property 1"}[ending]
-    groups = {"cell_groups": ["part"], "facet_groups": [name]} if ending == "inp" else {}
-    part, same = meshes.read(path, **groups), meshes.read(own)
+    part, same = meshes.read(path), meshes.read(own)
+    assert (ending == "bdf") or set(part.cell_groups) == {"part"}
     assert n_cells(part) == n_cells(same)
     assert moments(part) == pytest.approx(moments(same), rel=1e-9, abs=1e-9)
     assert area(part, name) == pytest.approx(area(same, "wall"), rel=1e-9)
@@ -248,7 +248,10 @@ def test_inp_files_that_are_refused(write, old, new, pattern):
 @pytest.mark.parametrize(
     ("chosen", "pattern"),
     [
-        ({}, r"the sets 'skin' and 'all_nodes' share 1 facets, .* facet_groups=\('skin', \.\.\.\)"),
+        (
+            {"facet_groups": ["skin", "all_nodes"]},
+            r"the sets 'skin' and 'all_nodes' share 1 facets, .* facet_groups=\('skin', \.\.\.\)",
+        ),
         ({"facet_groups": ["pin"]}, "no facet group 'pin'; its facet groups are: 'all_nodes', 'end', 'foot', 'skin'"),
         ({"cell_groups": ["iron"]}, "no cell group 'iron'; its cell groups are: 'Right', 'left'"),
         ({"facet_groups": "foot"}, r"facet_groups must be a list of names, .* got 'foot'"),
@@ -264,9 +267,58 @@ def test_choices_that_do_not_fit(write, chosen, pattern):
 
 
 def test_sets_of_cells_that_overlap(write):
-    text = HEXAHEDRA + "*ELSET, ELSET=every, GENERATE\n5, 8\n"
+    """Asked for, they are refused; else the small ones are taken, and what they hold together is no group."""
+    path = write(HEXAHEDRA + "*ELSET, ELSET=every, GENERATE\n5, 8\n", "part.inp")
     with pytest.raises(MeshError, match=r"sets 'Right' and 'every' share 1 cells, .* cell_groups=\('Right', "):
-        meshes.read(write(text, "part.inp"), facet_groups=["foot"])
+        meshes.read(path, cell_groups=["Right", "every"])
+    part = meshes.read(path)
+    assert part.cell_groups.keys() == {"left", "Right"}
+    assert part.facet_groups.keys() == {"foot", "end", "skin"}
+    assert "all_nodes" in part.vertex_groups
+
+
+PREPOMAX = """*Element, Type=C3D8, Elset=Solid_part-1
+5, 1, 2, 3, 4, 5, 6, 7, 8
+8, 2, 9, 10, 3, 6, 11, 12, 7
+*Elset, Elset=Element_Set-1
+8
+*Elset, Elset=Internal-1_Surface-1_S3
+5, 8
+*Elset, Elset=Internal-2_Surface-1_S5
+5, 8
+*Surface, Name=Surface-1, Type=Element
+Internal-1_Surface-1_S3, S3
+Internal-2_Surface-1_S5, S5
+*Nset, Nset=Node_Set-1
+1, 4, 5, 8
+*Nset, Nset=Internal_Selection-1_Fixed-1
+1, 4, 5, 8
+*Nset, Nset=Gr\u00f6\u00dfe
+1, 2, 5, 6, 9, 11
+"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1"])
+def test_sets_of_prepomax(shared_path, encoding):
+    """Its helpers overlap one another, its parts and its sets; surfaces and sets of the user's are groups, untold."""
+    places = {1: (0, 0, 0), 2: (1, 0, 0), 3: (1, 1, 0), 4: (0, 1, 0), 5: (0, 0, 1), 6: (1, 0, 1), 7: (1, 1, 1),
+              8: (0, 1, 1), 9: (2, 0, 0), 10: (2, 1, 0), 11: (2, 0, 1), 12: (2, 1, 1)}  # fmt: skip
+    text = "*Node\n" + "".join(f"{n}, {x}., {y}., {z}.\n" for n, (x, y, z) in places.items()) + PREPOMAX
+    path = shared_path / "part.inp"
+    if COMM.rank == 0:
+        path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
+    COMM.barrier()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        part = meshes.read(path)
+    assert part.cell_groups.keys() == {"Element_Set-1"}
+    assert part.facet_groups.keys() >= {"Surface-1"}
+    assert len({"Node_Set-1", "Internal_Selection-1_Fixed-1"} & part.facet_groups.keys()) == 1
+    assert "Gr\u00f6\u00dfe" in part.vertex_groups  # its facets are the surface's
+    assert area(part, "Surface-1") == pytest.approx(4.0, rel=1e-13)
+    whole = meshes.read(path, cell_groups=["Solid_part-1"], facet_groups=["Gr\u00f6\u00dfe"])
+    assert n_owned(whole, 3, whole.cells("Solid_part-1")) == 2
+    assert area(whole, "Gr\u00f6\u00dfe") == pytest.approx(2.0, rel=1e-13)
 
 
 def test_two_pieces(write):
@@ -284,18 +336,36 @@ def test_two_pieces(write):
 
 BULK = lattice.bdf(lattice.lattice("hexahedron", 1, program="nastran", map=lattice.shear), 1, fields="free")
 
+CHEXAS = BULK[BULK.index("CHEXA") : BULK.index("CQUAD4")]
+
 
 @pytest.mark.parametrize(
     ("old", "new", "pattern"),
     [
-        (BULK, "nothing\n", r"part\.bdf: not Nastran bulk data: it has no GRID"),
-        ("GRID,1000,,", "GRID,1000,5,", "in a coordinate system of their own"),
-        ("CHEXA,5", "chexa,5", "it has 2 cards CHEXA, and meshio reads 1; write them in capitals"),
-        ("CHEXA,5", "CHEXA*,5", "it has 2 cards CHEXA, and meshio reads 1"),
-        ("MAT1,1", "INCLUDE 'other.bdf'\nMAT1,1", "INCLUDE is not read"),
-        ("GRID,1000,", "GRID,4,", r"part\.bdf: meshio cannot read it: KeyError .*1000"),
-        ("CQUAD4,9000,8,", "CQUAD4,9000,,", "elements without a property"),
-        ("CQUAD4,9000,8,", "CROD,9000,8,", "there is no named set on the surface of the part"),
+        (CHEXAS, "", r"the mesh has no three-dimensional cells, but quad"),
+        (BULK, "nothing\n", r"part\.bdf: not Nastran bulk data: it has no GRID, but NOTHING"),
+        ("GRID,1000,,", "GRID,1000,5,", r"coordinate system 5 is used and not given; write its CORD card"),
+        ("GRID,1000,,", "GRID,1000,,x", r"GRID 1000: 'x.*' is not a number"),
+        ("CHEXA,5,3,1000", "CHEXA,5,3,", r"CHEXA 5 has 7 nodes; it needs 8 or 20"),
+        ("CHEXA,5,3,1000", "CHEXA,5,3,one", r"CHEXA 5: 'one' is not a whole number"),
+        ("CHEXA,5,3,1000", "CHEXA,5,3,1001", r"node 1001 is used and not given; the file is not complete"),
+        ("CHEXA,5,3,", "CHEXA,5,,", "CHEXA 5 has no property"),
+        ("CHEXA,8,4,", "CHEXA,5,4,", "element 5 is given more than once"),
+        ("GRID,1000,", "GRID,4,", r"node 1000 is used and not given"),
+        ("GRID,993,", "GRID,1000,", r"node 1000 is given more than once"),
+        ("MAT1,1", "=(3)\nMAT1,1", r"replication \('=\(3\)'\) is read of cards of one line"),
+        ("MAT1,1", "CBAR,1,1,1,2\n=,*1,==\n=(9999999)\nMAT1,1", r"replication \('=\(9999999\)'\) is read of cards of"),
+        ("MAT1,1", "+,2\nMAT1,1", "the first card begins with a continuation"),
+        ("MAT1,1", "BEGIN SUPER=2\nMAT1,1", "it has 2 sections of bulk data, the second 'BEGIN SUPER=2'"),
+        ("MAT1,1", "INCLUDE 'other.bdf'\nMAT1,1", r"INCLUDE 'other\.bdf' is not there: .*other\.bdf is a file"),
+        ("MAT1,1", "INCLUDE 'other.bdf\nMAT1,1", "INCLUDE 'other.bdf has no second quote|has no second quote"),
+        ("MAT1,1", "INCLUDE 'part.bdf'\nMAT1,1", r"INCLUDE goes in a circle: .*part\.bdf includes .*part\.bdf"),
+        ("MAT1,1", "SPC1,1,123,1,2,3,4,5,6,7\nMAT1,1", "ends with 7 in the tenth field"),
+        ("MAT1,1", "SPC1,1,123,9,THRU,3\nMAT1,1", "SPC 1, card 1: 9 THRU 3 BY 1 is no range"),
+        ("MAT1,1", "PLOAD4,1,5,1.,,,,1000,993\nMAT1,1", "names the nodes 1000 and 993, on no face of element 5"),
+        ("MAT1,1", "PLOAD4,1,77,1.,,,,1000,993\nMAT1,1", "PLOAD4 1 names element 77, which is no solid or shell"),
+        ("MAT1,1", "PLOAD,1,1.,1000,993\nMAT1,1", "PLOAD 1 names 2 nodes; a face has three or four"),
+        ("CQUAD4,9000,8,", "CROD,9000,8,", r"no named set on the surface of the part; .* its place: places="),
     ],
 )
 def test_bdf_files_that_are_refused(write, old, new, pattern):
@@ -312,13 +382,6 @@ def test_bulk_data_without_a_beginning(write):
     """As gmsh and others write it."""
     text = BULK[BULK.index("GRID") :].replace("ENDDATA\n", "")
     assert n_cells(meshes.read(write(text, "part.bdf"))) == 2
-
-
-def test_without_meshio(write, monkeypatch):
-    monkeypatch.setitem(sys.modules, "meshio", None)
-    with pytest.raises(MeshError, match=r"meshio reads Nastran's files, .* pip install 'flexmbd\[meshes\]'"):
-        meshes.read(write(BULK, "part.bdf"))
-    assert COMM.allreduce(1) == COMM.size
 
 
 def test_endings_that_are_not_known(write):

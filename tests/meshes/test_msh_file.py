@@ -170,7 +170,7 @@ def test_missing_file(shared_path):
         (
             "4 4 2 2 1 20 40 35 90",
             "4 7 2 2 1 20 40 35 10 90",
-            "of the kinds Tetrahedron 4, Pyramid 5",
+            "of the kinds pyramid of 5 nodes, tetrahedron of 4 nodes",
         ),
         ("90 0.5 0.5 1", "90 0.5 0.5 0", "2 cells are inverted or flat .* the worst, number 3, near"),
         ("90 0.5 0.5 1", "90 0.5 nan 1", "1 nodes have coordinates that are not finite, the first in row 4"),
