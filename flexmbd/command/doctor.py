@@ -22,7 +22,7 @@ import numpy as np
 
 from flexmbd.command.launch import launched_ranks
 from flexmbd.command.terminal import add_json, print_json, print_line
-from flexmbd.multibody.kernels.base.kernel_cache import cache_folder
+from flexmbd.multibody.kernels.base.kernel_store import cache_folder
 
 _BROKEN = 1
 _PATIENCE = 120.0  # s, for libraries that load from a slow disk

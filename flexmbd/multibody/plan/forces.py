@@ -22,7 +22,6 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.user_functions import states_function
 from flexmbd.multibody.kernels.elements.element import ElementKind
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
@@ -189,6 +188,8 @@ class ForceTable:
 
     def compiled_states(self, rates: Compiled, outputs: Compiled | None, n: int, k: int) -> int:
         """Address of compiled state equations of n states and k outputs."""
+        from flexmbd.multibody.kernels.base.user_functions import states_function  # and numba
+
         made = states_function(rates.source, None if outputs is None else outputs.source, n, k)
         self._numbering.callbacks.keep.append(made)
         return int(made.address)
