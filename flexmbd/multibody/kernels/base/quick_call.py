@@ -11,6 +11,7 @@ import ctypes
 import hashlib
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ def quick_call(
     types: list[Any] = []
     if not all(_describe(one, kinds, types) for one in arguments):
         return None
-    what = repr((kinds, returns))
+    what = repr((kinds, returns, _how()))
     name = f"flexmbd_call_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
     def written() -> bytes:
@@ -54,6 +55,12 @@ def quick_call(
     function = _new_function()(ctypes.addressof(method), ctypes.addressof(table), None)
     _kept.append((objects, table, method))
     return function
+
+
+@cache
+def _how() -> str:
+    """Digest of how the functions are written."""
+    return hashlib.sha256(Path(__file__).with_name("quick_call_code.py").read_bytes()).hexdigest()
 
 
 _kept: list[Any] = []  # what functions stand on, as long as the process
