@@ -71,11 +71,13 @@ def test_an_array_is_read_by_its_strides(constant: bool) -> None:
     """Contiguous in either order, every second entry, backwards; also what may not be written to."""
     whole = np.arange(1.0, 9.0).reshape(2, 4)
     whole.flags.writeable = not constant
-    for view in (whole, whole.T, whole[:, ::2], whole[::-1], np.asfortranarray(whole), whole[:, :0]):
-        expected = 0.0
-        for value in view.ravel():
-            expected = 10.0 * expected + value
-        assert flattened(view) == expected
+    for _ in range(2):  # before and after the kernel was called often with the first
+        for view in (whole, whole.T, whole[:, ::2], whole[::-1], np.asfortranarray(whole), whole[:, :0]):
+            expected = 0.0
+            for value in view.ravel():
+                expected = 10.0 * expected + value
+            assert flattened(view) == expected
+        assert {flattened(whole) for _ in range(100)} == {12345678.0}
 
 
 def test_what_a_kernel_raises_is_raised() -> None:
