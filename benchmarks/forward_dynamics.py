@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 from benchmark import Report
-from numba import njit
 
 import flexmbd as fm
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
@@ -44,13 +44,13 @@ NOTHING = np.zeros(0)
 TIP = {10: (-1.76473832079, -0.92720286516), 50: (7.53368009933, -4.90499985199)}
 
 
-@njit(error_model="numpy", nogil=True)
+@entry_kernel
 def repeat(count, plan, work, aw, x, v, a, nothing):
     for _ in range(count):
         forward_dynamics(plan, work, aw, x, v, a, nothing)
 
 
-@njit(error_model="numpy", nogil=True)
+@entry_kernel
 def runge_kutta(steps, h, plan, work, aw, x, v, xs, vs, k, nothing):
     for _ in range(steps):
         forward_dynamics(plan, work, aw, x, v, k[0], nothing)

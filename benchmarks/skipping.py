@@ -23,12 +23,12 @@ import beam_record
 import numpy as np
 import scenes
 from benchmark import Report
-from numba import njit
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, new_work
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.forward_dynamics import articulated_layout as to
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -41,14 +41,14 @@ FOLDER = Path("out_simulation")
 FORWARD, RESIDUAL = "forward dynamics", "residual"
 
 
-@njit(error_model="numpy", nogil=True)
+@entry_kernel
 def repeat_forward(count, plan, work, aw, x, v, a, multipliers):  # type: ignore[no-untyped-def]
     """Call forward dynamics ``count`` times."""
     for _ in range(count):
         forward_dynamics(plan, work, aw, x, v, a, multipliers)
 
 
-@njit(error_model="numpy", nogil=True)
+@entry_kernel
 def repeat_residual(count, plan, work, x, v, a, multipliers, out):  # type: ignore[no-untyped-def]
     """Call the residual ``count`` times."""
     for _ in range(count):
@@ -164,10 +164,10 @@ def calls_of(case: Case) -> dict[str, tuple[Callable[[int], None], Callable[[int
         a, force = found[k]
 
         def forward(count: int, own: Any = (plan, work, aw), a: np.ndarray = a) -> None:
-            repeat_forward(count, *own, x, v, a, none)
+            repeat_forward(count, own[0], own[1], own[2], x, v, a, none)
 
         def inverse(count: int, own: Any = (plan, work), out: np.ndarray = force) -> None:
-            repeat_residual(count, *own, x, v, np.zeros(len(v)), none, out)
+            repeat_residual(count, own[0], own[1], x, v, np.zeros(len(v)), none, out)
 
         forward(1)
         inverse(1)

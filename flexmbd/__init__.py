@@ -2,8 +2,8 @@
 
 What a user may rely on is what `dir(flexmbd)` shows, and the names in the rooms among it (`flexmbd.joint`,
 `flexmbd.reduction`, ...); all else is private and moves without a word.  Nothing loads before it is asked for: the
-names of this root, which `flexmbd/names.py` lists, load numpy, scipy and numba; DOLFINx and PETSc load with
-`flexmbd.continuum`, `flexmbd.reduction` and `flexmbd.meshes`.
+names of this root, which `flexmbd/names.py` lists, load numpy, scipy and llvmlite, and numba where something is to be
+compiled; DOLFINx and PETSc load with `flexmbd.continuum`, `flexmbd.reduction` and `flexmbd.meshes`.
 """
 
 import importlib

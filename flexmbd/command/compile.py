@@ -15,7 +15,7 @@ from typing import Any
 from flexmbd.command.launch import usable_cores
 from flexmbd.command.terminal import add_json, print_json, print_line, print_warning, wants_bar
 from flexmbd.errors import SceneError
-from flexmbd.multibody.kernels.base.kernel_cache import cache_folder, is_cache_writable
+from flexmbd.multibody.kernels.base.kernel_store import cache_folder, is_cache_writable
 from flexmbd.scene_file.entry_kinds import INTEGRATORS
 
 #: The integrators that are chosen automatically; those that take longest to compile stand first.

@@ -23,7 +23,7 @@ import numpy as np
 from flexmbd.command.launch import launched_ranks, usable_cores
 from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.files.form_compiler import form_compiler, lacking_for_forms
-from flexmbd.multibody.kernels.base.kernel_cache import cache_folder
+from flexmbd.multibody.kernels.base.kernel_store import cache_folder
 
 _BROKEN = 1
 _PATIENCE = 120.0  # s, for libraries that load from a slow disk

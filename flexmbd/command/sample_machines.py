@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import flexmbd as fm
 from flexmbd.beams import DiscreteFrame, discrete_body
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.multibody.kernels.base.kernel_cache import kernels_written
+from flexmbd.multibody.kernels.base.kernel_store import kernels_written
 from flexmbd.scene_file.entry_kinds import INTEGRATORS
 
 _END = 1e-3  # s

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.time_functions import integrals, piecewise
@@ -136,7 +136,7 @@ def shift_times(time, defect, share):
             time[i, c] += share * defect[i, c]
 
 
-@separate_kernel
+@entry_kernel
 def push_of_defects(plan, work, x, v, a, multipliers, data):
     """Fill ``data.push`` with what its defects push at (x, v, a), ``work.time`` being up to date.
 

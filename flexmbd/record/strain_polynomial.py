@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from flexmbd.errors import ConvergenceError
 from flexmbd.record.groups import FloatArray, IntArray

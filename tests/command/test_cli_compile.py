@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from flexmbd.multibody.kernels.base.kernel_cache import cache_folder
+from flexmbd.multibody.kernels.base.kernel_store import cache_folder
 
 COMMAND = [sys.executable, "-m", "flexmbd", "compile"]
 

@@ -6,10 +6,10 @@ import subprocess
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
-from numba import njit
 
 from flexmbd.errors import ExportError
 from flexmbd.export.kernel_sources.c_module import HEADER, c_source, header
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.base.object_code import kernel_for
 
 WHOLE = np.array([0, 1, 2, 3, 7, -1, -2, -7, 63, 64, 2**31, -(2**31), 2**32, 2**63 - 1, -(2**63), 2**62 + 5], np.int64)
@@ -35,7 +35,7 @@ def library(texts, folder, optimise="-O2"):
     return ctypes.CDLL(str(folder / "c.so"))
 
 
-@njit
+@entry_kernel
 def whole_numbers(a, b, c):
     """What wraps around, divides with signs, shifts; a loop of swaps, and choices."""
     divisor = b if b != 0 else 3
@@ -63,7 +63,7 @@ def whole_numbers(a, b, c):
     )  # fmt: skip
 
 
-@njit
+@entry_kernel
 def real_numbers(x, y, z):
     """Comparisons, among them those with NaN, conversions and sums."""
     orders = 0
@@ -80,7 +80,7 @@ def real_numbers(x, y, z):
     )  # fmt: skip
 
 
-@njit
+@entry_kernel
 def without_heap(x, y, z):
     """A table on the stack, of which numba keeps a part as a global, and a call of a mathematical function."""
     table = (1.5, 2.5, -3.5, 8.0)

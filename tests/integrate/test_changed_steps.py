@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from machines import pendulum, slider_crank
-from numba import njit
 
 import flexmbd as fm
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.step_history import carry_auxiliary
 from flexmbd.integrate.alpha.workspace import AlphaMemory
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.team import Alone
 from flexmbd.run.snapshot import new_snapshot
 from flexmbd.run.stepping import Integration
@@ -80,7 +80,7 @@ def test_stiff_vibrations_do_not_grow_at_changing_steps(rho):
     assert np.abs(v).max() < 1e-3 * END * np.abs(start.a).max()
 
 
-@njit
+@entry_kernel
 def carry(state, memory, h):
     """The kernel, from Python."""
     carry_auxiliary(state, memory, h)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 from machines import slider_crank, slider_position
-from numba import njit
 from particles import particle_body, strain_energy
 from scipy.spatial.transform import Rotation
 
@@ -25,6 +24,7 @@ from flexmbd.integrate.explicit.loop_dynamics import new_loops
 from flexmbd.integrate.state import machine_rate, set_scales
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.physics.elasticity import add_elastic_forces
 from flexmbd.multibody.kernels.reading.force_tables import storing_plan
@@ -420,13 +420,13 @@ def test_round_off_of_a_row_on_a_short_lever(seed):
     assert np.ptp(total) < METHOD.newton * run.stats.steps * np.abs(total).max()
 
 
-@njit
+@entry_kernel
 def call(address, arguments):
     """A kernel at its address."""
     call_separate(address, arguments)
 
 
-@njit
+@entry_kernel
 def put_scales(state, groups, s):
     """Scales of corrections."""
     set_scales(state, groups, s, machine_rate(state, groups), 1e-12)
@@ -514,7 +514,7 @@ def test_mean_force_is_an_exact_discrete_gradient(machine, cloud, average):
     flex, forces = plan.flex[plan.tree[0, at.FLEX]], s.stored_gradient[1:4]
     add_elastic_forces(plan, flex, s.x_mid[modes], np.zeros(3), np.zeros(3), forces)
     middle = s.stored_gradient[1:4] @ s.increment[1:4]
-    njit(average)(plan, s, h)
+    entry_kernel(average)(plan, s, h)
     change = strain_energy(record, s.x_end[modes]) - strain_energy(record, x[modes])
     assert s.stored_gradient[1:4] @ s.increment[1:4] == pytest.approx(change, rel=1e-11)
     assert abs(middle - change) > 1e-6 * abs(change)

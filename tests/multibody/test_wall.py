@@ -25,7 +25,8 @@ scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame())
 run = scene.simulate(0.1)
 assert run.t[-1] == 0.1 and run.position(arm.frame(p=(1, 0, 0))).shape == (len(run.t), 3)
 run.energy(), scene.explain()
-print("loaded:", *sorted({name.split(".")[0] for name in sys.modules}))
+loaded = set(sys.modules) - {"numba._helperlib"}  # functions in C that kernels call, without the package around them
+print("loaded:", *sorted({name.split(".")[0] for name in loaded}))
 """
 
 BEYOND_THE_WALL = {
@@ -34,11 +35,13 @@ BEYOND_THE_WALL = {
 }  # fmt: skip
 
 
-def test_a_rigid_scene_loads_only_numpy_scipy_numba():
-    done = subprocess.run([sys.executable, "-c", SCENE], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split("loaded:")[1].split())
-    assert {"flexmbd", "numpy", "scipy", "numba"} <= loaded
-    assert not loaded & BEYOND_THE_WALL
+def test_a_rigid_scene_loads_only_numpy_scipy_llvmlite():
+    """And numba where something is to be compiled, as in a first process may be."""
+    for beyond in (BEYOND_THE_WALL, {*BEYOND_THE_WALL, "numba"}):
+        done = subprocess.run([sys.executable, "-c", SCENE], capture_output=True, text=True, check=True)
+        loaded = set(done.stdout.split("loaded:")[1].split())
+        assert {"flexmbd", "numpy", "scipy", "llvmlite"} <= loaded
+        assert not loaded & beyond
 
 
 def test_compilation_is_announced_before_it_begins(tmp_path):
@@ -79,14 +82,18 @@ def test_a_kernel_without_a_way_in_refuses_python():
     for _ in range(2):
         with pytest.raises(TypeError, match="scale3 is called by kernels alone"):
             so3.scale3(2.0, (1.0, 2.0, 3.0))
-        so3.scale3.compile((types.float64, types.UniTuple(types.float64, 3)))  # type: ignore[attr-defined]
+        so3.scale3._translated.compile((types.float64, types.UniTuple(types.float64, 3)))  # type: ignore[attr-defined]
 
 
 def test_kernels_of_equal_sources_are_shared(tmp_path):
     """Another installation of the same sources finds what this one compiled."""
     package = Path(compiling.__file__).parents[3]
     shutil.copytree(package, tmp_path / "flexmbd", symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    place = "from flexmbd.multibody.kernels.algebra import so3; print(so3.__file__, so3.add3._cache._files._index_path)"
+    place = (
+        "from flexmbd.multibody.kernels.algebra import so3\nfrom flexmbd.multibody.kernels.base import kernel_store\n"
+        "known = kernel_store.stamp(so3.rotation_vector.py_func, so3.rotation_vector.entry_options)\n"
+        "print(so3.__file__, *kernel_store.place_of(so3.rotation_vector.py_func, known))"
+    )
     here, there = (
         subprocess.run(
             [sys.executable, "-c", place], capture_output=True, text=True, check=True, cwd=folder
@@ -95,4 +102,4 @@ def test_kernels_of_equal_sources_are_shared(tmp_path):
     )
     assert Path(there[0]).is_relative_to(tmp_path)
     assert here[0] != there[0]
-    assert here[1] == there[1]
+    assert here[1:] == there[1:]

@@ -21,7 +21,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     store3,
     sub3,
 )
-from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.physics.elasticity import stretch
 from flexmbd.multibody.kernels.physics.joints import coordinates_end, is_free, spin_of
@@ -63,7 +63,7 @@ def _turn_joint(x, o, turn, x_mid, x_end):
         x_end[o + k] = end[k]
 
 
-@separate_kernel
+@entry_kernel
 def place(plan, x, scratch, h):
     """Positions in the middle and at the end of a step of h with velocities ``s.u``, and its increments."""
     for k in range(scratch.u.shape[0]):

@@ -11,7 +11,7 @@ import numpy as np
 from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_block, solve_block
-from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.native import solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.reading.plan_entries import driven_place
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_blocks
 
 
-@separate_kernel
+@entry_kernel
 def factor_end_mass(plan, work, scratch):
     """Write M(s.x_end) into ``s.full_matrix`` and factor its free part; ``s.energy[SINGULAR]``: 1 if that failed.
 
@@ -112,7 +112,7 @@ def _minimum_norm_motion(plan, loops, scratch, ranks, rows, out):
                 out[plan.free[j]] += loops.solution[i] * scratch.response[i, j]
 
 
-@separate_kernel
+@entry_kernel
 def close_velocities(plan, loops, scratch):
     """Write ``s.v_end``: the prescribed rates, and others by M v = p in their rows, projected onto the loops.
 

@@ -33,7 +33,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
 from flexmbd.integrate.explicit.loop_dynamics import Loops
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import solve
 from flexmbd.multibody.kernels.base.separate import address_of, call_separate
 from flexmbd.multibody.kernels.reading.evaluated_motion import farthest_place
@@ -220,7 +220,7 @@ def _probe_round_off(plan, state, groups, scratch, h):
         scratch.round_off_floor[0] = max(scratch.round_off_floor[0], _WHOLE_FLOOR * size)
 
 
-@separate_kernel
+@entry_kernel
 def linearise(plan, work, state, groups, scratch, h):
     """Build and factor the iteration matrix at ``s.unknown``; ``s.energy[SINGULAR]`` is 1 if that failed, else 0."""
     free = plan.free.shape[0]

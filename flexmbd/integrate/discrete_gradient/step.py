@@ -25,7 +25,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     TRIAL_WORK,
     UNRESOLVED,
 )
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
@@ -213,7 +213,7 @@ def _correction_direction(plan, work, scratch, h):
     return along
 
 
-@separate_kernel
+@entry_kernel
 def evaluate(plan, stored_plan, work, loops, state, scratch, h, corrected, near):
     """Write the step's equations at ``s.unknown``, and the work of loads and dampers into ``s.energy``.
 

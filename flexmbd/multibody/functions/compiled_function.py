@@ -17,14 +17,6 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.kernels.base.compiling import pickled_function
 from flexmbd.multibody.kernels.base.fingerprint import called_fingerprint, fingerprint
-from flexmbd.multibody.kernels.base.user_functions import (
-    at_side,
-    frame_function,
-    frame_states_function,
-    memory_function,
-    scalar_function,
-    state_function,
-)
 
 FloatArray = NDArray[np.float64]
 
@@ -174,6 +166,14 @@ def _compiled(
     function: Callable[..., Any], signature: Signature, breaks: FloatArray, code: str, *, reads: str = ""
 ) -> Compiled:
     """The function compiled for a signature; ``code`` tells it from others, ``reads`` as in `Compiled`."""
+    from flexmbd.multibody.kernels.base.user_functions import (  # and numba, with the first function to compile
+        frame_function,
+        frame_states_function,
+        memory_function,
+        scalar_function,
+        state_function,
+    )
+
     returns_number = True
     if signature is Signature.STATE:
         pointer = state_function(function)
@@ -202,6 +202,8 @@ def _compiled_sides(function: Callable[..., Any], count: int, breaks: FloatArray
             f"{function.__name__} takes {count} arguments and a side; a compiled law of two sides is "
             "f(t, beta, rate, side) or f(t, x, v, out, side)"
         )
+    from flexmbd.multibody.kernels.base.user_functions import at_side
+
     code = fingerprint(function)
     sides = tuple(
         _compiled(at_side(function, count, side), Signature(count), breaks, f"{code} {side:g}") for side in (1.0, -1.0)

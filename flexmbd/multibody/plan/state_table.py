@@ -18,7 +18,6 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.user_functions import states_function
 from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES, frame_states_scratch
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
@@ -118,6 +117,8 @@ class StateTable(ABC):
 
     def compiled_states(self, rates: Compiled, outputs: Compiled | None, n: int, k: int) -> int:
         """Address of compiled state equations of n states and k outputs."""
+        from flexmbd.multibody.kernels.base.user_functions import states_function  # and numba
+
         made = states_function(rates.source, None if outputs is None else outputs.source, n, k)
         self._numbering.callbacks.keep.append(made)
         return int(made.address)

@@ -10,7 +10,7 @@ Loads along the axis may be beside them as well; they give small displacements s
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from flexmbd.record.reduced_body import NonlinearStiffness, ReducedBody

@@ -25,7 +25,7 @@ hinge.position = 0.3
 if "spring" in sys.argv:
     scene.add_force(fm.force.JointSpring(hinge, stiffness=1.0))
 scene.simulate(0.1, integrator=getattr(fm, sys.argv[1])())
-print(json.dumps([name for (_, name), (kernel, _) in deferred._kernels.items() if kernel.overloads]))
+print(json.dumps([name for (_, name), (kernel, _) in deferred._kernels.items() if kernel.images]))
 """
 
 
@@ -94,7 +94,7 @@ def test_a_kernel_that_returns_something_else_is_refused(capfd: pytest.CaptureFi
     with pytest.raises(RuntimeError, match="could not be compiled"):
         _enter_untrue(np.ones(3), out)
     assert out[0] == 0.0
-    assert "_untrue returns UniTuple(float64 x 2), and says that it returns float64" in capfd.readouterr().err
+    assert "_untrue returns (float64, float64), and says that it returns float64" in capfd.readouterr().err
 
 
 def test_an_interruption_while_compiling_leaves_the_kernels(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flexmbd.multibody.kernels.base.kernel_stamp import options_of, stamp
+from flexmbd.multibody.kernels.base.kernel_stamp import stamp
 
 CONSTANTS = '"""Columns."""\n\nFIRST = 0\nSECOND = 1\n'
 CALLED = '''
@@ -19,9 +19,9 @@ import enum
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, summing_kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
+from flexmbd.multibody.kernels.base.on_demand import intrinsic
 
 WEIGHTS = np.array([1.0, 2.0])
 PAIR = (3.0, (4, 5))
@@ -115,7 +115,7 @@ def stamps(tmp_path: Path) -> Iterator[Callable[..., dict[str, str]]]:
             sys.modules[name] = importlib.util.module_from_spec(spec)
             spec.loader.exec_module(sys.modules[name])
         calling = sys.modules["calling_kernels"]
-        return {name: stamp(vars(calling)[name].py_func, options_of(vars(calling)[name])) for name in NAMES}
+        return {name: stamp(vars(calling)[name].py_func, vars(calling)[name].options) for name in NAMES}
 
     yield found
     for name in modules:

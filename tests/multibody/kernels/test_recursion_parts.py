@@ -7,6 +7,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.tangent.recursion_parts import (
     N_PARTS,
@@ -24,6 +25,11 @@ JOINTS = (
     fm.joint.Revolute("z"), fm.joint.Spherical(), fm.joint.Prismatic("x"), fm.joint.Universal(), fm.joint.Planar(),
 )  # fmt: skip
 SHIFT = 0.03 - 0.05j
+
+
+@entry_kernel
+def _set_complex_shift(parts, real, imaginary, recursion):
+    set_shift(parts, complex(real, imaginary), recursion)
 
 
 def _tree(seed: int, *, ground: bool) -> fm.System:
@@ -71,8 +77,9 @@ def test_parts_make_the_dense_matrices(seed, ground):
         add_product(plan, parts, part, recursion, -2.0, vector, product)
         np.testing.assert_allclose(product, -2.0 * dense[part] @ vector, rtol=0.0, atol=1e-11 * np.abs(whole).max())
     stiffness, damping, mass = dense
+    set_shift(parts, 0.07, recursion)
+    _set_complex_shift(parts, SHIFT.real, SHIFT.imag, shifted)
     for factors, shift in ((recursion, 0.07), (shifted, SHIFT)):
-        set_shift(parts, shift, factors)
         assert factor_recursion(plan, factors)
         sides = rng.normal(size=(2, len(plan.free))) * (1.0 + 0.0 * shift)
         expected = np.linalg.solve(mass + shift * (damping + shift * stiffness), sides.T).T

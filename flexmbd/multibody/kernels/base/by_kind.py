@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from flexmbd.multibody.kernels.base.on_demand import cgutils, intrinsic, ir, types
 
 
 def by_kind(kernels: Mapping[int, Any]) -> Any:

@@ -1,26 +1,20 @@
-"""The ``kernel`` decorator: numba compilation with a disk cache that knows all its sources."""
+"""What makes functions kernels, and what tells that they are compiled."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit
-from numba.core import serialize
-from numba.core.registry import CPUDispatcher
-
-from flexmbd.multibody.kernels.base.kernel_cache import KernelCache, cache_folder
-from flexmbd.multibody.kernels.base.pipeline import EntryCompiler, PartCompiler
+from flexmbd.multibody.kernels.base.entry import Entry, Kernel
+from flexmbd.multibody.kernels.base.kernel_store import cache_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).resolve().parents[3]
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "_nrt": False, "no_cfunc_wrapper": True}
 _KERNEL_FOLDERS = ("multibody/kernels", "integrate")
 
 
@@ -76,73 +70,30 @@ _marked: set[str] = set()  # and those noted
 
 
 def kernel(function: F) -> F:
-    """Translate ``function`` where a kernel first calls it; it is compiled with what Python or an address enters.
+    """Let kernels call ``function``; it is compiled with what Python or an address enters.
 
     There is no way in from Python, for which see ``entry_kernel``, and no machine code of its own: LLVM decides
-    what becomes part of its caller.  What many large kernels call had better be a ``separate_kernel``.
+    what becomes part of its caller.  What many large kernels call had better be entered through its address
+    (``separate``).
     Arrays are not counted (``_nrt``): each call would count the arrays that it takes up and down.
     So a kernel can allocate nothing, not even the copy of a row
     (``a[i] = b[j]``); numba refuses one that does.
     """
-    return _part(function)
+    return Kernel(function)  # type: ignore[return-value]
 
 
 def entry_kernel(function: F) -> F:
-    """Compile ``function`` as a kernel that Python calls as well, at its first call.
-
-    Kernels that call it get it as a part, as if it were a ``kernel``: its own machine code is for Python alone.
-    """
-    dispatcher = _cached(function, pipeline_class=EntryCompiler)
-    dispatcher.__class__ = _Entry
-    dispatcher.part = _part(function)
-    return dispatcher
-
-
-class _Entry(CPUDispatcher):
-    part: Any
-
-    @property
-    def _numba_type_(self) -> Any:
-        """What kernels call."""
-        return self.part._numba_type_
-
-
-def separate_kernel(function: F) -> F:
-    """Compile ``function`` as a kernel of its own that kernels call through its address (``separate``)."""
-    return _closed(_cached(function, no_cpython_wrapper=True, pipeline_class=EntryCompiler))
+    """Let Python call ``function`` compiled, and kernels as if it were a ``kernel`` or through its address."""
+    return Entry(function)  # type: ignore[return-value]
 
 
 def summing_kernel(function: F) -> F:
-    """Compile ``function`` as a kernel whose sums may be taken in any order: they run in vector registers."""
-    reordered = {"reassoc", "contract", "nsz"}
-    return _part(function, fastmath=reordered)
+    """A kernel whose sums may be taken in any order: they run in vector registers."""
+    return Kernel(function, reordered=True)  # type: ignore[return-value]
 
 
 def pickled_function(function: Callable[..., Any]) -> bytes:
     """A Python function by value, with what it refers to, for ``pickle.loads``."""
+    from numba.core import serialize
+
     return bytes(serialize.dumps(function))
-
-
-def _part(function: Callable[..., Any], **options: Any) -> Any:
-    return _closed(_cached(function, no_cpython_wrapper=True, pipeline_class=PartCompiler, **options))
-
-
-def _cached(function: Callable[..., Any], **options: Any) -> Any:
-    """``function`` compiled by numba with the options of all kernels, and ``options``."""
-    dispatcher = njit(**_OPTIONS, **options)(function)
-    if os.path.isfile(function.__code__.co_filename):  # else typed in: there is no source to know it by
-        dispatcher._cache = KernelCache(dispatcher)
-    return dispatcher
-
-
-def _closed(dispatcher: Any) -> Any:
-    """``dispatcher`` with a refusal where Python would step into code that is not there."""
-
-    def refuse(*_: Any) -> None:
-        name = dispatcher.py_func.__name__
-        raise TypeError(f"{name} is called by kernels alone; @entry_kernel gives it a way in from Python")
-
-    # numba enters what it compiled into a table for calls from Python, and asks for what is not there
-    dispatcher._insert = lambda *_: None
-    dispatcher._compile_for_args = refuse
-    return dispatcher

@@ -18,29 +18,26 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import llvmlite.binding as llvm
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-from flexmbd.multibody.kernels.base.compiling import separate_kernel
-from flexmbd.multibody.kernels.base.kernel_stamp import stands_for
+from flexmbd.multibody.kernels.base.entry import Entry
+from flexmbd.multibody.kernels.base.kernel_store import Image
+from flexmbd.multibody.kernels.base.machine_code import load
+from flexmbd.multibody.kernels.base.on_demand import cgutils, intrinsic, ir, types
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# what deferred kernels return, where they return something
-FLAG, INTEGER, NUMBER = types.boolean, types.int64, types.float64
-TUPLE2, TUPLE3, TUPLE6, TUPLE9 = (types.UniTuple(types.float64, n) for n in (2, 3, 6, 9))
-WRENCH = types.Tuple((TUPLE3, TUPLE3))  # a torque and a force
-INERTIA_AND_WRENCH = types.Tuple((TUPLE6, TUPLE9, TUPLE6, TUPLE3, TUPLE3))
+# what deferred kernels return, where they return something: a number's kind, or a tuple of these
+FLAG, INTEGER, NUMBER = "boolean", "int64", "float64"
+TUPLE2, TUPLE3, TUPLE6, TUPLE9 = ((NUMBER,) * n for n in (2, 3, 6, 9))
+WRENCH = (TUPLE3, TUPLE3)  # a torque and a force
+INERTIA_AND_WRENCH = (TUPLE6, TUPLE9, TUPLE6, TUPLE3, TUPLE3)
 
 _PREFIX = "flexmbd_deferred."
 _BIND = "flexmbd_bind_deferred"
 _INTERRUPTED, _FAILED = 1, 2
-_BYTES, _ADDRESS = ir.IntType(8).as_pointer(), ir.IntType(64)
 
 
-def deferred_kernel(returns: types.Type = types.none) -> Callable[[F], F]:
+def deferred_kernel(returns: Any = "none") -> Callable[[F], F]:
     """Compile a kernel, for the kernels that call it, when it is first called; a call costs some nanoseconds more.
 
     Kernels call it as any other.  ``returns`` is what it returns, which its callers are compiled with.
@@ -48,24 +45,30 @@ def deferred_kernel(returns: types.Type = types.none) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         name = function.__module__, function.__qualname__
-        _kernels[name] = separate_kernel(function), returns
+        _kernels[name] = Entry(function), returns
 
-        def typing(typingctx: Any, *arguments: types.Type) -> Any:
+        def typing(typingctx: Any, *arguments: Any) -> Any:
             kinds = tuple(types.unliteral(kind) for kind in arguments)
-            return returns(*kinds), _caller(pickle.dumps((*name, kinds)))
+            # its name can be read without numba, which knows the types
+            return _type_of(returns)(*kinds), _caller(pickle.dumps((*name, pickle.dumps(kinds))))
 
         typing.__name__ = function.__name__
         own = inspect.signature(function)
         context = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
         typing.__signature__ = own.replace(parameters=[context, *own.parameters.values()])  # type: ignore[attr-defined]
-        caller = intrinsic(typing)
-        stands_for(caller, f"deferred {'.'.join(name)}{own} -> {returns}")
-        return caller
+        return intrinsic(typing, text=f"deferred {'.'.join(name)}{own} -> {returns}")  # type: ignore[no-any-return]
 
     return decorate
 
 
-_kernels: dict[tuple[str, str], tuple[Any, types.Type]] = {}
+def _type_of(returns: Any) -> Any:
+    """Numba's type of what a kernel says that it returns."""
+    if isinstance(returns, tuple):
+        return types.Tuple([_type_of(one) for one in returns])
+    return getattr(types, returns)
+
+
+_kernels: dict[tuple[str, str], tuple[Entry, Any]] = {}
 
 
 def _caller(what: bytes) -> Callable[..., Any]:
@@ -75,12 +78,13 @@ def _caller(what: bytes) -> Callable[..., Any]:
         slot = _slot(builder.module, _PREFIX + hashlib.sha256(what).hexdigest()[:16])
         address = builder.load(slot)
         with cgutils.if_unlikely(builder, cgutils.is_null(builder, address)):
-            kind = ir.FunctionType(ir.IntType(32), [_BYTES, _ADDRESS, _ADDRESS.as_pointer()])
+            text, word = ir.IntType(8).as_pointer(), ir.IntType(64)
+            kind = ir.FunctionType(ir.IntType(32), [text, word, word.as_pointer()])
             bind = cgutils.get_or_insert_function(builder.module, kind, _BIND)
             name = context.insert_unique_const(
                 builder.module, f"{slot.name}.name", cgutils.make_bytearray(what)
             )
-            outcome = builder.call(bind, [builder.bitcast(name, _BYTES), _ADDRESS(len(what)), slot])
+            outcome = builder.call(bind, [builder.bitcast(name, text), word(len(what)), slot])
             with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(slot))):
                 interrupted = builder.icmp_signed("==", outcome, ir.IntType(32)(_INTERRUPTED))
                 with builder.if_then(interrupted):
@@ -101,8 +105,8 @@ def _slot(module: Any, name: str) -> Any:
     """The variable of a module that holds a kernel's address; modules that become one share it."""
     slot = module.globals.get(name)
     if slot is None:
-        slot = ir.GlobalVariable(module, _ADDRESS, name)
-        slot.initializer = _ADDRESS(0)
+        slot = ir.GlobalVariable(module, ir.IntType(64), name)
+        slot.initializer = ir.IntType(64)(0)
         slot.linkage = "linkonce_odr"
     return slot
 
@@ -121,12 +125,11 @@ def _bind(place: int, size: int, slot: Any) -> int:
 
 
 def _address(what: bytes) -> int:
-    compiled = compiled_deferred(what)
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+    return load(compiled_deferred(what))[1]
 
 
-def compiled_deferred(what: bytes) -> Any:
-    """What numba made of the kernel that these bytes in a caller's code name, compiled or loaded from the cache.
+def compiled_deferred(what: bytes) -> Image:
+    """The kernel that these bytes in a caller's code name, compiled or loaded from the cache.
 
     Raises:
         TypeError: it returns something else than it says.
@@ -134,11 +137,15 @@ def compiled_deferred(what: bytes) -> Any:
     module, name, kinds = pickle.loads(what)
     importlib.import_module(module)
     kernel, returns = _kernels[module, name]
-    kernel.compile(kinds)
-    compiled = kernel.overloads[kinds]
-    if compiled.signature.return_type != returns:
-        raise TypeError(f"{name} returns {compiled.signature.return_type}, and says that it returns {returns}")
-    return compiled
+    image = kernel.image(hashlib.sha256(kinds).hexdigest(), lambda: pickle.loads(kinds))
+    if image.kind != (said := _text(returns)):
+        raise TypeError(f"{name} returns {image.kind}, and says that it returns {said}")
+    return image
+
+
+def _text(returns: Any) -> str:
+    """As an image has it."""
+    return f"({', '.join(map(_text, returns))})" if isinstance(returns, tuple) else str(returns)
 
 
 llvm.add_symbol(_BIND, ctypes.cast(_bind, ctypes.c_void_p).value)

@@ -6,13 +6,15 @@ import contextlib
 import dis
 import functools
 import hashlib
+import sys
 import types
 from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import Any
 
 import numpy as np
-from numba.core.dispatcher import Dispatcher
+
+from flexmbd.multibody.kernels.base.kernel_function import KernelFunction
 
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
@@ -33,11 +35,17 @@ def called_fingerprint(function: Callable[..., Any]) -> str:
 
     Their machine code keeps the values that they read when they were compiled.
     """
-    found = [value for value in _reached(function, set()) if isinstance(value, Dispatcher)]
+    found = [value for value in _reached(function, set()) if _is_compiled(value)]
     digest = hashlib.sha256()
     for value in found:
         _add(digest, value.py_func, set())
     return digest.hexdigest() if found else ""
+
+
+def _is_compiled(value: Any) -> bool:
+    """Whether it is a kernel, or numba, which is then loaded, has compiled it."""
+    dispatcher = sys.modules.get("numba.core.dispatcher")
+    return isinstance(value, KernelFunction) or (dispatcher is not None and isinstance(value, dispatcher.Dispatcher))
 
 
 def _reached(function: Any, seen: set[int]) -> Iterator[Any]:
@@ -47,7 +55,7 @@ def _reached(function: Any, seen: set[int]) -> Iterator[Any]:
     seen.add(id(function))
     for value in _named_outside(function):
         yield value
-        yield from _reached(value.py_func if isinstance(value, Dispatcher) else value, seen)
+        yield from _reached(value.py_func if _is_compiled(value) else value, seen)
 
 
 def _add(digest: Any, value: Any, seen: set[int]) -> None:
@@ -72,7 +80,7 @@ def _add(digest: Any, value: Any, seen: set[int]) -> None:
         _add(digest, value.co_consts, seen)
     elif isinstance(value, types.FunctionType):
         _add_function(digest, value, seen)
-    elif isinstance(value, Dispatcher):
+    elif _is_compiled(value):
         _add(digest, value.py_func, seen)
     elif isinstance(value, types.MethodType):
         _add(digest, value.__func__, seen)

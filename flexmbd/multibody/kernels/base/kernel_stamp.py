@@ -17,11 +17,15 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
-from numba.core.registry import CPUDispatcher
-from numba.extending import _Intrinsic
+
+from flexmbd.multibody.kernels.base.kernel_function import KernelFunction
+from flexmbd.multibody.kernels.base.on_demand import Intrinsic
 
 #: Files by which all kernels are compiled, and callers find deferred ones.
-_HOW = ("array_struct.py", "deferred.py", "pipeline.py")
+_HOW = (
+    "array_struct.py", "deferred.py", "entry_code.py", "pipeline.py", "struct_layout.py", "struct_type.py",
+    "translation.py",
+)  # fmt: skip
 #: What is installed beside the package, and known by its names alone.
 _FOREIGN = sys.stdlib_module_names | {"numpy", "numba", "llvmlite", "scipy"}
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
@@ -32,7 +36,7 @@ class _Code:
     """A function's own contribution to a stamp, and the functions that it names."""
 
     digest: bytes
-    named: tuple[tuple[FunctionType, str], ...]
+    named: tuple[tuple[Any, str], ...]
 
 
 def stamp(function: FunctionType, options: str) -> str:
@@ -48,20 +52,6 @@ def stamp(function: FunctionType, options: str) -> str:
     return hashlib.sha256(b"".join([_how(), *sorted(found.values())])).hexdigest()
 
 
-def options_of(dispatcher: CPUDispatcher) -> str:
-    """With what a function is compiled, as text."""
-    options = sorted((name, _sorted(value)) for name, value in dispatcher.targetoptions.items())
-    return f"{dispatcher._compiler.pipeline_class.__qualname__} {options}"
-
-
-def stands_for(intrinsic: Any, text: str) -> None:
-    """Let a text stand in stamps for an intrinsic, in place of the code that makes it."""
-    _texts[intrinsic] = text
-
-
-_texts: dict[Any, str] = {}
-
-
 def _sorted(value: Any) -> Any:
     return sorted(value, key=repr) if isinstance(value, set | frozenset) else value
 
@@ -74,7 +64,7 @@ def _how() -> bytes:
 
 @cache
 def _code(function: FunctionType, options: str) -> _Code:
-    named: list[tuple[FunctionType, str]] = []
+    named: list[tuple[Any, str]] = []
     text = [function.__module__, function.__qualname__, options, *_words(function.__code__, function.__doc__)]
     closed_over = (cell.cell_contents for cell in function.__closure__ or ())
     given = (function.__defaults__, function.__kwdefaults__, *closed_over)
@@ -108,7 +98,7 @@ def _words(code: CodeType, documentation: str | None) -> Iterator[str]:
             yield repr(_sorted(one))
 
 
-def _description(value: Any, attributes: set[str], named: list[tuple[FunctionType, str]], user: FunctionType) -> str:
+def _description(value: Any, attributes: set[str], named: list[tuple[Any, str]], user: FunctionType) -> str:
     """Text of a value that a function ``user`` names with some ``attributes``; functions among it join ``named``."""
 
     def described(values: Iterable[Any]) -> str:
@@ -134,17 +124,16 @@ def _description(value: Any, attributes: set[str], named: list[tuple[FunctionTyp
     return _called(value, named, user)
 
 
-def _called(value: Any, named: list[tuple[FunctionType, str]], user: FunctionType) -> str:
+def _called(value: Any, named: list[tuple[Any, str]], user: FunctionType) -> str:
     """Text of a function, a class or another object; functions of which it is made join ``named``."""
-    if isinstance(value, CPUDispatcher):
-        called = value._numba_type_.dispatcher  # of an entry kernel its part
-        named.append((called.py_func, options_of(called)))
+    if isinstance(value, KernelFunction):
+        named.append((value.py_func, value.options))
         return f"kernel {value.py_func.__module__}.{value.py_func.__qualname__}"
-    if isinstance(value, _Intrinsic):
-        if value in _texts:
-            return _texts[value]
-        named.append((value._defn, "intrinsic"))
-        return f"intrinsic {value._defn.__module__}.{value._defn.__qualname__}"
+    if isinstance(value, Intrinsic):
+        if value.text:
+            return value.text
+        named.append((value.definition, "intrinsic"))
+        return f"intrinsic {value.definition.__module__}.{value.definition.__qualname__}"
     module, name = getattr(value, "__module__", None), getattr(value, "__qualname__", None)
     if module is not None and name is not None and _is_foreign(module):
         return f"{module}.{name}"

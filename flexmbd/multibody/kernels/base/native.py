@@ -6,13 +6,14 @@ once, whatever function stands behind it.
 
 from __future__ import annotations
 
+import ctypes
+from typing import Any
+
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import get_cython_function_address, intrinsic
 
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.extension_module import extension_module
+from flexmbd.multibody.kernels.base.on_demand import cgutils, intrinsic, ir, types
 
 N_SIZES = 6  # numbers that LAPACK is told by their places
 
@@ -28,8 +29,16 @@ def complex_lapack_addresses() -> np.ndarray:
 
 
 def _addresses(*names: str) -> np.ndarray:
-    module = "scipy.linalg.cython_lapack"
-    return np.array([get_cython_function_address(module, name) for name in names], np.int64)
+    exported = extension_module("scipy.linalg.cython_lapack").__pyx_capi__
+    return np.array([_address_in(exported[name]) for name in names], np.int64)
+
+
+def _address_in(capsule: Any) -> int:
+    """Address of a function that a module by Cython exports."""
+    name_of, pointer_of = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    name_of.restype, name_of.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return int(pointer_of(capsule, name_of(capsule)))
 
 
 @intrinsic

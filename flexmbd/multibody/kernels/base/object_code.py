@@ -1,6 +1,6 @@
 """Compiled kernels outside Python: their optimised programs, and object code for any processor of a kind.
 
-Numba keeps the optimised program of each kernel. From it comes object code that uses no instructions beyond the
+The cache keeps the optimised program of each kernel. From it comes object code that uses no instructions beyond the
 architecture's first, without what steps in from Python; what is left asks for C's mathematical functions alone.
 """
 
@@ -13,9 +13,9 @@ from functools import cache
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba import typeof
 
 from flexmbd.multibody.kernels.base.deferred import compiled_deferred
+from flexmbd.multibody.kernels.base.kernel_store import Image
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,7 @@ class Kernel:
 
 def kernel_for(function: Any, arguments: tuple[Any, ...]) -> Kernel:
     """The kernel compiled, or loaded from the cache, for arguments of these types."""
-    kinds = tuple(typeof(argument) for argument in arguments)
-    function.compile(kinds)
-    compiled = function.overloads[kinds]
-    return _kernel(compiled)
+    return _kernel(function.image_for(arguments))
 
 
 def deferred_kernels(kernels: Iterable[Kernel]) -> dict[bytes, Kernel]:
@@ -63,16 +60,15 @@ def _unescaped(one: re.Match[bytes]) -> bytes:
     return one[1] if one[1] == b"\\" else bytes([int(one[1], 16)])
 
 
-def _kernel(compiled: Any) -> Kernel:
-    module = compiled.library._get_module_for_linking()
-    return Kernel(compiled.fndesc.llvm_func_name, _without_python(str(module)), module.triple)
+def _kernel(image: Image) -> Kernel:
+    return Kernel(image.symbol, _without(image.entry, str(llvm.parse_bitcode(image.program))), image.triple)
 
 
-def _without_python(program: str) -> str:
-    """A module's text without the functions by which Python calls into it."""
+def _without(entry: str, program: str) -> str:
+    """A module's text without the function by which Python calls into it."""
     lines, leaving_out = [], False
     for line in program.splitlines():
-        if line.startswith("define") and "@_ZN7cpython" in line:
+        if line.startswith("define") and f"@{entry}(" in line.replace('"', ""):
             leaving_out = True
         if not leaving_out:
             lines.append(line)

@@ -3,7 +3,7 @@
 numba by itself optimises every function alone, with all that it calls, before it becomes part of another one. Kernels
 that kernels alone call are kept as they were translated (``PartLibrary``), and optimised with what enters them.
 
-This module, ``compiling``, ``separate`` and ``array_struct`` are where the package leans on numba's inside; the
+This module, ``translation``, ``part_cache`` and ``struct_type`` are where the package leans on numba's inside; the
 versions that they were run with bound what is installed.
 """
 
@@ -18,6 +18,8 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, CompileResult, Flags, compile_result
 from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
 from numba.core.typing import signature
+
+from flexmbd.multibody.kernels.base.entry_code import add_entry
 
 _TO_LLVM = (
     untyped_passes.TranslateByteCode,
@@ -61,10 +63,10 @@ class EntryCompiler(_KernelCompiler):
 
     def define_pipelines(self) -> list[PassManager]:
         """Numba's passes but those that only closures, objects and parallel loops need."""
+        self.state.flags.no_compile = True
         codegen = self.state.targetctx.codegen()
         self.state.library = EntryLibrary(codegen, self.state.func_id.func_qualname)
-        self.state.library.enable_object_caching()
-        return [_manager((*_TO_LLVM, typed_passes.NoPythonBackend))]
+        return [_manager((*_TO_LLVM, _EntryBackend))]
 
 
 class PartCompiler(_KernelCompiler):
@@ -87,26 +89,48 @@ def _manager(passes: tuple[Any, ...]) -> PassManager:
 
 
 class EntryLibrary(JITCodeLibrary):
-    """Machine code of a kernel with what it calls, which nobody else sees: what has one caller becomes its text."""
+    """Object code of a kernel with what it calls, which nobody else sees: what has one caller becomes its text.
+
+    numba does not load it: see ``machine_code``.
+
+    Attributes:
+        code: object code for this processor.
+        names: symbols of the library's own functions, by what they were called before.
+    """
+
+    code: bytes
+    names: dict[str, str]
 
     def finalize(self) -> None:
         """Join what the kernel calls, optimise and compile."""
         self._raise_if_finalized()
-        own = {one.name for one in self._final_module.functions if not one.is_declaration}
+        module = self._final_module
+        own = {one.name for one in module.functions if not one.is_declaration}
         for library in dict.fromkeys(self._linking_libraries):
-            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+            module.link_in(library._get_module_for_linking(), preserve=True)
         mark = hashlib.sha256("".join(sorted(own)).encode()).hexdigest()[:8]
-        for one in self._final_module.functions:
+        for one in module.functions:
             if not one.is_declaration and one.name not in own:
                 one.linkage = "internal"
                 # LLVM may change what it takes, and the loader finds local functions by their names, too
                 one.name = f"{one.name}.{mark}"
-        for one in self._final_module.global_variables:
+        for one in module.global_variables:
             if one.linkage == llvm.Linkage.linkonce_odr:  # addresses of deferred kernels: each entry has its own
                 one.linkage = "internal"
         self._optimize_final_module()
-        self._final_module.verify()
-        self._finalize_final_module()
+        module.verify()
+        self._finalize_dynamic_globals()
+        # of two programs under one name, as of a function within a function, each has its own code
+        mark = hashlib.sha256(module.as_bitcode()).hexdigest()[:16]
+        self.names = {name: f"{name}.{mark}" for name in own}
+        for one in module.functions:
+            if one.name in own:
+                one.name = self.names[one.name]
+        for one in module.global_variables:
+            if not one.is_declaration and one.linkage != llvm.Linkage.internal and one.linkage != llvm.Linkage.private:
+                one.linkage = "internal"
+        self.code = self._codegen._tm.emit_object(module)
+        self._finalized = True
 
 
 class PartLibrary(JITCodeLibrary):
@@ -133,16 +157,14 @@ class _Part:
     """What a call of a function without machine code is looked up by."""
 
 
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _PartBackend(LoweringPass):
-    _name = "flexmbd_part_backend"
-
+class _Backend(LoweringPass):
     def __init__(self) -> None:
         LoweringPass.__init__(self)
 
     def run_pass(self, state: Any) -> bool:
-        """Offers the function to those that call it."""
+        """Makes the function's library, and offers the function to those that call it."""
         part, lowered = _Part(), state["cr"]
+        self.finish(state, lowered.fndesc)
         state.targetctx.insert_user_function(part, lowered.fndesc, [state.library])
         state.cr = compile_result(
             typing_context=state.typingctx,
@@ -161,6 +183,24 @@ class _PartBackend(LoweringPass):
             reload_init=[],
         )
         return True
+
+    def finish(self, state: Any, fndesc: Any) -> None:
+        """Nothing for a part, whose library is ready as it is."""
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartBackend(_Backend):
+    _name = "flexmbd_part_backend"
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _EntryBackend(_Backend):
+    _name = "flexmbd_entry_backend"
+
+    def finish(self, state: Any, fndesc: Any) -> None:
+        """Adds the C function by which the kernel is entered, and compiles both."""
+        add_entry(state.targetctx, state.library, fndesc)
+        state.library.finalize()
 
 
 def part_payload(compiled: CompileResult) -> tuple[Any, ...]:

@@ -7,36 +7,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from llvmlite import ir
-from numba import typeof, types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from flexmbd.multibody.kernels.base.on_demand import cgutils, intrinsic, ir, types
 
 
 def address_of(function: Any, arguments: tuple[Any, ...]) -> int:
-    """Address of a kernel compiled, or loaded from the cache, for arguments of these types; it must return nothing.
+    """Address of an entry kernel compiled, or loaded from the cache, for arguments of these types.
 
-    Contiguous arrays, numbers, and structures of arrays (`array_struct`): asked again, it is looked up by
-    what kinds of tuples they are, for to find numba's types of some hundred arrays takes as long as many steps.
+    It must return nothing.
     """
-    key = (function, *(_kind(argument) for argument in arguments))
-    if key not in _addresses:
-        kinds = tuple(typeof(argument) for argument in arguments)
-        function.compile(kinds)
-        compiled = function.overloads[kinds]
-        address = int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
-        if address == 0:
-            raise TypeError(f"{function.py_func.__name__} has no code of its own; @separate_kernel gives it one")
-        _addresses[key] = address
-    return _addresses[key]
-
-
-_addresses: dict[tuple[Any, ...], int] = {}
-
-
-def _kind(argument: Any) -> Any:
-    return (argument.dtype, argument.ndim) if isinstance(argument, np.ndarray) else type(argument)
+    return int(function.address(arguments))
 
 
 @intrinsic

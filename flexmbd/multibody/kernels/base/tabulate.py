@@ -6,12 +6,11 @@ uint8_t *permutation, void *custom)``; users' compiled energies (``flexmbd.Compi
 
 from __future__ import annotations
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from flexmbd.multibody.kernels.base.on_demand import cgutils, intrinsic, ir, types
 
-_NUMBERS = types.CPointer(types.float64)
+
+def _numbers():
+    return types.CPointer(types.float64)
 
 
 @intrinsic
@@ -37,7 +36,7 @@ def stack_numbers(typingctx, count):
         numbers = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), size))
         return builder.bitcast(numbers, ir.DoubleType().as_pointer())
 
-    return _NUMBERS(count), codegen
+    return _numbers()(count), codegen
 
 
 @intrinsic
@@ -47,7 +46,7 @@ def address_of(typingctx, numbers):
     def codegen(context, builder, signature, args):
         return builder.ptrtoint(args[0], ir.IntType(64))
 
-    return types.int64(_NUMBERS), codegen
+    return types.int64(_numbers()), codegen
 
 
 @intrinsic
@@ -57,7 +56,7 @@ def number_at(typingctx, numbers, k):
     def codegen(context, builder, signature, args):
         return builder.load(builder.gep(args[0], [args[1]]))
 
-    return types.float64(_NUMBERS, types.int64), codegen
+    return types.float64(_numbers(), types.int64), codegen
 
 
 @intrinsic
@@ -68,4 +67,4 @@ def put_number(typingctx, numbers, k, value):
         builder.store(args[2], builder.gep(args[0], [args[1]]))
         return context.get_dummy_value()
 
-    return types.void(_NUMBERS, types.int64, types.float64), codegen
+    return types.void(_numbers(), types.int64, types.float64), codegen

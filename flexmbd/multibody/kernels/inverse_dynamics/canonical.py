@@ -29,7 +29,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
 )
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.closure import load_constraints, load_couplings
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import (
@@ -126,7 +126,7 @@ def potential_energy(plan, work, x):
     return energy
 
 
-@separate_kernel
+@entry_kernel
 def write_potential(plan, work, x, out):
     """out[0] = `potential_energy`."""
     out[0] = potential_energy(plan, work, x)

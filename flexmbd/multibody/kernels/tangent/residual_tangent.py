@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_transposed, load3, load9, rotate, scale3, store3
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel, separate_kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import is_slide, spin_of
@@ -173,7 +173,7 @@ def _ancestor_sweep(plan, tw, matrix):
             parent = above[at.PARENT]
 
 
-@separate_kernel
+@entry_kernel
 def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
     """`tangent`, where ``work`` is as `residual` at (x, v, a) and the multipliers left it.
 
@@ -193,7 +193,7 @@ def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, p
     _ancestor_sweep(plan, tw, matrix)
 
 
-@separate_kernel
+@entry_kernel
 def tree_tangent_after_residual(plan, work, tw, recursion, x, v, a, per_x, per_v, per_a):
     """What `factor_recursion` factors: columns of `tangent`, bodies one by one, forces.
 

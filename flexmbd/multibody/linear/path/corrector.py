@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from flexmbd.continuation.newton import corrected
 from flexmbd.continuation.space import PathDirection, unit
@@ -145,7 +144,8 @@ class MachineSpace:
         xi = np.zeros(self.scene.nv)
         xi[plain[:, 1]] = after.x[plain[:, 0]] - before.x[plain[:, 0]]
         for in_x, in_v in quaternions:
-            first, second = (Rotation.from_quat(np.roll(one.x[in_x : in_x + 4], -1)) for one in (before, after))
+            turned = scipy.spatial.transform.Rotation.from_quat
+            first, second = (turned(np.roll(one.x[in_x : in_x + 4], -1)) for one in (before, after))
             xi[in_v : in_v + 3] = (first.inv() * second).as_rotvec()
         return PathDirection(xi, after.factor - before.factor)
 
