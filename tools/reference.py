@@ -22,7 +22,7 @@ PAGES = {
     "running": (
         "Simulations and results",
         "Trajectory ResultTable Momentum Energy Stats Departure RunSettings Event Moment Direction Occurrence "
-        "ControllerSamples Checkpoint Recording BodyRecording load_recording SimulationError SimulationInterrupted",
+        "ControllerSamples Checkpoint SteppedMachine SteppedState Recording BodyRecording load_recording SimulationError SimulationInterrupted",
         "ensemble",
     ),
     "integrators": (
@@ -32,7 +32,7 @@ PAGES = {
     ),
     "bodies": (
         "Bodies and frames",
-        "Body Ground RigidBody FlexibleBody Frame Axis PseudoRigidBody PseudoRigidSwarm SwarmEnergy HomogeneousEnergy "
+        "Body Ground RigidBody FlexibleBody Frame Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy HomogeneousEnergy "
         "StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior InteriorFrame "
         "InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "

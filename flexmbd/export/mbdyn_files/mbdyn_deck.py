@@ -39,7 +39,7 @@ class MbdynPendulum:
     nodes: dict[str, int]
 
 
-@checked("body", "fem", "path", "hinge", "axis", error=ExportError)
+@checked("body", "fem", "path", "hinge", "axis", "invariants", error=ExportError)
 def mbdyn_deck(
     body: ReducedBody,
     fem: str | Path,

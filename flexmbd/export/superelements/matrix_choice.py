@@ -50,7 +50,7 @@ def chosen_matrices(
     labels = [
         name if there.count(name) == 1 else f"{name}:{there[: i + 1].count(name)}" for i, name in enumerate(there)
     ]
-    if w4 is not None and not (isinstance(w4, int | float) and w4 > 0.0):
+    if w4 is not None and not (isinstance(w4, int | float) and not isinstance(w4, bool) and w4 > 0.0):
         raise ExportError(f"{path}: w4 is an angular frequency in rad/s, or infinity, not {w4!r}")
     given = _given(path, labels, matrices)
     found: dict[str, str] = {}

@@ -100,7 +100,7 @@ WRONG = {
     ),
     "no frame": (
         lambda p: p[0].connect(fm.joint.Fixed(), p[0].ground, p[1].frame()),
-        r"what a joint connects must be a frame as body.frame\(\), got Ground",
+        r"what a joint connects must be a frame as body.frame\(\), or bodies with at=, got Ground",
     ),
     "position": (lambda p: setattr(p[2], "position", "up"), r"position of a Revolute takes 1 finite number\(s\)"),
     "truth as position": (lambda p: setattr(p[2], "position", True), r"takes 1 finite number\(s\), got True"),
