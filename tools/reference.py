@@ -22,7 +22,8 @@ PAGES = {
     "running": (
         "Simulations and results",
         "Trajectory ResultTable Momentum Energy Stats Departure RunSettings Event Moment Direction Occurrence "
-        "ControllerSamples Checkpoint SteppedMachine SteppedState Recording BodyRecording load_recording SimulationError SimulationInterrupted",
+        "ControllerSamples Checkpoint SteppedMachine SteppedState Recording BodyRecording load_recording "
+        "SimulationError SimulationInterrupted",
         "ensemble",
     ),
     "integrators": (
@@ -32,8 +33,8 @@ PAGES = {
     ),
     "bodies": (
         "Bodies and frames",
-        "Body Ground RigidBody FlexibleBody Frame Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy HomogeneousEnergy "
-        "StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior InteriorFrame "
+        "Body Ground RigidBody FlexibleBody Frame Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy "
+        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior InteriorFrame "
         "InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
         "FrameMotion Push Scheme Memory TimeFactor",
@@ -64,7 +65,7 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError OutOfMemoryError PathError PictureError RecordError ReductionError SceneError "
-        "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning ModesWarning PathWarning "
+        "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning MeshWarning ModesWarning PathWarning "
         "PulseWarning RangeWarning StartWarning StepsWarning TableWarning ToleranceWarning UnitWarning",
         "",
     ),
