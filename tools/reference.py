@@ -34,8 +34,8 @@ PAGES = {
     "bodies": (
         "Bodies and frames",
         "Body Ground RigidBody FlexibleBody Frame Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy "
-        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior InteriorFrame "
-        "InteriorMesh "
+        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior "
+        "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
         "FrameMotion Push Scheme Memory TimeFactor",
         "beams",
@@ -65,8 +65,8 @@ PAGES = {
         "Errors and warnings",
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError OutOfMemoryError PathError PictureError RecordError ReductionError SceneError "
-        "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning MeshWarning ModesWarning PathWarning "
-        "PulseWarning RangeWarning StartWarning StepsWarning TableWarning ToleranceWarning UnitWarning",
+        "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning MeshWarning ModesWarning "
+        "PathWarning PulseWarning RangeWarning StartWarning StepsWarning TableWarning ToleranceWarning UnitWarning",
         "",
     ),
 }
