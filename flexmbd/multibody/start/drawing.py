@@ -96,7 +96,7 @@ def _axes(joint: Joint, axis: Axis | None, what: str) -> FloatArray:
         return np.eye(3)
     if not isinstance(joint, AlongAxis):
         raise SceneError(
-            f"{what}: a {type(joint).__name__} has not one axis of its own; leave out `axis`, and give those that it "
+            f"{what}: a {type(joint).__name__} has no single axis; leave out `axis`, and give those that it "
             "has in the ground's axes, as Universal(first, second)"
         )
     try:
