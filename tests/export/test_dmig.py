@@ -95,13 +95,13 @@ def test_positions_and_names_from_the_grids(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ("GRID,7,,0.0", "GRID,7,4,0.0", "no coordinate system 4"),
-        ("GRID,7,,0.0", "GRID,7,,nan", "not a finite number"),
+        ("GRID,7,,0.0", "GRID,7,4,0.0", "coordinate system 4 is used and not given"),
+        ("GRID,7,,0.0", "GRID,7,,nan", "line 4: GRID 7: 'nan' is not a number"),
         ("GRID,7,,0.0,0.0,0.0\n", "", "not the square|of no interface|no matrix entries"),
         (f"{'DMIG':8}{'MX':8}{0:8}{1:8}", f"{'DMIG':8}{'MX':8}{0:8}{9:8}", "form 9"),
         ("MX", "XX", "begins with M"),
         ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,7,1,,\n*,7,8,", "component 8 of GRID 7"),
-        ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,-7,1,,\n*,7,1,", "not a whole number"),
+        ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,-7,1,,\n*,7,1,", "DMIG KX: component 1 of node -7: there are no negative ones"),
     ],
 )
 def test_decks_that_do_not_fit(tmp_path, old, new, match):

@@ -337,9 +337,9 @@ def test_what_does_not_fit(tmp_path):
         "are no components": "GRID,1\nEXTRN,1,7\n",
         "twice": "GRID,1\nEXTRN,1,12,1,2\n",
         "no superelement's": "SPOINT,1,THRU,99999999\n",
-        "no coordinate system 4": "GRID,1,4\n" + rows,
-        "defined by itself": "GRID,1,4\nCORD2R,4,4,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n" + rows,
-        "in one line": "GRID,1,4\nCORD2R,4,,0.,0.,0.,0.,0.,1.\n,0.,0.,2.\n" + rows,
+        "coordinate system 4 is used and not given": "GRID,1,4\n" + rows,
+        r"line 2: coordinate system 4 hangs on itself": "GRID,1,4\nCORD2R,4,4,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n" + rows,
+        "the three points of CORD2R 4 lie on a line": "GRID,1,4\nCORD2R,4,,0.,0.,0.,0.,0.,1.\n,0.,0.,2.\n" + rows,
         "on the axis of": "GRID,1,,,,,4\nCORD2C,4,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n" + rows,
     }
     for match, deck in decks.items():
