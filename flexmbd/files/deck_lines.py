@@ -73,7 +73,7 @@ def _with_included(path: Path, top: Path, within: tuple[Path, ...]) -> tuple[lis
             name, at = name + lines[at].strip(), at + 1
         name = name.split(quote)[1] if quote else name.partition("$")[0].strip()
         inner, inner_pieces = _with_included(_included(name, path, top), top, (*within, here))
-        pieces += [(len(found) + begin, *rest) for begin, *rest in inner_pieces]
+        pieces += [(len(found) + begin, file, number) for begin, file, number in inner_pieces]
         found += inner
         pieces.append((len(found), path, at + 1))
     return found, pieces

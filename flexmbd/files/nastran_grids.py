@@ -97,7 +97,7 @@ class Grids:
     @cached_property
     def rows(self) -> dict[int, int]:
         """Where each number stands, the last one where it is there twice."""
-        return {number: row for row, number in enumerate(self.numbers.tolist())}
+        return {int(number): row for row, number in enumerate(self.numbers)}
 
     def place(self, number: int) -> Points:
         """(3,) position of a GRID in the basic system.

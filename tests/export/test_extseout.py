@@ -233,8 +233,10 @@ def test_a_deck_that_lost_its_grdset(tmp_path):
     (tmp_path / "part.op4").write_bytes(text_op4(matrices, "sparse"))
     with pytest.raises(ExportError, match=r"GRIDs 30 have no CD, and others have one: where GRDSET"):
         fm.export.read_op4(tmp_path / "part.op4")
-    (tmp_path / "part.pch").write_text("GRDSET,,,,,,6\n" + text[:start] + blank + text[end:])
-    same_body(fm.export.read_op4(tmp_path / "part.op4"), damped_rod(), rtol=1e-7)
+    given = text[:start] + blank + text[end:]
+    for with_default in ("GRDSET,,,,,,6\n" + given, given + "GRDSET,,5,,,,6\n"):  # wherever it stands; CP 0 is no blank
+        (tmp_path / "part.pch").write_text(with_default)
+        same_body(fm.export.read_op4(tmp_path / "part.op4"), damped_rod(), rtol=1e-7)
 
 
 def test_dmig_moves_along_the_grids_own_directions(tmp_path):
