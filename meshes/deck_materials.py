@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from flexmbd.continuum.parallel import on_root
 from flexmbd.errors import ExportError, MeshError
-from flexmbd.files.bulk_cards import read_bulk, real, whole
+from flexmbd.files.bulk_cards import read_bulk, real
 from flexmbd.files.units import UnitSystem, unit_system
 from flexmbd.meshes.abaqus_file import Block, blocks
 from flexmbd.meshes.dimension import check_arguments, checked_part
@@ -83,14 +83,14 @@ def _materials(path: Path, units: UnitSystem) -> dict[str, DeckMaterial]:
 
 def _of_bulk(path: Path) -> dict[str, DeckMaterial]:
     cards = read_bulk(path, wanted=("MAT1", "PSOLID", "PARAM")).cards
-    weight = next((real(fields[1]) for fields in cards.get("PARAM", []) if fields[0].upper() == "WTMASS"), 1.0)
+    weight = next((card.real(1) for card in cards.get("PARAM", []) if card[0].upper() == "WTMASS"), 1.0)
     known = {}
-    for fields in cards.get("MAT1", []):
-        young, shear = real(fields[1]), real(fields[2])
-        ratio = real(fields[3]) if fields[3] or not (young and shear) else young / (2.0 * shear) - 1.0
+    for card in cards.get("MAT1", []):
+        young, shear = card.real(1), card.real(2)
+        ratio = card.real(3) if card[3] or not (young and shear) else young / (2.0 * shear) - 1.0
         young = young or 2.0 * shear * (1.0 + ratio)
-        known[whole(fields[0])] = DeckMaterial(f"MAT1 {fields[0]}", young, ratio, weight * real(fields[4]))
-    owners = {f"property {fields[0]}": whole(fields[1]) for fields in cards.get("PSOLID", [])}
+        known[card.whole(0)] = DeckMaterial(card.title, young, ratio, weight * card.real(4))
+    owners = {f"property {card[0]}": card.whole(1) for card in cards.get("PSOLID", [])}
     return {name: known[owner] for name, owner in owners.items() if owner in known}
 
 

@@ -1,6 +1,6 @@
 """Meshes in Nastran's bulk data (.bdf, .nas, .dat, .blk, .fem): nodes, elements, sets from loads and constraints.
 
-Cards are read by `flexmbd.files.bulk_cards`, places of nodes by `nastran_grids`, sets by `nastran_sets`.
+Cards are read by `flexmbd.files.bulk_cards`, places of nodes by its neighbour `nastran_grids`, sets by `nastran_sets`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flexmbd.errors import ExportError, MeshError
-from flexmbd.files.bulk_cards import BulkData, read_bulk, whole
+from flexmbd.files.bulk_cards import BulkData, Card, read_bulk, whole
+from flexmbd.files.nastran_grids import GRID_CARDS, read_grids
 from flexmbd.meshes.foreign_mesh import ElementBlock, ForeignMesh
-from flexmbd.meshes.nastran_grids import GRID_CARDS, read_grids
 from flexmbd.meshes.nastran_sets import SET_CARDS, load_faces, node_sets
 
 IntArray = npt.NDArray[np.int64]
@@ -67,7 +67,8 @@ def read_nastran(path: Path) -> ForeignMesh:
 
 
 def _foreign(path: Path, data: BulkData) -> ForeignMesh:
-    numbers, points = read_grids(data.cards)
+    grids = read_grids(data.cards)
+    numbers = grids.numbers
     if len(numbers) == 0:
         others = ", ".join(list(data.counts)[:5])
         raise ValueError(f"not Nastran bulk data: it has no GRID{f', but {others}' if others else ''}")
@@ -81,7 +82,7 @@ def _foreign(path: Path, data: BulkData) -> ForeignMesh:
     return ForeignMesh(
         path,
         numbers,
-        points,
+        grids.points,
         elements,
         {name: np.concatenate(parts) for name, parts in owners.items()},
         node_sets=node_sets(data.cards, numbers),
@@ -91,39 +92,39 @@ def _foreign(path: Path, data: BulkData) -> ForeignMesh:
 
 
 def _elements(
-    card: str, cards: list[list[str]], kinds: Mapping[int, str], *, solid: bool
+    card: str, cards: list[Card], kinds: Mapping[int, str], *, solid: bool
 ) -> list[tuple[ElementBlock, IntArray]]:
     """Blocks of one kind each and the properties of their elements; middles that are left out have the node 0."""
     most, least = max(kinds), min(kinds)
-    rows: dict[int, list[list[str]]] = {count: [] for count in kinds}
+    rows: dict[int, list[tuple[Card, list[str]]]] = {count: [] for count in kinds}
     for fields in cards:
         nodes = (fields[2 : 2 + most] + [""] * most)[:most]
         if not all(nodes[:least]):
             there = sum(map(bool, nodes))
-            raise ValueError(f"{card} {fields[0]} has {there} nodes; it needs {' or '.join(map(str, kinds))}")
+            raise fields.error(f"{card} {fields[0]} has {there} nodes; it needs {' or '.join(map(str, kinds))}")
         if not fields[1] and solid:
-            raise ValueError(f"{card} {fields[0]} has no property; give its number in the third field")
+            raise fields.error(f"{card} {fields[0]} has no property; give its number in the third field")
         count = most if most > least and any(nodes[least:]) else least
-        rows[count].append([fields[0], fields[1] or fields[0], *nodes[:count]])
+        rows[count].append((fields, [fields[0], fields[1] or fields[0], *nodes[:count]]))
     found = []
     for count, texts in rows.items():
         if texts:
-            table = _whole_numbers(card, texts)
+            table = _whole_numbers(texts)
             kind = kinds[count]
             order = _EDGES_UP.get(kind, list(range(count)))
             found.append((ElementBlock(kind, table[:, 0], table[:, 2:][:, order]), table[:, 1]))
     return found
 
 
-def _whole_numbers(card: str, rows: list[list[str]]) -> IntArray:
+def _whole_numbers(rows: list[tuple[Card, list[str]]]) -> IntArray:
     """A table of texts as numbers, 0 where there is nothing."""
     try:
-        return np.array(rows, dtype=np.str_).astype(np.int64)
+        return np.array([texts for _, texts in rows], dtype=np.str_).astype(np.int64)
     except (ValueError, OverflowError):  # blanks, or what is no number, which is named
         table = []
-        for row in rows:
+        for card, texts in rows:
             try:
-                table.append([whole(text) for text in row])
+                table.append([whole(text) for text in texts])
             except ValueError as error:
-                raise ValueError(f"{card} {row[0]}: {error}") from error
+                raise card.error(f"{card.title}: {error}") from error
         return np.array(table, dtype=np.int64)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from flexmbd.files.bulk_cards import listed, whole
+from flexmbd.files.bulk_cards import Card, Cards, listed, whole
 from flexmbd.meshes.cell_faces import CORNERS, FACES
 from flexmbd.meshes.foreign_mesh import ElementBlock, members
 
 IntArray = npt.NDArray[np.int64]
-Cards = Mapping[str, list[list[str]]]
 
 #: The cards that `node_sets` and `load_faces` take.
 SET_CARDS = ("SPC", "SPC1", "SET1", "SET3", "RBE2", "RBE3", "PLOAD", "PLOAD2", "PLOAD4")
@@ -33,14 +32,14 @@ def node_sets(cards: Cards, numbers: IntArray) -> dict[str, IntArray]:
         try:
             ranges.setdefault(name, []).extend(listed(held))
         except ValueError as error:
-            raise ValueError(f"{name}, card {fields[0]}: {error}") from error
+            raise fields.error(f"{name}, card {fields[0]}: {error}") from error
     ascending = np.sort(numbers)
     found = {name: members(ascending, parts) for name, parts in ranges.items()}
     return {name: held for name, held in found.items() if len(held) > 0}
 
 
-def _each_set(cards: Cards) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Name of the set, the card's fields, and those that list nodes."""
+def _each_set(cards: Cards) -> Iterator[tuple[str, Card, list[str]]]:
+    """Name of the set, the card, and the fields that list nodes."""
     for fields in cards.get("SPC1", []):
         yield f"SPC {fields[0]}", fields, fields[2:]
     for fields in cards.get("SPC", []):
@@ -83,25 +82,30 @@ def load_faces(cards: Cards, elements: Sequence[ElementBlock]) -> dict[str, IntA
         return {}
     elements_by_number = _Elements(elements)
     found: dict[str, list[list[int]]] = {}
-    for fields in cards.get("PLOAD4", []):
-        number, first, third = whole(fields[1]), fields[6], fields[7]
-        faces = found.setdefault(f"PLOAD4 {fields[0]}", [])
-        if first.upper() == "THRU":
-            faces += elements_by_number.shells(range(number, whole(third) + 1))
-        elif first:
-            faces.append(elements_by_number.face(number, whole(first), whole(third), f"PLOAD4 {fields[0]}"))
-        else:
-            faces += elements_by_number.shells(range(number, number + 1))
-    for fields in cards.get("PLOAD2", []):
-        faces = found.setdefault(f"PLOAD2 {fields[0]}", [])
-        for numbers in listed(fields[2:]):
-            faces += elements_by_number.shells(numbers)
-    for fields in cards.get("PLOAD", []):
-        corners = [whole(field) for field in fields[2:6] if field]
-        if len(corners) < 3:
-            raise ValueError(f"PLOAD {fields[0]} names {len(corners)} nodes; a face has three or four")
-        found.setdefault(f"PLOAD {fields[0]}", []).append([*corners, -1][:4])
+    for name in ("PLOAD4", "PLOAD2", "PLOAD"):
+        for card in cards.get(name, []):
+            try:
+                found.setdefault(f"{name} {card[0]}", []).extend(_loaded(card, elements_by_number))
+            except ValueError as error:
+                raise card.error(str(error)) from error
     return {name: np.array(faces, dtype=np.int64) for name, faces in found.items() if faces}
+
+
+def _loaded(card: Card, elements: _Elements) -> list[list[int]]:
+    """The faces that a card of pressures names."""
+    if card.name == "PLOAD4":
+        number, first, third = whole(card[1]), card[6], card[7]
+        if first.upper() == "THRU":
+            return elements.shells(range(number, whole(third) + 1))
+        if first:
+            return [elements.face(number, whole(first), whole(third), card.title)]
+        return elements.shells(range(number, number + 1))
+    if card.name == "PLOAD2":
+        return [face for numbers in listed(card[2:]) for face in elements.shells(numbers)]
+    corners = [whole(field) for field in card[2:6] if field]
+    if len(corners) < 3:
+        raise ValueError(f"{card.title} names {len(corners)} nodes; a face has three or four")
+    return [[*corners, -1][:4]]
 
 
 class _Elements:

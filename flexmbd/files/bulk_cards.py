@@ -1,4 +1,4 @@
-"""Cards of Nastran's bulk data: fields of 8 and 16 columns or between commas, continuations, files included.
+"""Cards of Nastran's bulk data: fields of 8 and 16 columns or between commas, continuations.
 
 The format is that of MSC Nastran's Quick Reference Guide, "Format of Bulk Data Entries". What a card means is its
 reader's.
@@ -6,20 +6,70 @@ reader's.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexmbd.files.mesh_text import read_lines
-
-# Files within files; lines over which the name of one goes.
-_DEEPEST = 10
-_MOST_LINES = 8
+from flexmbd.files.deck_lines import DeckPlaces, deck_lines
 
 # Nastran's numbers: the E of an exponent may be a D, or left out before its sign.
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[ED]?([+-]\d+)|[ED](\d+))?", re.IGNORECASE | re.ASCII)
+_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
+
+
+class Card(list[str]):
+    """The fields of a card behind its name: eight a line, stripped, "" where there is nothing.
+
+    Attributes:
+        name: in capitals; "" of a piece of a card whose beginning is elsewhere in the file.
+        tail: the name of the continuation that it waits for.
+        fixed: whether its fields stand in columns.
+        line: where it begins, among the lines of all files.
+        places: where these stand.
+    """
+
+    __slots__ = ("fixed", "line", "name", "places", "tail")
+
+    def __init__(self, name: str, fields: Iterable[str], tail: str, fixed: bool, line: int, places: DeckPlaces) -> None:
+        list.__init__(self, fields)  # not by super(): decks have a million cards
+        self.name = name
+        self.tail = tail
+        self.fixed = fixed
+        self.line = line
+        self.places = places
+
+    @property
+    def title(self) -> str:
+        """Its name and first field, as "GRID 7"."""
+        return f"{self.name} {self[0]}".rstrip()
+
+    def whole(self, at: int) -> int:
+        """The whole number in a field, 0 where there is nothing; or ValueError."""
+        try:
+            return whole(self[at] if at < len(self) else "")
+        except ValueError as error:
+            raise self.error(f"{self.title}: {error}") from error
+
+    def real(self, at: int) -> float:
+        """The real number in a field, 0 where there is nothing; or ValueError."""
+        try:
+            return real(self[at] if at < len(self) else "")
+        except ValueError as error:
+            raise self.error(f"{self.title}: {error}") from error
+
+    def error(self, message: str) -> ValueError:
+        """An error that says the line, and the file where it is an included one."""
+        return ValueError(f"{self.places.place(self.line)}: {message}")
+
+
+# Of a continuation before its card: its name, itself, the card above it.
+_Piece = tuple[str, Card, Card | None]
+
+#: Cards by their names, in capitals.
+Cards = Mapping[str, list[Card]]
 
 
 @dataclass(frozen=True)
@@ -27,49 +77,43 @@ class BulkData:
     """The cards of a deck.
 
     Attributes:
-        cards: by name in capitals, of those wanted, the fields of each card behind its name: eight a line, stripped,
-            "" where there is nothing.
+        cards: of those wanted.
         counts: how many there are of every card, wanted or not.
     """
 
-    cards: Mapping[str, list[list[str]]]
+    cards: Cards
     counts: Mapping[str, int]
 
 
-class _Card:
-    """A card, or a piece of one whose beginning is elsewhere in the file."""
-
-    __slots__ = ("fields", "fixed", "name", "tail")
-
-    def __init__(self, name: str, fields: list[str], tail: str, fixed: bool) -> None:
-        self.name, self.fields, self.tail, self.fixed = name, fields, tail, fixed
-
-
-def read_bulk(path: Path, *, wanted: Collection[str]) -> BulkData:
+def read_bulk(path: Path, *, wanted: Collection[str], punched: bool = False) -> BulkData:
     """The cards of a file of bulk data and of those that it includes; not collective.
 
     Args:
         path: with or without what stands before BEGIN BULK.
         wanted: names of the cards whose fields are kept, in capitals.
+        punched: whether it is what Nastran punches of a superelement, alone or within a deck: several sections are read
+            as one, and results that stand above the cards are passed over.
 
     Raises:
         ValueError: a file that is included is missing or includes itself; a continuation is of no card; a
             tenth field is no name of one; there are several sections of bulk data.
         ExportError: a file cannot be read.
     """
-    lines = _bulk_lines(_with_included(path, path, ()))
-    every = _joined(lines)
+    lines, places = deck_lines(path)
+    first, end = (0, len(lines)) if punched else _section(lines, places)
+    every = _joined(lines[first:end], places, first=first, punched=punched)
+    del lines  # which take as much as the cards
     counts = Counter(card.name for card in every)
-    cards: dict[str, list[list[str]]] = {}
+    cards: dict[str, list[Card]] = {}
     for card in every:
         if card.name in wanted:
             if not card.fixed and card.tail.isdigit():
-                raise ValueError(
-                    f"{card.name} {card.fields[0]}: its line ends with {card.tail} in the tenth field, where only the "
-                    "name of a continuation may stand; begin a new line after nine fields"
+                raise card.error(
+                    f"{card.title}: its line ends with {card.tail} in the tenth field, where only the name of a "
+                    "continuation may stand; begin a new line after nine fields"
                 )
-            card.fields += [""] * (-len(card.fields) % 8)
-            cards.setdefault(card.name, []).append(card.fields)
+            card += [""] * (-len(card) % 8)
+            cards.setdefault(card.name, []).append(card)
     return BulkData(cards, counts)
 
 
@@ -81,7 +125,7 @@ def whole(text: str, default: int = 0) -> int:
     """
     if not text:
         return default
-    if not re.fullmatch(r"[+-]?\d{1,18}", text, re.ASCII):
+    if not _WHOLE.fullmatch(text):
         raise ValueError(f"{text[:30]!r} is not a whole number")
     return int(text)
 
@@ -90,14 +134,17 @@ def real(text: str, default: float = 0.0) -> float:
     """A real number, as 1.5, 1.5+3, 1.5D3; or the default for an empty field.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is none, or too large for one of eight bytes.
     """
     if not text:
         return default
     found = _NUMBER.fullmatch(text)
     if found is None:
         raise ValueError(f"{text[:30]!r} is not a number")
-    return float(f"{found[1]}e{found[2] or found[3] or 0}")
+    value = float(f"{found[1]}e{found[2] or found[3] or 0}")
+    if math.isinf(value):
+        raise ValueError(f"{text[:30]!r} is too large a number")
+    return value
 
 
 def listed(fields: Sequence[str]) -> list[range]:
@@ -124,73 +171,31 @@ def listed(fields: Sequence[str]) -> list[range]:
     return found
 
 
-def _with_included(path: Path, top: Path, within: tuple[Path, ...]) -> list[str]:
-    """The lines of a file, those of the files that it includes in their places."""
-    here = path.resolve()
-    if here in within:
-        raise ValueError(f"INCLUDE goes in a circle: {' includes '.join(str(one) for one in (*within, here))}")
-    if len(within) >= _DEEPEST:
-        raise ValueError(f"{path}: INCLUDE goes more than {_DEEPEST} files deep")
-    lines = read_lines(path)
-    if not any("INCLUDE" in line.upper() for line in lines):
-        return lines
-    found: list[str] = []
-    at = 0
-    while at < len(lines):
-        line, at = lines[at], at + 1
-        if not re.match(r"\s*INCLUDE[\s'\"]", line, re.IGNORECASE):
-            found.append(line)
-            continue
-        name = line.strip()[len("INCLUDE") :].strip()
-        quote = name[:1] if name[:1] in "'\"" else ""
-        last = min(at + _MOST_LINES, len(lines))
-        while quote and name.count(quote) < 2:
-            if at == last:
-                raise ValueError(f"{path}: INCLUDE {name[:60]} has no second quote")
-            name, at = name + lines[at].strip(), at + 1
-        name = name.split(quote)[1] if quote else name.partition("$")[0].strip()
-        found += _with_included(_included(name, path, top), top, (*within, here))
-    return found
-
-
-def _included(name: str, path: Path, top: Path) -> Path:
-    """The file of an INCLUDE: beside the file that names it, or beside the first one."""
-    plain = Path(name.replace("\\", "/"))
-    places = [folder / plain for folder in dict.fromkeys((path.parent, top.parent))]
-    for place in places:
-        if place.is_file():
-            return place
-    raise ValueError(
-        f"{path}: INCLUDE {name!r} is not there: {' nor '.join(str(place) for place in places)} is a file; put it "
-        "there, or write its place into the deck"
-    )
-
-
-def _bulk_lines(lines: list[str]) -> list[str]:
-    """The lines between BEGIN BULK and ENDDATA, or all where these are not there."""
+def _section(lines: list[str], places: DeckPlaces) -> tuple[int, int]:
+    """First and behind-last of the lines between BEGIN BULK and ENDDATA, or of all where these are not there."""
     begins = [
         i for i, line in enumerate(lines) if line[:40].lstrip()[:5].upper() == "BEGIN" and line.split("$")[0].strip()
     ]
     if len(begins) > 1:
         raise ValueError(
-            f"it has {len(begins)} sections of bulk data, the second {lines[begins[1]].strip()[:40]!r}, as parts of "
-            "superelements; write the one part to a file of its own"
+            f"it has {len(begins)} sections of bulk data, the second {lines[begins[1]].strip()[:40]!r} "
+            f"({places.place(begins[1])}), as parts of superelements; write the one part to a file of its own"
         )
     first = begins[0] + 1 if begins else 0
     for i in range(first, len(lines)):
         if lines[i][:1] in "Ee \t" and lines[i].strip().upper().startswith("ENDDATA"):
-            return lines[first:i]
-    return lines[first:]
+            return first, i
+    return first, len(lines)
 
 
-def _joined(lines: list[str]) -> list[_Card]:
+def _joined(lines: list[str], places: DeckPlaces, *, first: int, punched: bool) -> list[Card]:
     """The cards, with their continuations: the next line, or wherever in the file the line of that name stands."""
-    cards: list[_Card] = []
-    current: _Card | None = None
+    cards: list[Card] = []
+    current: Card | None = None
     rule: list[str] = []
-    open_cards: dict[str, _Card] = {}  # by the name of the continuation that they wait for
-    pieces: dict[str, tuple[_Card, _Card | None]] = {}  # continuations before their card, and the card above them
-    for line in lines:
+    open_cards: dict[str, Card] = {}  # by the name of the continuation that they wait for
+    pieces: list[_Piece] = []  # continuations before their card
+    for at, line in enumerate(lines, start=first):
         if "$" in line:
             line = line[: line.index("$")]
         if not line or line.isspace():
@@ -200,11 +205,10 @@ def _joined(lines: list[str]) -> list[_Card]:
             if head[0] == "=":
                 if head == "=":
                     rule = fields
-                made = _replicated(cards, rule, head, line)
-                cards += made
+                cards += _replicated(cards, rule, Card(head, fields, tail, fixed, at, places))
                 current = cards[-1]
                 continue
-            current = _Card(head, fields, tail, fixed)
+            current = Card(head, fields, tail, fixed, at, places)
             cards.append(current)
         else:
             label = head[1:]
@@ -213,15 +217,18 @@ def _joined(lines: list[str]) -> list[_Card]:
                 target = open_cards.get(label)
                 if target is None:
                     above = current
-                    current = target = _Card("", [], tail, fixed)
-                    pieces[label] = (target, above)
+                    current = target = Card("", (), tail, fixed, at, places)
+                    pieces.append((label, target, above))
+            if target is None and punched:
+                continue
             if target is None:
-                raise ValueError(f"the first card begins with a continuation: {line.strip()[:40]!r}")
-            if not wide and len(target.fields) % 8:
-                target.fields += [""] * (8 - len(target.fields) % 8)  # a second half that is not there
+                where = places.place(at)
+                raise ValueError(f"{where}: the first card begins with a continuation: {line.strip()[:40]!r}")
+            if not wide and len(target) % 8:
+                target += [""] * (8 - len(target) % 8)  # a second half that is not there
             for other in _labels(target.tail):
                 open_cards.pop(other, None)
-            target.fields += fields
+            target += fields
             target.tail, target.fixed = tail, fixed
             current = target
         if tail:
@@ -230,22 +237,22 @@ def _joined(lines: list[str]) -> list[_Card]:
     return cards
 
 
-def _replicated(cards: list[_Card], rule: list[str], head: str, line: str) -> list[_Card]:
+def _replicated(cards: list[Card], rule: list[str], repeat: Card) -> list[Card]:
     """Cards like the one above: "=" copies a field, "==" all that follow, *(2) adds to it; "=(3)" does so three times.
 
     Raises:
         ValueError: there is no card of one line above, or no rule; or the cards are too many.
     """
-    found = re.fullmatch(r"=(?:\((\d{1,6})\)|(\d{1,6}))?", head, re.ASCII)
-    if found is None or not rule or not cards or len(cards[-1].fields) != 8:
-        raise ValueError(
-            f"replication ({line.strip()[:20]!r}) is read of cards of one line, up to 999999 times; have Nastran punch "
+    found = re.fullmatch(r"=(?:\((\d{1,6})\)|(\d{1,6}))?", repeat.name, re.ASCII)
+    if found is None or not rule or not cards or len(cards[-1]) != 8:
+        raise repeat.error(
+            f"replication ({repeat.name[:20]!r}) is read of cards of one line, up to 999999 times; have Nastran punch "
             "the sorted deck"
         )
-    made: list[_Card] = []
+    made: list[Card] = []
     above = cards[-1]
     for _ in range(int(found[1] or found[2] or 1)):
-        fields = list(above.fields)
+        fields = list(above)
         for i, text in enumerate(rule):
             if text == "==":
                 break
@@ -253,7 +260,7 @@ def _replicated(cards: list[_Card], rule: list[str], head: str, line: str) -> li
                 fields[i] = _sum(fields[i], text[1:].strip("()"))
             elif text != "=":
                 fields[i] = text
-        above = _Card(above.name, fields, "", True)
+        above = Card(above.name, fields, "", True, repeat.line, repeat.places)
         made.append(above)
     return made
 
@@ -266,17 +273,26 @@ def _sum(text: str, step: str) -> str:
         return repr(real(text) + real(step))
 
 
-def _attach(pieces: dict[str, tuple[_Card, _Card | None]], open_cards: Mapping[str, _Card]) -> None:
-    """Put pieces that stand apart behind the cards that name them."""
+def _attach(pieces: Sequence[_Piece], open_cards: Mapping[str, Card]) -> None:
+    """Put pieces that stand apart behind the cards that name them, and those that none names behind the line above."""
+    waited = {label for card in open_cards.values() for label in _labels(card.tail)}
+    apart: dict[str, Card] = {}
+    for label, piece, above in reversed(pieces):
+        if label in apart:
+            raise apart[label].error(f"the continuation +{label} is there twice")
+        if label in waited:
+            apart[label] = piece
+        elif above is None or above.tail:
+            raise piece.error(f"the continuation +{label} is of no card: none ends with that name")
+        else:
+            above += piece
     for card in [card for card in open_cards.values() if card.name]:
-        while label := next((label for label in _labels(card.tail) if label in pieces), ""):
-            piece, _ = pieces.pop(label)
-            card.fields += piece.fields
+        while label := next((label for label in _labels(card.tail) if label in apart), ""):
+            piece = apart.pop(label)
+            card += piece
             card.tail, card.fixed = piece.tail, piece.fixed
-    for label, (piece, above) in pieces.items():
-        if above is None or above.tail:
-            raise ValueError(f"the continuation +{label} is of no card: none ends with that name")
-        above.fields += piece.fields
+    for label, piece in apart.items():
+        raise piece.error(f"the continuation +{label} is of no card: none ends with that name")
 
 
 def _labels(tail: str) -> tuple[str, ...]:

@@ -95,13 +95,13 @@ def test_positions_and_names_from_the_grids(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ("GRID,7,,0.0", "GRID,7,4,0.0", "no coordinate system 4"),
-        ("GRID,7,,0.0", "GRID,7,,nan", "not a finite number"),
+        ("GRID,7,,0.0", "GRID,7,4,0.0", "coordinate system 4 is used and not given"),
+        ("GRID,7,,0.0", "GRID,7,,nan", "line 4: GRID 7: 'nan' is not a number"),
         ("GRID,7,,0.0,0.0,0.0\n", "", "not the square|of no interface|no matrix entries"),
         (f"{'DMIG':8}{'MX':8}{0:8}{1:8}", f"{'DMIG':8}{'MX':8}{0:8}{9:8}", "form 9"),
         ("MX", "XX", "begins with M"),
         ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,7,1,,\n*,7,8,", "component 8 of GRID 7"),
-        ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,-7,1,,\n*,7,1,", "not a whole number"),
+        ("DMIG*,KX,7,1,,\n*,7,1,", "DMIG*,KX,-7,1,,\n*,7,1,", "component 1 of node -7: there are no negative"),
     ],
 )
 def test_decks_that_do_not_fit(tmp_path, old, new, match):
@@ -131,3 +131,75 @@ def test_damaged_files(tmp_path):
     data = (tmp_path / "part.pch").read_bytes()
     bodies = survive(fm.export.read_dmig, tmp_path / "x.pch", data, count=2000)
     assert bodies < 1000
+
+
+def small(text):
+    return text.lower()
+
+
+def tabs(text):
+    return text.replace("GRID,7,,0.0,0.0,0.0", "GRID\t7\t\t0.0\t0.0\t0.0")
+
+
+def named(text):
+    """Each continuation called by its card, and all of them behind the last card."""
+    heads, tails = [], []
+    for line in text.splitlines():
+        if line.startswith("*,"):
+            tails.append(line.replace("*,", f"*C{len(tails)},", 1))
+            heads[-1] = heads[-1][:-1] + f",*C{len(tails) - 1}"
+        elif line != "ENDDATA":
+            heads.append(line)
+    return "\n".join([*heads, *tails])
+
+
+def called_what_no_card_says(text):
+    """A column a card, all continuations of one name, which none of their cards ends with."""
+    lines, column = [], ""
+    for line in text.splitlines():
+        if line != column:
+            lines.append(line.replace("*,", "*K,") if line.startswith("*,") else line)
+        column = line if line.startswith("DMIG*") else column
+    return "\n".join(lines)
+
+
+def sections(text):
+    """The points' section of a superelement, and the matrices' behind it."""
+    at = text.index("DMIG")
+    return f"{text[:at]}ENDDATA\nBEGIN SUPER=4\n{text[at:]}"
+
+
+def below_results(text):
+    """Results that were punched to the same file, and no other section."""
+    rows = [f"{node:10d}       G      {0.5:13.6E}     {0.25:13.6E}     {0.0:13.6E}{node:8d}\n" for node in (7, 9)]
+    return "$TITLE   =\n$DISPLACEMENTS\n" + "-CONT-\n".join(rows) + text[text.index("GRID,7") :]
+
+
+WAYS = (small, tabs, named, called_what_no_card_says, sections, below_results)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_of_writing_is_the_same_body(tmp_path, way):
+    plain = by_hand(tmp_path, replace=[("+2.", "+1.")])
+    path = tmp_path / "other.pch"
+    path.write_text(way(plain.read_text()))
+    found, wanted = fm.export.read_dmig(path), fm.export.read_dmig(plain)
+    assert np.array_equal(found.gram, wanted.gram)
+    assert np.array_equal(found.stiffness, wanted.stiffness)
+
+
+def test_matrices_in_a_file_that_the_deck_includes(tmp_path):
+    """And what is wrong there is said with that file and its line."""
+    plain = by_hand(tmp_path, replace=[("+2.", "+1.")])
+    text = plain.read_text()
+    at = text.index("DMIG")
+    (tmp_path / "matrices.pch").write_text(text[at:].replace("ENDDATA", ""))
+    (tmp_path / "deck.bdf").write_text(f"{text[:at]}INCLUDE 'matrices.pch'\n$\nGRID,3,,none\nENDDATA\n")
+    with pytest.raises(ExportError, match=r"deck\.bdf: line 9: GRID 3: 'none' is not a number"):
+        fm.export.read_dmig(tmp_path / "deck.bdf")
+    (tmp_path / "deck.bdf").write_text(f"{text[:at]}INCLUDE 'matrices.pch'\nENDDATA\n")
+    found, wanted = fm.export.read_dmig(tmp_path / "deck.bdf"), fm.export.read_dmig(plain)
+    assert np.array_equal(found.stiffness, wanted.stiffness)
+    (tmp_path / "matrices.pch").write_text("$\nDMIG,KX,0,6,2,0\nDMIG,KX,7,1,,7,1,1.,,5\n")
+    with pytest.raises(ExportError, match=r"deck\.bdf: .*matrices\.pch, line 3: DMIG KX: its line ends with 5"):
+        fm.export.read_dmig(tmp_path / "deck.bdf")

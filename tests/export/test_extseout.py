@@ -233,8 +233,10 @@ def test_a_deck_that_lost_its_grdset(tmp_path):
     (tmp_path / "part.op4").write_bytes(text_op4(matrices, "sparse"))
     with pytest.raises(ExportError, match=r"GRIDs 30 have no CD, and others have one: where GRDSET"):
         fm.export.read_op4(tmp_path / "part.op4")
-    (tmp_path / "part.pch").write_text("GRDSET,,,,,,6\n" + text[:start] + blank + text[end:])
-    same_body(fm.export.read_op4(tmp_path / "part.op4"), damped_rod(), rtol=1e-7)
+    given = text[:start] + blank + text[end:]
+    for with_default in ("GRDSET,,,,,,6\n" + given, given + "GRDSET,,5,,,,6\n"):  # wherever it stands; CP 0 is no blank
+        (tmp_path / "part.pch").write_text(with_default)
+        same_body(fm.export.read_op4(tmp_path / "part.op4"), damped_rod(), rtol=1e-7)
 
 
 def test_dmig_moves_along_the_grids_own_directions(tmp_path):
@@ -337,9 +339,9 @@ def test_what_does_not_fit(tmp_path):
         "are no components": "GRID,1\nEXTRN,1,7\n",
         "twice": "GRID,1\nEXTRN,1,12,1,2\n",
         "no superelement's": "SPOINT,1,THRU,99999999\n",
-        "no coordinate system 4": "GRID,1,4\n" + rows,
-        "defined by itself": "GRID,1,4\nCORD2R,4,4,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n" + rows,
-        "in one line": "GRID,1,4\nCORD2R,4,,0.,0.,0.,0.,0.,1.\n,0.,0.,2.\n" + rows,
+        "coordinate system 4 is used and not given": "GRID,1,4\n" + rows,
+        r"line 2: coordinate system 4 hangs on itself": "GRID,1,4\nCORD2R,4,4,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n" + rows,
+        "the three points of CORD2R 4 lie on a line": "GRID,1,4\nCORD2R,4,,0.,0.,0.,0.,0.,1.\n,0.,0.,2.\n" + rows,
         "on the axis of": "GRID,1,,,,,4\nCORD2C,4,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n" + rows,
     }
     for match, deck in decks.items():

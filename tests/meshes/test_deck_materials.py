@@ -51,7 +51,7 @@ def test_steel_in_any_units(write, units, ending):
     ("text", "ending", "units", "pattern"),
     [
         ("MAT1,3,1.,,.3\n", "bdf", "mm-t-s", r"its solids have no isotropic elastic material"),
-        ("MAT1,3,one,,.3\n", "bdf", "mm-t-s", r"part\.bdf: 'one' is not a number"),
+        ("MAT1,3,one,,.3\n", "bdf", "mm-t-s", r"part\.bdf: line 1: MAT1 3: 'one' is not a number"),
         ("MAT1,3,1.,,.3\n", "msh", "mm-t-s", r"materials are read from \.bdf"),
         ("MAT1,3,1.,,.3\n", "bdf", "mm-kg", r"units='mm-kg' is not length-mass-time, as 'mm-t-s'"),
         ("*ELASTIC\n1.,.3,20.\n2.,.3,40.\n*SOLID SECTION,ELSET=a\n", "inp", "mm-t-s", "no isotropic elastic material"),

@@ -174,6 +174,13 @@ def test_systems_that_hang_on_themselves(write):
         meshes.read(write(deck(line + SHELL + GRIDS + SOLIDS)))
 
 
+@pytest.mark.parametrize(("old", "new"), [("nan", "not a number"), ("1e999", "too large a number")])
+def test_places_that_are_no_numbers(write, old, new):
+    """Numpy takes these."""
+    with pytest.raises(MeshError, match=rf"part\.bdf: line 23: GRID 99: '{old}' is {new}"):
+        meshes.read(write(deck(SHELL + GRIDS + SOLIDS + f"GRID,99,,0.,{old},1.\n")))
+
+
 def test_files_within_files(write):
     """Beside the file that names them, beside the first one, over several lines, from before BEGIN BULK too."""
     write(SHELL, "model/parts/shells.bdf")

@@ -7,7 +7,7 @@ mode.  Numbers stand in fields of 16 characters, which is 11 to 14 digits.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,6 @@ from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.export.superelements.matrix_choice import MatrixNames, chosen_matrices
 from flexmbd.export.superelements.matrix_text import Dof
 from flexmbd.export.superelements.nastran_body import nastran_body
-from flexmbd.export.superelements.nastran_boundary import CARDS, Boundary
-from flexmbd.export.superelements.nastran_cards import cards, number, whole
 from flexmbd.export.superelements.node_binding import Interfaces, node_sets
 from flexmbd.export.superelements.superelement import superelement
 from flexmbd.export.superelements.superelement_frames import (
@@ -28,7 +26,10 @@ from flexmbd.export.superelements.superelement_frames import (
     node_comment,
 )
 from flexmbd.export.superelements.unit_system import SI, from_si, unit_system
-from flexmbd.files.whole_file import read_text, write_file
+from flexmbd.files.bulk_cards import Card, read_bulk
+from flexmbd.files.mesh_text import read_lines
+from flexmbd.files.nastran_grids import GRID_CARDS, Grids, read_grids
+from flexmbd.files.whole_file import write_file
 from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -150,12 +151,11 @@ def read_dmig(
         ExportError: the file is damaged, or holds something else; its units are others; it has structural damping and
             w4 is not given.
     """
-    text = read_text(path)
     try:
-        deck = parsed_deck(text)
-    except (ValueError, IndexError, OverflowError) as error:
+        deck = read_deck(Path(path))
+    except ValueError as error:
         raise ExportError(f"{path}: {error}") from error
-    ours = commented_interfaces(text.splitlines(), bound=bool(node_sets(interfaces)))
+    ours = commented_interfaces(read_lines(Path(path)), bound=bool(node_sets(interfaces)))
     dofs = deck.dofs()
     if dofs:
         checked_size(len(dofs), path)
@@ -169,17 +169,17 @@ def read_dmig(
 
     found = chosen_matrices(path, names, load, matrices=matrices, w4=w4)
     return nastran_body(
-        path, deck.boundary, dofs, found, ours=ours, interfaces=interfaces, frame=frame, units=units
+        path, deck.grids, dofs, found, ours=ours, interfaces=interfaces, frame=frame, units=units
     )
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Deck:
-    """Cards of a deck: the boundary, forms with types, and entries (row, column, value) of matrices by name."""
+    """Cards of a deck: GRIDs, forms with types, and entries (row, column, value) of matrices by name."""
 
-    boundary: Boundary = field(default_factory=Boundary)
-    forms: dict[str, tuple[int, int]] = field(default_factory=dict)
-    entries: dict[str, list[tuple[Dof, Dof, float]]] = field(default_factory=dict)
+    grids: Grids
+    forms: dict[str, tuple[int, int]]
+    entries: dict[str, list[tuple[Dof, Dof, float]]]
 
     def dofs(self) -> list[Dof]:
         """Node and component of each row of the matrices, by number."""
@@ -205,31 +205,37 @@ def _is_square(form: tuple[int, int]) -> bool:
     return form[0] in (1, 6) and form[1] in (1, 2)
 
 
-def parsed_deck(text: str) -> Deck:
+def read_deck(path: Path) -> Deck:
     """The cards of a deck, others passed over.
 
     Raises:
-        ValueError, IndexError, OverflowError: one is damaged.
+        ValueError: one is damaged.
+        ExportError: it cannot be read.
     """
-    deck = Deck()
-    for fields in cards(text):
-        if fields[0] in CARDS:
-            deck.boundary.add(fields)
-        elif fields[0] == "DMIG":
-            _add(deck, fields)
+    cards = read_bulk(path, wanted=("DMIG", *GRID_CARDS), punched=True).cards
+    deck = Deck(read_grids(cards), {}, {})
+    for card in cards.get("DMIG", []):
+        _add(deck, card)
     return deck
 
 
-def _add(deck: Deck, fields: list[str]) -> None:
-    name = fields[1].upper()
+def _add(deck: Deck, card: Card) -> None:
+    name = card[0].upper()
     if name not in deck.forms:
-        deck.forms[name] = whole(fields, 3), whole(fields, 4)
+        deck.forms[name] = card.whole(2), card.whole(3)
         deck.entries[name] = []
         return
     if not _is_square(deck.forms[name]):  # loads, and complex ones
         return
-    column = whole(fields, 2), whole(fields, 3)
-    for i in range(5, len(fields), 4):
-        if any(fields[i : i + 3]):
-            row = whole(fields, i), whole(fields, i + 1)
-            deck.entries[name].append((row, column, number(fields, i + 2)))
+    column = _dof(card, 1)
+    for i in range(4, len(card), 4):
+        if any(card[i : i + 3]):
+            deck.entries[name].append((_dof(card, i), column, card.real(i + 2)))
+
+
+def _dof(card: Card, at: int) -> Dof:
+    """Node and component, numbers from 0 on, or ValueError."""
+    node, component = card.whole(at), card.whole(at + 1)
+    if node < 0 or component < 0:
+        raise card.error(f"{card.title}: component {component} of node {node}: there are no negative ones")
+    return node, component

@@ -10,7 +10,6 @@ import numpy as np
 from flexmbd.errors import ExportError
 from flexmbd.export.superelements.full_matrices import NodeSet
 from flexmbd.export.superelements.matrix_text import Dof
-from flexmbd.export.superelements.nastran_boundary import Boundary
 from flexmbd.export.superelements.node_binding import (
     Interfaces,
     bound_nodes,
@@ -25,6 +24,7 @@ from flexmbd.export.superelements.superelement_frames import (
     body_of,
     checked_size,
 )
+from flexmbd.files.nastran_grids import Grids
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
 
@@ -33,7 +33,7 @@ Matrices = tuple[FloatArray, FloatArray, FloatArray | None]
 
 def nastran_body(
     path: str | Path,
-    boundary: Boundary,
+    grids: Grids,
     dofs: Sequence[Dof],
     matrices: Matrices,
     *,
@@ -46,7 +46,7 @@ def nastran_body(
 
     Args:
         path: of the file, for messages.
-        boundary: GRIDs and coordinate systems.
+        grids: where they lie and along which axes they move.
         dofs: node and component (0 of SPOINTs) of each row.
         matrices: K, M and D.
         ours: what comments of a file of ours say.
@@ -64,7 +64,7 @@ def nastran_body(
     if not named and not sets:
         named = {
             f"grid {node}": InterfaceNode(None, node)
-            for node in boundary.placed
+            for node in grids.rows
             if moved.get(node, set()) >= set(range(1, 7))
         }
     order = _order(path, dofs, named, sets)
@@ -74,9 +74,9 @@ def nastran_body(
     _check_moved(path, list(order)[: 6 * len(named)], (K, M))
     framed = {one.node for one in named.values()} | bound_nodes(sets)
     try:
-        turns = {node: boundary.turn(node) for node in framed & set(moved) if node in boundary.placed}
+        turns = {node: grids.axes(node) for node in framed & set(moved) if node in grids.rows}
         K, M, D = _in_basic_axes((K, M, D), order, turns)
-        places = {node: boundary.place(node) for node in boundary.placed}
+        places = {node: grids.place(node) for node in grids.rows}
     except ValueError as error:
         raise ExportError(f"{path}: {error}") from error
     placed = {
@@ -86,13 +86,13 @@ def nastran_body(
     bound = bound_nodes(sets)
     free = [(node, c) for node, c in list(order)[6 * len(named) :] if c == 0 or node not in bound]
     placed, (K, M, D) = with_bound_nodes(placed, (K, M, D), order, sets, places)
-    K, M, D = _carried(path, (K, M, D), free, boundary, frames=list(placed.values()))
+    K, M, D = _carried(path, (K, M, D), free, grids, frames=list(placed.values()))
     read = ReadMatrices(placed, K, M, D, frame=ours.frame, floating=ours.floating, units=ours.units)
     try:
         return body_of(read, path, interfaces=None, frame=frame, units=units)
     except ExportError as error:
-        plain = sorted(node for node, (_, _, cd) in boundary.placed.items() if cd == 0 and node in moved)
-        if not plain or all(cd == 0 for _, _, cd in boundary.placed.values()):
+        plain = sorted(node for node in moved if node in grids.rows and not grids.is_turned(node))
+        if not plain or not grids.movers.any():
             raise
         raise ExportError(
             f"{error}. GRIDs {', '.join(map(str, plain[:8]))} have no CD, and others have one: where GRDSET gave it to "
@@ -179,7 +179,7 @@ def _in_basic_axes(
 
 
 def _carried(
-    path: str | Path, matrices: Matrices, free: Sequence[Dof], boundary: Boundary, *, frames: Sequence[InterfaceNode]
+    path: str | Path, matrices: Matrices, free: Sequence[Dof], grids: Grids, *, frames: Sequence[InterfaceNode]
 ) -> Matrices:
     """Let components of GRIDs that are no interface stay free: their motions against the first frame become modes.
 
@@ -187,7 +187,7 @@ def _carried(
         path: of the file.
         matrices: rows of the frames, six each, then those of `free`.
         free: nodes with components, 0 of SPOINTs.
-        boundary: where the GRIDs lie, and along which axes they move.
+        grids: where they lie, and along which axes they move.
         frames: the interfaces, in the basic axes.
     """
     if not any(component for _, component in free):
@@ -203,8 +203,8 @@ def _carried(
                 "reduction"
             )
         try:
-            R, arm = boundary.turn(node), boundary.place(node) - np.asarray(frames[0].position)
-        except (ValueError, KeyError) as error:
+            R, arm = grids.axes(node), grids.place(node) - np.asarray(frames[0].position)
+        except ValueError as error:
             raise ExportError(
                 f"{path}: component {component} of GRID {node} is of no interface, and its place is unknown: {error}"
             ) from error

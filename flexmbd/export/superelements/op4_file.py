@@ -6,6 +6,7 @@ NAAX of the names' characters, which other programs need not read.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -16,8 +17,7 @@ from flexmbd.export.loss import Capabilities, check_losses, checked_writer
 from flexmbd.export.superelements.matrix_choice import MatrixNames, chosen_matrices
 from flexmbd.export.superelements.matrix_text import Dof
 from flexmbd.export.superelements.nastran_body import nastran_body
-from flexmbd.export.superelements.nastran_boundary import CARDS, Boundary
-from flexmbd.export.superelements.nastran_cards import cards
+from flexmbd.export.superelements.nastran_rows import ROW_CARDS, matrix_rows
 from flexmbd.export.superelements.node_binding import Interfaces, single_nodes
 from flexmbd.export.superelements.op4_binary import binary_matrices, is_binary
 from flexmbd.export.superelements.op4_matrix import Op4Matrix
@@ -32,6 +32,8 @@ from flexmbd.export.superelements.superelement_frames import (
     unit_quaternion,
 )
 from flexmbd.export.superelements.unit_system import SI
+from flexmbd.files.bulk_cards import read_bulk
+from flexmbd.files.nastran_grids import GRID_CARDS, Grids, read_grids
 from flexmbd.files.whole_file import read_file, read_text, write_file
 from flexmbd.given import checked
 from flexmbd.record.groups import FloatArray
@@ -41,6 +43,8 @@ from flexmbd.rotation import from_quaternion, to_quaternion
 CAPABILITIES = Capabilities(large_motion=False)
 
 _RECTANGULAR, _SYMMETRIC = 2, 6
+# A card that tells the rows of the matrices.
+_ROWS = re.compile(r"^ *(EXTRN|SECONCT)\b", re.IGNORECASE | re.MULTILINE)
 
 
 @checked_writer
@@ -149,12 +153,12 @@ def read_op4(
             raise ExportError(f"{path} does not say which nodes its rows are: give deck=, the .pch or .asm beside it")
         read = ReadMatrices(ours, K, M, D, frame=at, floating=floating, units=SI if ours else None)
         return body_of(read, path, interfaces=frames or None, frame=frame, units=units)
-    boundary, dofs = _boundary(deck)
+    grids, dofs = _boundary(Path(deck))
     if len(dofs) != len(K):
         raise ExportError(f"{deck} names {len(dofs)} rows, and the matrices of {path} have {len(K)}")
     nobody = FileComments({}, None, False, None)
     return nastran_body(
-        path, boundary, dofs, (K, M, D), ours=nobody, interfaces=interfaces, frame=frame, units=units
+        path, grids, dofs, (K, M, D), ours=nobody, interfaces=interfaces, frame=frame, units=units
     )
 
 
@@ -166,31 +170,24 @@ def _deck_beside(path: str | Path) -> Path | None:
     """The .pch or .asm of the same name, where one tells the rows."""
     for suffix in (".pch", ".asm"):
         beside = Path(path).with_suffix(suffix)
-        if beside.is_file() and _told(read_text(beside)):
+        if beside.is_file() and _ROWS.search(read_text(beside)):
             return beside
     return None
 
 
-def _told(text: str) -> bool:
-    return any(fields[0] in ("EXTRN", "SECONCT") for fields in cards(text))
-
-
-def _boundary(deck: str | Path) -> tuple[Boundary, list[Dof]]:
-    """What a deck says of GRIDs and rows."""
-    boundary = Boundary()
+def _boundary(deck: Path) -> tuple[Grids, list[Dof]]:
+    """GRIDs of a deck, and node and component of each row of the matrices."""
     try:
-        for fields in cards(read_text(deck)):
-            if fields[0] in CARDS:
-                boundary.add(fields)
-        dofs = boundary.order()
-    except (ValueError, IndexError, OverflowError) as error:
+        cards = read_bulk(deck, wanted=(*GRID_CARDS, *ROW_CARDS), punched=True).cards
+        grids, dofs = read_grids(cards), matrix_rows(cards)
+    except ValueError as error:
         raise ExportError(f"{deck}: {error}") from error
     if not dofs:
         raise ExportError(
             f"{deck} has neither EXTRN nor SECONCT, and so does not say the order of the rows: give the .pch or .asm "
             "that EXTSEOUT wrote with the .op4, or interfaces={name: InterfaceNode(position)} in the order of the rows"
         )
-    return boundary, dofs
+    return grids, dofs
 
 
 def _interfaces(matrices: Mapping[str, Op4Matrix]) -> tuple[dict[str, InterfaceNode], str | None, bool]:
