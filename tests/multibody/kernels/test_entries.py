@@ -171,3 +171,46 @@ def test_a_run_of_compiled_kernels_asks_for_no_numba(tmp_path: Path) -> None:
 
     numbers("with")  # what is not in the cache is compiled
     assert numbers("with") == numbers("without")
+
+
+PLAIN = """
+import sys
+import numpy as np
+import test_entries as kernels
+from flexmbd.multibody.kernels.base import pipeline
+
+if sys.argv[1] == "a pass that is gone":
+    pipeline._TO_LLVM = (*pipeline._TO_LLVM, (pipeline.typed_passes, "NoSuchPass"))
+asked = []
+own = pipeline.DefaultPassBuilder.define_nopython_pipeline
+pipeline.DefaultPassBuilder.define_nopython_pipeline = lambda *given: asked.append(1) or own(*given)
+print(kernels.weighed(np.array([[1.0, 2.0], [3.0, 4.0]]), 0.5), bool(asked))
+"""
+
+
+@kernel
+def weight(x, share):
+    return share * np.sqrt(x)
+
+
+@entry_kernel
+def weighed(values, share):
+    total = 0.0
+    for row in values:
+        for x in row:
+            total += weight(x, share)
+    return total
+
+
+@pytest.mark.parametrize("why", ["asked for", "a pass that is gone", "none"])
+def test_numba_s_own_passes_serve_as_well(why: str, tmp_path: Path) -> None:
+    environment = {name: one for name, one in os.environ.items() if name != "FLEXMBD_PLAIN_NUMBA"}
+    environment |= {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parent)}
+    if why == "asked for":
+        environment["FLEXMBD_PLAIN_NUMBA"] = "1"
+    command = [sys.executable, "-c", PLAIN, why]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    number, asked = done.stdout.split()
+    assert abs(float(number) - 0.5 * (1.0 + 2.0**0.5 + 3.0**0.5 + 2.0)) < 1e-15 * 8
+    assert asked == str(why != "none")

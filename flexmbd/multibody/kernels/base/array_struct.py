@@ -47,7 +47,7 @@ class ArrayStruct:
     def _block(self) -> np.ndarray:
         """The words that kernels read."""
         own, found = vars(self), list[int]()
-        for name in self._numba_type_.places:
+        for name in self._layout.places:
             value = own[name]
             if type(value) is np.ndarray:  # as most are; see ``words``
                 found.append(_word_at(id(value) + _DATA).value)

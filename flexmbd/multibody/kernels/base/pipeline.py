@@ -4,37 +4,40 @@ numba by itself optimises every function alone, with all that it calls, before i
 that kernels alone call are kept as they were translated (``PartLibrary``), and optimised with what enters them.
 
 This module, ``translation``, ``part_cache`` and ``struct_type`` are where the package leans on numba's inside; the
-versions that they were run with bound what is installed.
+versions that they were run with bound what is installed.  With FLEXMBD_PLAIN_NUMBA set, and where a numba has no passes
+by these names, numba's own list of passes is taken: kernels are the same and take longer to compile.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core import typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, CompileResult, Flags, compile_result
+from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder, Flags, compile_result
 from numba.core.compiler_machinery import LoweringPass, PassManager, register_pass
 from numba.core.typing import signature
 
 from flexmbd.multibody.kernels.base.entry_code import add_entry
 
+#: numba's passes but those that only closures, objects and parallel loops need, by its modules' names.
 _TO_LLVM = (
-    untyped_passes.TranslateByteCode,
-    untyped_passes.FixupArgs,
-    untyped_passes.IRProcessing,
-    untyped_passes.RewriteSemanticConstants,
-    untyped_passes.DeadBranchPrune,
-    untyped_passes.GenericRewrites,
-    untyped_passes.ReconstructSSA,
-    typed_passes.NopythonTypeInference,
-    typed_passes.PreLowerStripPhis,
-    typed_passes.NoPythonSupportedFeatureValidation,
-    typed_passes.IRLegalization,
-    typed_passes.AnnotateTypes,
-    typed_passes.NativeLowering,
+    (untyped_passes, "TranslateByteCode"),
+    (untyped_passes, "FixupArgs"),
+    (untyped_passes, "IRProcessing"),
+    (untyped_passes, "RewriteSemanticConstants"),
+    (untyped_passes, "DeadBranchPrune"),
+    (untyped_passes, "GenericRewrites"),
+    (untyped_passes, "ReconstructSSA"),
+    (typed_passes, "NopythonTypeInference"),
+    (typed_passes, "PreLowerStripPhis"),
+    (typed_passes, "NoPythonSupportedFeatureValidation"),
+    (typed_passes, "IRLegalization"),
+    (typed_passes, "AnnotateTypes"),
+    (typed_passes, "NativeLowering"),
 )
 
 
@@ -62,11 +65,11 @@ class EntryCompiler(_KernelCompiler):
     """Compiles what Python, or a call through an address, enters."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Numba's passes but those that only closures, objects and parallel loops need."""
+        """Numba's passes, and machine code with a way in."""
         self.state.flags.no_compile = True
         codegen = self.state.targetctx.codegen()
         self.state.library = EntryLibrary(codegen, self.state.func_id.func_qualname)
-        return [_manager((*_TO_LLVM, _EntryBackend))]
+        return [_manager(self.state, _EntryBackend)]
 
 
 class PartCompiler(_KernelCompiler):
@@ -77,15 +80,24 @@ class PartCompiler(_KernelCompiler):
         self.state.flags.no_compile = True
         codegen = self.state.targetctx.codegen()
         self.state.library = PartLibrary(codegen, self.state.func_id.func_qualname)
-        return [_manager((*_TO_LLVM, _PartBackend))]
+        return [_manager(self.state, _PartBackend)]
 
 
-def _manager(passes: tuple[Any, ...]) -> PassManager:
+def _manager(state: Any, backend: Any) -> PassManager:
     manager = PassManager("kernel")
-    for one in passes:
+    for one in (*_passes(state), backend):
         manager.add_pass(one, one.__name__)
     manager.finalize()
     return manager
+
+
+def _passes(state: Any) -> list[Any]:
+    """From a function's text to LLVM's: those above, or numba's own list."""
+    known = [getattr(module, name, None) for module, name in _TO_LLVM]
+    if all(known) and not os.environ.get("FLEXMBD_PLAIN_NUMBA"):
+        return known
+    own = DefaultPassBuilder.define_nopython_pipeline(state).passes
+    return [one for one, _ in own if one is not typed_passes.NoPythonBackend]
 
 
 class EntryLibrary(JITCodeLibrary):
