@@ -20,7 +20,7 @@ from flexmbd.given import numbers
 from flexmbd.meshes.dimension import check_arguments, checked_part
 
 Points = npt.NDArray[np.float64]
-Vector: TypeAlias = tuple[float, float, float]
+Triple: TypeAlias = tuple[float, float, float]
 
 # Of the mesh's size: how far off a plane or cylinder a vertex may lie. Files of eight columns have five digits.
 _OFF = 2e-5
@@ -39,8 +39,8 @@ class OnPlane:
         MeshError: a point or direction is no three numbers, a length not positive.
     """
 
-    point: Vector
-    normal: Vector
+    point: Triple
+    normal: Triple
     within: float | None = None
 
     def __post_init__(self) -> None:
@@ -63,8 +63,8 @@ class OnCylinder:
         MeshError: a point or direction is no three numbers, a length not positive.
     """
 
-    point: Vector
-    axis: Vector
+    point: Triple
+    axis: Triple
     radius: float
     within: float | None = None
 
@@ -87,8 +87,8 @@ class InBox:
         MeshError: a corner is no three numbers, or the low one lies above the high one.
     """
 
-    low: Vector
-    high: Vector
+    low: Triple
+    high: Triple
 
     def __post_init__(self) -> None:
         low, high = _vector("InBox: low", self.low, bounded=False), _vector("InBox: high", self.high, bounded=False)
@@ -229,7 +229,7 @@ def _predicate(place: Place, off: float) -> Predicate:
     return place
 
 
-def _unit(direction: Vector) -> Points:
+def _unit(direction: Triple) -> Points:
     found = np.array(direction, dtype=float)
     unit: Points = found / np.linalg.norm(found)
     return unit

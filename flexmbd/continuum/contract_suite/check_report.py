@@ -29,7 +29,7 @@ from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.errors import FormulationError
 from flexmbd.given import checked
 
-Place: TypeAlias = tuple[str, int]
+CellOfDegree: TypeAlias = tuple[str, int]
 """A cell and a degree."""
 
 _RANKS = "the same matrices on all ranks"
@@ -48,7 +48,7 @@ class CheckResult:
     """
 
     name: str
-    outcomes: Mapping[Place, Outcome]
+    outcomes: Mapping[CellOfDegree, Outcome]
     remedy: str
 
     @property
@@ -144,7 +144,7 @@ def check_form(
     return FormReport(cast(ModuleType, form).__name__.rpartition(".")[2], [*results, _try_ranks(form, comm)])
 
 
-def places(form: Formulation) -> list[Place]:
+def places(form: Formulation) -> list[CellOfDegree]:
     """Every cell and degree of a form."""
     return [(cell, degree) for cell in form.CELLS for degree in orders(form, cell)]
 
@@ -178,7 +178,7 @@ def _try_place(form: Formulation, cell: str, degree: int) -> dict[str, Outcome]:
     return {**outcomes, **{check.name: attempt(check, trial) for check in others}}
 
 
-def _try_history(form: Formulation, place: Place) -> list[CheckResult]:
+def _try_history(form: Formulation, place: CellOfDegree) -> list[CheckResult]:
     """What yields, on one cell and degree: history lies at points."""
     try:
         trials = history_trials(form, *place)
@@ -193,7 +193,7 @@ def _try_ranks(form: Formulation, comm: MPI.Comm) -> CheckResult:
     if comm.size == 1:
         why = Remark(Verdict.SKIP, "needs two ranks: mpirun -n 2 flexmbd check ...")
         return CheckResult(_RANKS, dict.fromkeys(places(form), why), _SAME)
-    outcomes: dict[Place, Outcome] = {}
+    outcomes: dict[CellOfDegree, Outcome] = {}
     for cell, degree in places(form):
         error: Exception | None = None
         try:

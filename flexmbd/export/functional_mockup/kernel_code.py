@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct, words
-from flexmbd.multibody.kernels.base.object_code import Kernel
+from flexmbd.multibody.kernels.base.object_code import KernelProgram
 
 _ALIGNED = 64
 
@@ -81,7 +81,7 @@ OBJECT_SYMBOLS = b"#define SYMBOL(name) __asm__(name)\n"
 SOURCE_SYMBOLS = b"#define SYMBOL(name) /* the names are those of the sources */\n"
 
 
-def c_names(kernels: Iterable[Kernel]) -> dict[str, str]:
+def c_names(kernels: Iterable[KernelProgram]) -> dict[str, str]:
     """What C calls each kernel, by its symbol: the same in every unit."""
     return {one.symbol: f"kernel_{sha256(one.symbol.encode()).hexdigest()[:16]}" for one in kernels}
 
@@ -133,7 +133,7 @@ def _c_values(one: Any, memory: MemoryImage) -> list[tuple[str, str]]:
     return [("double", repr(one))] if isinstance(one, float) else [("uint64_t", f"(uint64_t){int(one)}")]
 
 
-def bind_deferred(deferred: Mapping[bytes, Kernel], names: Mapping[str, str]) -> str:
+def bind_deferred(deferred: Mapping[bytes, KernelProgram], names: Mapping[str, str]) -> str:
     """The C function by which kernels find those that they call by address, from what names each."""
     lines = ["#include <stdint.h>", "#include <string.h>", "", f'#include "{SYMBOLS}"', ""]
     lines += ["uint32_t flexmbd_bind_deferred(uint64_t name, uint64_t size, uint64_t slot);", ""]

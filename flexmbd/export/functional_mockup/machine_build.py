@@ -8,7 +8,7 @@ from functools import cache
 from flexmbd.export.functional_mockup.kernel_code import OBJECT_SYMBOLS, SOURCE_SYMBOLS, SYMBOLS, MemoryImage
 from flexmbd.export.functional_mockup.unit_build import Target, compile_library
 from flexmbd.export.kernel_sources.c_module import HEADER, c_source, header
-from flexmbd.multibody.kernels.base.object_code import Kernel, object_code
+from flexmbd.multibody.kernels.base.object_code import KernelProgram, object_code
 
 _EXPORTS = b"{ global: fmi2*; fmi3*; local: *; };\n"
 
@@ -25,7 +25,7 @@ typedef int image_only; /* C wants a declaration */
 """
 
 
-def linked(files: Mapping[str, bytes], kernels: Sequence[Kernel], memory: MemoryImage, target: Target) -> bytes:
+def linked(files: Mapping[str, bytes], kernels: Sequence[KernelProgram], memory: MemoryImage, target: Target) -> bytes:
     """The C files and the kernels as a shared library."""
     objects = {f"kernel{k}.o": object_code(kernel, target.triple) for k, kernel in enumerate(kernels)}
     exported = {"exports.map": _EXPORTS} if target.map_exports else {}
@@ -34,7 +34,7 @@ def linked(files: Mapping[str, bytes], kernels: Sequence[Kernel], memory: Memory
     return compile_library({**files, **image, **objects, **exported}, target, link=(*objects, *options))
 
 
-def kernel_sources(kernels: Sequence[Kernel], names: Mapping[str, str], memory: MemoryImage) -> dict[str, bytes]:
+def kernel_sources(kernels: Sequence[KernelProgram], names: Mapping[str, str], memory: MemoryImage) -> dict[str, bytes]:
     """C99 of the kernels and of the memory's image."""
     found = {f"{names[one.symbol]}.c": _source(one, names[one.symbol]) for one in kernels}
     rows = [", ".join(map(str, memory.image[k : k + 32])) for k in range(0, len(memory.image), 32)]
@@ -43,5 +43,5 @@ def kernel_sources(kernels: Sequence[Kernel], names: Mapping[str, str], memory: 
 
 
 @cache
-def _source(kernel: Kernel, name: str) -> bytes:
+def _source(kernel: KernelProgram, name: str) -> bytes:
     return c_source(kernel.program, kernel.symbol, name, known=CALLED).encode()

@@ -47,7 +47,7 @@ from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
-from flexmbd.multibody.kernels.base.object_code import Kernel, deferred_kernels, kernel_for
+from flexmbd.multibody.kernels.base.object_code import KernelProgram, deferred_kernels, kernel_for
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Acceleration, Output
@@ -160,7 +160,7 @@ def fmu_machine(
     write_file(path, zipped(unit_members(unit, version, written, libraries)))
 
 
-def _compiled(parts: Parts) -> dict[str, Kernel]:
+def _compiled(parts: Parts) -> dict[str, KernelProgram]:
     """The kernels of all calls, by what the calls are named."""
     calls = {"run": parts.run, "refresh": parts.refresh}
     calls |= {f"frame{k}": one.call for k, one in enumerate(parts.frames)}
@@ -170,8 +170,8 @@ def _compiled(parts: Parts) -> dict[str, Kernel]:
 
 
 def _data(
-    parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], names: Mapping[str, str], drives: Sequence[Drive],
-    observed: Sequence[ObservedVariable], h: float,
+    parts: Parts, memory: MemoryImage, code: Mapping[str, KernelProgram], names: Mapping[str, str],
+    drives: Sequence[Drive], observed: Sequence[ObservedVariable], h: float,
 ) -> str:  # fmt: skip
     """The numbers of model.h and machine.h, and the calls of the kernels, as C."""
     plan, state = parts.plan, parts.state
@@ -237,7 +237,7 @@ def _data(
     )
 
 
-def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, Kernel], names: Mapping[str, str]) -> str:
+def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, KernelProgram], names: Mapping[str, str]) -> str:
     """The functions of machine.h as C."""
     calls = [("run", parts.run), ("refresh", parts.refresh)]
     calls += [(f"frame{k}", one.call) for k, one in enumerate(parts.frames)]

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from flexmbd.multibody.kernels.base.entry import Entry, Kernel
+from flexmbd.multibody.kernels.base.entry import EntryKernel, Kernel
 from flexmbd.multibody.kernels.base.kernel_store import cache_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -84,7 +84,7 @@ def kernel(function: F) -> F:
 
 def entry_kernel(function: F) -> F:
     """Let Python call ``function`` compiled, and kernels as if it were a ``kernel`` or through its address."""
-    return Entry(function)  # type: ignore[return-value]
+    return EntryKernel(function)  # type: ignore[return-value]
 
 
 def summing_kernel(function: F) -> F:

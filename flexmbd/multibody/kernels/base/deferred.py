@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import llvmlite.binding as llvm
 
-from flexmbd.multibody.kernels.base.entry import Entry
+from flexmbd.multibody.kernels.base.entry import EntryKernel
 from flexmbd.multibody.kernels.base.kernel_store import Image
 from flexmbd.multibody.kernels.base.machine_code import load
 from flexmbd.multibody.kernels.base.on_demand import cgutils, intrinsic, ir, types
@@ -45,7 +45,7 @@ def deferred_kernel(returns: Any = "none") -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         name = function.__module__, function.__qualname__
-        _kernels[name] = Entry(function), returns
+        _kernels[name] = EntryKernel(function), returns
 
         def typing(typingctx: Any, *arguments: Any) -> Any:
             kinds = tuple(types.unliteral(kind) for kind in arguments)
@@ -68,7 +68,7 @@ def _type_of(returns: Any) -> Any:
     return getattr(types, returns)
 
 
-_kernels: dict[tuple[str, str], tuple[Entry, Any]] = {}
+_kernels: dict[tuple[str, str], tuple[EntryKernel, Any]] = {}
 
 
 def _caller(what: bytes) -> Callable[..., Any]:

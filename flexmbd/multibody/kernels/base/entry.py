@@ -47,7 +47,7 @@ class Kernel(KernelFunction):
         raise TypeError(f"{name} is called by kernels alone; @entry_kernel gives it a way in from Python")
 
 
-class Entry(Kernel):
+class EntryKernel(Kernel):
     """A kernel that Python calls as well, compiled at its first call, or loaded from the cache.
 
     It takes arrays, structures of arrays, numbers and tuples of these, and may return numbers and tuples of numbers.
@@ -59,7 +59,7 @@ class Entry(Kernel):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._calls: dict[Any, Call] = {}
+        self._calls: dict[Any, EntryCall] = {}
         self._addresses: dict[Any, int] = {}
         self._quick: Any = None  # for arguments of those types that it is called with most
         self.images: dict[str, Image] = {}  # those in use, by what tells their arguments from others
@@ -81,7 +81,7 @@ class Entry(Kernel):
         key = tuple([_kind(one) for one in arguments])
         call = self._calls.get(key)
         if call is None:
-            call = self._calls[key] = Call.of(self.image_for(arguments), arguments)
+            call = self._calls[key] = EntryCall.of(self.image_for(arguments), arguments)
         call.calls += 1
         if call.calls == _OFTEN and self._quick is None:
             self._quick = quick_call(
@@ -123,7 +123,7 @@ class Entry(Kernel):
 
 
 @dataclass
-class Call:
+class EntryCall:
     """A way into machine code for arguments of known types."""
 
     address: int
@@ -134,7 +134,7 @@ class Call:
     calls: int = 0
 
     @classmethod
-    def of(cls, image: Image, arguments: tuple[Any, ...]) -> Call:
+    def of(cls, image: Image, arguments: tuple[Any, ...]) -> EntryCall:
         """The way into an image that is for arguments as these."""
         count = len(list(_words(arguments)))
         results = max(1, _size(image.returns))  # an exception's address takes one

@@ -54,7 +54,7 @@ def entry_name(fndesc: Any) -> str:
 
 
 def layout_of(kind: Any) -> Any:
-    """A result's words, for `entry.Call`: "d" of a number, "q" of a whole one, "?" of a truth; lists of these; None.
+    """A result's words, for `entry.EntryCall`: "d" of a number, "q" of a whole one, "?" of a truth; lists of these.
 
     Raises:
         TypeError: it can be no result for Python.

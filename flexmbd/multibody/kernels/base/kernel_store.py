@@ -115,7 +115,7 @@ class Image:
     Attributes:
         entry: symbol of the C function ``int32 entry(int64 *words)``: arguments, behind them what is returned.
         symbol: that of the kernel itself, which other kernels call.
-        returns: what it returns, as `entry.Call` reads it.
+        returns: what it returns, as `entry.EntryCall` reads it.
         kind: the same with numba's names of numbers.
         needs: symbols of others that it calls.
         triple: the platform.

@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.base.kernel_store import Image
 
 
 @dataclass(frozen=True)
-class Kernel:
+class KernelProgram:
     """A kernel for the types of its arguments.
 
     Attributes:
@@ -33,14 +33,14 @@ class Kernel:
     triple: str
 
 
-def kernel_for(function: Any, arguments: tuple[Any, ...]) -> Kernel:
+def kernel_for(function: Any, arguments: tuple[Any, ...]) -> KernelProgram:
     """The kernel compiled, or loaded from the cache, for arguments of these types."""
     return _kernel(function.image_for(arguments))
 
 
-def deferred_kernels(kernels: Iterable[Kernel]) -> dict[bytes, Kernel]:
+def deferred_kernels(kernels: Iterable[KernelProgram]) -> dict[bytes, KernelProgram]:
     """All deferred kernels that these may call, directly or not, by what ``flexmbd_bind_deferred`` is asked for."""
-    found: dict[bytes, Kernel] = {}
+    found: dict[bytes, KernelProgram] = {}
     waiting = list(kernels)
     while waiting:
         for text in _DEFERRED.findall(waiting.pop().program):
@@ -60,8 +60,8 @@ def _unescaped(one: re.Match[bytes]) -> bytes:
     return one[1] if one[1] == b"\\" else bytes([int(one[1], 16)])
 
 
-def _kernel(image: Image) -> Kernel:
-    return Kernel(image.symbol, _without(image.entry, str(llvm.parse_bitcode(image.program))), image.triple)
+def _kernel(image: Image) -> KernelProgram:
+    return KernelProgram(image.symbol, _without(image.entry, str(llvm.parse_bitcode(image.program))), image.triple)
 
 
 def _without(entry: str, program: str) -> str:
@@ -78,7 +78,7 @@ def _without(entry: str, program: str) -> str:
 
 
 @cache
-def object_code(kernel: Kernel, triple: str = "") -> bytes:
+def object_code(kernel: KernelProgram, triple: str = "") -> bytes:
     """Object code, to be placed anywhere, for every processor of the platform's architecture.
 
     Args:
