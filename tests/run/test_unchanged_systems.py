@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
+from flexmbd.multibody.plan.built_of import OF_FIELDS, OF_FIELDS_ALONE
 from flexmbd.multibody.team import Alone
 
 RECORDS = [particle_body(seed, modes=3, damping=2.0).record for seed in (1, 5)]
@@ -290,3 +292,9 @@ def test_loops_that_a_motion_tears_are_told_each_time() -> None:
             scene.simulate(0.5, integrator=fm.ExplicitRungeKutta())
         ends.append(told.value.trajectory.x)
     assert all(np.array_equal(end, ends[0]) for end in ends)
+
+
+@pytest.mark.parametrize("name", [*OF_FIELDS, *OF_FIELDS_ALONE])
+def test_what_is_compared_by_its_fields_is_there(name: str) -> None:
+    module, _, own = name.rpartition(".")
+    assert isinstance(getattr(importlib.import_module(f"flexmbd.multibody.{module}"), own), type)

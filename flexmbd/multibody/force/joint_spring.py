@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PPoly
 
 from flexmbd.given import is_number
 from flexmbd.multibody.force.protocol import ElementTable, OnCoordinate, check_numbers
@@ -14,6 +14,9 @@ from flexmbd.multibody.functions.spline_table import spline
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.elements.characteristic import CHARACTERISTIC
 from flexmbd.multibody.kernels.elements.spring import SPRING
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 
 @dataclass(frozen=True, eq=False)

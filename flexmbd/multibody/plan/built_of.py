@@ -17,57 +17,30 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
-from flexmbd.multibody.force.beam_element import BeamElement
-from flexmbd.multibody.force.bushing import Bushing
-from flexmbd.multibody.force.distributed_load import DistributedLoad
-from flexmbd.multibody.force.frame_force import FrameForce
-from flexmbd.multibody.force.joint_damper import JointDamper
-from flexmbd.multibody.force.joint_force import JointForce
-from flexmbd.multibody.force.joint_friction import JointFriction
-from flexmbd.multibody.force.joint_spring import JointSpring
-from flexmbd.multibody.force.joint_stop import JointStop
-from flexmbd.multibody.force.joint_torque import JointTorque
-from flexmbd.multibody.force.plastic_joint_spring import PlasticJointSpring
-from flexmbd.multibody.force.plastic_spring import PlasticSpring
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.force.spring_damper import SpringDamper
-from flexmbd.multibody.functions.time_function import Sine
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.joint.constant_velocity import ConstantVelocity
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
-from flexmbd.multibody.joint.cylindrical import Cylindrical
-from flexmbd.multibody.joint.distance import Distance
-from flexmbd.multibody.joint.enforcement import AugmentedLagrangian, Multipliers, Penalty
-from flexmbd.multibody.joint.fixed import Fixed
-from flexmbd.multibody.joint.free import Free
-from flexmbd.multibody.joint.gear import Gear
-from flexmbd.multibody.joint.planar import Planar
-from flexmbd.multibody.joint.point_on_line import PointOnLine
-from flexmbd.multibody.joint.point_on_plane import PointOnPlane
-from flexmbd.multibody.joint.prismatic import Prismatic
-from flexmbd.multibody.joint.rack_and_pinion import RackAndPinion
-from flexmbd.multibody.joint.revolute import Revolute
-from flexmbd.multibody.joint.rolling_disc import RollingDisc
-from flexmbd.multibody.joint.screw import Screw
-from flexmbd.multibody.joint.spherical import Spherical
-from flexmbd.multibody.joint.universal import Universal
 from flexmbd.multibody.team import Team
 from flexmbd.record.reduced_body import ReducedBody
 
 T = TypeVar("T")
 
-#: Of these each field is a value.
-_OF_FIELDS = (
-    Sine, Multipliers, Penalty, AugmentedLagrangian,
-    ConstantVelocity, Cylindrical, Distance, Fixed, Free, Planar, PointOnLine, PointOnPlane, Prismatic, Revolute,
-    RollingDisc, Screw, Spherical, Universal,
-)  # fmt: skip
+#: Of these, in flexmbd.multibody, each field is a value. They are named, so that a scene loads those that it has alone.
+OF_FIELDS = (
+    "functions.time_function.Sine joint.enforcement.Multipliers joint.enforcement.Penalty "
+    "joint.enforcement.AugmentedLagrangian joint.constant_velocity.ConstantVelocity joint.cylindrical.Cylindrical "
+    "joint.distance.Distance joint.fixed.Fixed joint.free.Free joint.planar.Planar joint.point_on_line.PointOnLine "
+    "joint.point_on_plane.PointOnPlane joint.prismatic.Prismatic joint.revolute.Revolute "
+    "joint.rolling_disc.RollingDisc joint.screw.Screw joint.spherical.Spherical joint.universal.Universal"
+).split()
 #: As these, and one is not another that has the same values.
-_OF_FIELDS_ALONE = (
-    Frame, Gear, RackAndPinion,
-    BeamElement, Bushing, DistributedLoad, FrameForce, JointDamper, JointForce, JointFriction, JointSpring, JointStop,
-    JointTorque, PlasticJointSpring, PlasticSpring, SpringDamper,
-)  # fmt: skip
+OF_FIELDS_ALONE = (
+    "joint.gear.Gear joint.rack_and_pinion.RackAndPinion force.beam_element.BeamElement force.bushing.Bushing "
+    "force.distributed_load.DistributedLoad force.frame_force.FrameForce force.joint_damper.JointDamper "
+    "force.joint_force.JointForce force.joint_friction.JointFriction force.joint_spring.JointSpring "
+    "force.joint_stop.JointStop force.joint_torque.JointTorque force.plastic_joint_spring.PlasticJointSpring "
+    "force.plastic_spring.PlasticSpring force.spring_damper.SpringDamper"
+).split()
 
 
 class KeptWhile(Generic[T]):
@@ -144,7 +117,7 @@ def _value(one: object) -> Any:
     kind = type(one)
     if kind in _ATOMS:
         return one
-    how = _HOW.get(kind)
+    how = _HOW.get(kind) or _learnt(kind)
     if how is not None:
         return how(one)
     if isinstance(one, Enum):
@@ -194,6 +167,15 @@ _HOW: dict[type, Callable[[Any], Any]] = {
     FlexibleBody: _itself,
     Ground: _itself,
     Connection: _itself,
-    **{kind: _reader(kind, alone=False) for kind in _OF_FIELDS},
-    **{kind: _reader(kind, alone=True) for kind in _OF_FIELDS_ALONE},
+    Frame: _reader(Frame, alone=True),
 }
+
+
+def _learnt(kind: type) -> Callable[[Any], Any] | None:
+    """How a class that is named above is read; None where it is not."""
+    _, own, name = f"{kind.__module__}.{kind.__qualname__}".partition("flexmbd.multibody.")
+    alone = name in OF_FIELDS_ALONE
+    if not own or not (alone or name in OF_FIELDS):
+        return None
+    how = _HOW[kind] = _reader(kind, alone=alone)
+    return how
