@@ -23,8 +23,10 @@ def main() -> int:
     if arguments.demos and gallery.run_demos(arguments.outputs, ()):
         return 1
     sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    trees = arguments.output.with_name(f".{arguments.output.name}_doctrees")  # for the next build, and no part of the site
     outputs = f"gallery_outputs={arguments.outputs.resolve()}"
-    status = subprocess.run([*sphinx, "-D", outputs, str(ROOT / "docs"), str(arguments.output)], check=False).returncode
+    folders = ["-d", str(trees), str(ROOT / "docs"), str(arguments.output)]
+    status = subprocess.run([*sphinx, "-D", outputs, *folders], check=False).returncode
     if status == 0:
         print(f"the site is in {arguments.output}: open {arguments.output / 'index.html'}")
     return status
