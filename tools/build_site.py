@@ -23,7 +23,8 @@ def main() -> int:
     if arguments.demos and gallery.run_demos(arguments.outputs, ()):
         return 1
     sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
-    trees = arguments.output.with_name(f".{arguments.output.name}_doctrees")  # for the next build, and no part of the site
+    # for the next build, and no part of the site
+    trees = arguments.output.with_name(f".{arguments.output.name}_doctrees")
     outputs = f"gallery_outputs={arguments.outputs.resolve()}"
     folders = ["-d", str(trees), str(ROOT / "docs"), str(arguments.output)]
     status = subprocess.run([*sphinx, "-D", outputs, *folders], check=False).returncode
