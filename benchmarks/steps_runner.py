@@ -98,7 +98,8 @@ def stepping(system: fm.System, case: Case, method: Integrator, how: dict[str, f
 
     Integration.advance = timed  # type: ignore[method-assign]
     try:
-        stats = system.simulate(case.t_end, integrator=method, **how).stats  # type: ignore[arg-type]
+        # compiled anew: an unchanged scene that runs again is stepped by its prepared run, without `Integration`
+        stats = system.compile().simulate(case.t_end, integrator=method, **how).stats  # type: ignore[arg-type]
     finally:
         Integration.advance = advance  # type: ignore[method-assign]
     return spent, stats.steps + stats.rejected, stats.iterations or stats.evaluations
