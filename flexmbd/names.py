@@ -1,6 +1,5 @@
 """The names of the root, `flexmbd.System` and the others: loaded when the first of them is asked for."""
 
-from flexmbd.compiled_machine import CompiledMachine as CompiledMachine
 from flexmbd.continuation.crossing import CriticalKind as CriticalKind
 from flexmbd.continuation.follow import PathEnd as PathEnd
 from flexmbd.continuation.request import Continuation as Continuation
@@ -43,8 +42,10 @@ from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta a
 from flexmbd.integrate.explicit.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.explicit.tableau import Pair as Pair
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA
-from flexmbd.linearized import LinearizedMachine as LinearizedMachine
-from flexmbd.linearized import StateSpace as StateSpace
+from flexmbd.machine.compiled_machine import CompiledMachine as CompiledMachine
+from flexmbd.machine.linearized_machine import LinearizedMachine as LinearizedMachine
+from flexmbd.machine.linearized_machine import StateSpace as StateSpace
+from flexmbd.machine.system import System as System
 from flexmbd.monitors.hot_spots import HotSpot as HotSpot
 from flexmbd.monitors.hot_spots import StressMeasure as StressMeasure
 from flexmbd.monitors.hot_spots import hot_spots as hot_spots
@@ -149,4 +150,3 @@ from flexmbd.run.stepped_machine import SteppedState as SteppedState
 from flexmbd.run.stopped import SimulationError as SimulationError
 from flexmbd.run.stopped import SimulationInterrupted as SimulationInterrupted
 from flexmbd.run.trajectory import Trajectory as Trajectory
-from flexmbd.system import System as System

@@ -48,7 +48,7 @@ SHOWN = (
         {
             "command": ("cli", "__main__"),
             "scene_file": ("toml_file",),
-            "system": ("joint", "force", "output", "parameter", "compiled_machine", "linearized", "linearization"),
+            "machine": ("joint", "force", "output", "parameter"),
             "leaves": ("errors", "given", "rotation", "coupling"),
         },
         {
@@ -63,7 +63,7 @@ SHOWN = (
             "meshes": "gmsh",
         },
         {
-            "controllers": ("system",),
+            "controllers": ("machine",),
             "shapes, contact": ("multibody",),
             "moving beams": ("multibody", "beams"),
         },

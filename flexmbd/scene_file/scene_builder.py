@@ -13,6 +13,7 @@ import numpy as np
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.files.python_file import PythonFiles
 from flexmbd.force import Force
+from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.signal import Signal
@@ -40,7 +41,6 @@ from flexmbd.scene_file.scene_description import (
 )
 from flexmbd.scene_file.shapes import make_shape
 from flexmbd.scene_file.values import nearest
-from flexmbd.system import System
 
 
 @dataclass(frozen=True, eq=False)

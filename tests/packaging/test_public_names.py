@@ -201,7 +201,7 @@ def test_types_of_a_checkout_are_found(tmp_path: Path) -> None:
     )
     said = re.sub(r"scene\.py:", "", done.stdout).splitlines()
     assert [line for line in said if "System" in line or "Revolute" in line or "Sytem" in line][:3] == [
-        '2: note: Revealed type is "flexmbd.system.System"',
+        '2: note: Revealed type is "flexmbd.machine.system.System"',
         '3: note: Revealed type is "flexmbd.multibody.joint.revolute.Revolute"',
         '4: error: Module has no attribute "Sytem"; maybe "System"?  [attr-defined]',
     ]

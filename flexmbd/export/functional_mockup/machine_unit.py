@@ -44,6 +44,7 @@ from flexmbd.files.whole_file import write_file
 from flexmbd.given import checked, refuse_no_truth, refuse_other
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
@@ -51,7 +52,6 @@ from flexmbd.multibody.kernels.base.object_code import KernelProgram, deferred_k
 from flexmbd.multibody.kernels.reading.force_tables import constant_place, is_constant
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Acceleration, Output
-from flexmbd.system import System
 
 
 @checked(but=("inputs", "outputs", "integrator", "fmi"), error=ExportError)

@@ -1,4 +1,4 @@
 """Equilibria and linear machines: M, C, K, V, W about a working point, inputs and outputs.
 
-Entered by `flexmbd.linearization` and by the system.
+Entered by `flexmbd.machine`.
 """

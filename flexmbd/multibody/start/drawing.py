@@ -1,6 +1,6 @@
 """The assembled drawing: where each body lies, and the frames of joints that are given by one place and axis in it.
 
-Entered by ``machine_assembly`` alone.
+Used by ``flexmbd.machine.assembly`` alone.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """MachineAssembly: bodies, joints, forces and couplings as a user puts them together, each checked as it comes in.
 
-Entered by ``system`` alone.
+Used by ``System`` alone.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.linearized import LinearizedMachine
+from flexmbd.machine.linearized_machine import LinearizedMachine
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work, new_work

@@ -15,15 +15,15 @@ from typing import Any, Literal, TypeAlias, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmbd.compiled_machine import STARTING, CompiledMachine
 from flexmbd.continuation.request import Continuation
 from flexmbd.errors import EquilibriumWarning, SceneError, warn
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.linearization import linear_machine, working_point
-from flexmbd.linearized import LinearizedMachine
-from flexmbd.machine_assembly import MachineAssembly
+from flexmbd.machine.assembly import MachineAssembly
+from flexmbd.machine.compiled_machine import STARTING, CompiledMachine
+from flexmbd.machine.linearization import linear_machine, working_point
+from flexmbd.machine.linearized_machine import LinearizedMachine
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.energy_force import EnergyForce
