@@ -9,6 +9,8 @@ compiled; DOLFINx and PETSc load with `flexmbd.continuum`, `flexmbd.reduction` a
 import importlib
 import typing
 
+from flexmbd.portraits import draw_with as _draw_with
+
 __version__ = "0.2.0"
 
 _ROOMS = frozenset(
@@ -17,6 +19,8 @@ _ROOMS = frozenset(
         "parameter", "reduction", "visual",
     }
 )  # fmt: skip
+
+_draw_with("flexmbd.visual.portraits")
 
 if typing.TYPE_CHECKING:
     from flexmbd import beams as beams

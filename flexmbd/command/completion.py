@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol
 
 from flexmbd.command.terminal import Parser, print_line
 from flexmbd.errors import FlexmbdError
@@ -42,6 +43,17 @@ examples:
 """
 
 
+class Described(Protocol):
+    """A subcommand: its name, and what gives a parser its arguments."""
+
+    @property
+    def name(self) -> str:
+        """The word after `flexmbd`."""
+
+    def describe(self, parser: argparse.ArgumentParser) -> None:
+        """Give a parser the subcommand's arguments."""
+
+
 def describe(parser: argparse.ArgumentParser) -> None:
     """Give the subcommand's parser its arguments."""
     parser.description = "Print a script that completes subcommands, options, formats and files in a shell."
@@ -51,18 +63,22 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def completion(arguments: argparse.Namespace) -> int:
-    """Print the script. Not collective."""
-    print_line(script(arguments.shell).rstrip("\n"))
+    """Print the script. Not collective.
+
+    Args:
+        arguments: the shell, and as `subcommands` those that the script completes.
+    """
+    print_line(script(arguments.shell, arguments.subcommands).rstrip("\n"))
     return 0
 
 
-def script(shell: str) -> str:
+def script(shell: str, subcommands: Iterable[Described]) -> str:
     """The script of a shell, from the parsers of all subcommands."""
-    from flexmbd.command.subcommands import SUBCOMMANDS
-
+    names_of_all: list[str] = []
     options: list[str] = []
     values: list[str] = []
-    for one in SUBCOMMANDS:
+    for one in subcommands:
+        names_of_all.append(one.name)
         parser = Parser(prog=f"flexmbd {one.name}")
         try:
             one.describe(parser)
@@ -74,7 +90,7 @@ def script(shell: str) -> str:
         chosen = {**parser.choices_of_options(), **_names_of(one.name)}
         values += [f'        "{one.name} {word}") known="{" ".join(all_of)}" ;;' for word, all_of in chosen.items()]
     found = _FUNCTION.format(
-        subcommands=" ".join(one.name for one in SUBCOMMANDS), values="\n".join(values), options="\n".join(options)
+        subcommands=" ".join(names_of_all), values="\n".join(values), options="\n".join(options)
     )
     return found if shell == "bash" else _ZSH + found
 

@@ -62,6 +62,7 @@ def new_parser(words: Sequence[str]) -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_Version)
+    parser.set_defaults(subcommands=SUBCOMMANDS)  # which `completion` lists
     subcommands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
     named = next((word for word in words if not word.startswith("-")), None)
     if named is not None and named not in (one.name for one in SUBCOMMANDS):

@@ -1,18 +1,13 @@
-"""Pictures of a record and of a stress field; the room that draws them stands above and is loaded when asked."""
+"""Pictures of a record and of a stress field; the module that draws them is loaded at the first picture."""
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
 from flexmbd.errors import PictureError
 from flexmbd.given import checked
-
-
-def portraits() -> Any:
-    """The module that draws single bodies: by its name, so that what it draws need not import it."""
-    return importlib.import_module("flexmbd.visual.portraits")
+from flexmbd.portraits import portraits
 
 
 class PicturedRecord:
@@ -40,10 +35,7 @@ class PicturedRecord:
         Raises:
             PictureError: the record has no surface, no such mode; there is no display; the file cannot be written.
         """
-        shown: Path | None = portraits().show_record(
-            self, mode=mode, amplitude=amplitude, path=path, size=size, view=view
-        )
-        return shown
+        return portraits().show_record(self, mode=mode, amplitude=amplitude, path=path, size=size, view=view)
 
     @checked("mode", "amplitude", "fps", error=PictureError)
     def animate(
@@ -62,10 +54,9 @@ class PicturedRecord:
         Raises:
             PictureError: as ``show``; another suffix.
         """
-        written: Path = portraits().film_mode(
+        return portraits().film_mode(
             self, path, mode=mode, amplitude=amplitude, seconds=seconds, fps=fps, size=size, view=view
         )
-        return written
 
     @checked("mode", "amplitude", error=PictureError)
     def to_pyvista(self, *, mode: int | None = None, amplitude: float = 0.1) -> Any:
@@ -78,8 +69,7 @@ class PicturedRecord:
 
     def _repr_html_(self) -> str:
         """Its text and, where pyvista can draw here, a picture."""
-        html: str = portraits().html_of(repr(self), lambda: portraits().record_scene(self))
-        return html
+        return portraits().html_of(repr(self), lambda: portraits().record_scene(self))
 
 
 class PicturedField:
@@ -108,8 +98,7 @@ class PicturedField:
             PictureError: there is no display; a bad choice; the file cannot be written.
         """
         scene = portraits().stress_scene(self, amplification=amplification, title=title)
-        shown: Path | None = portraits().present(scene, path=path, size=size, view=view)
-        return shown
+        return portraits().present(scene, path=path, size=size, view=view)
 
     def to_pyvista(self, *, amplification: float = 1.0) -> Any:
         """The surface as a pyvista.PolyData with "von Mises stress" (Pa) at its points. Not collective.
@@ -121,5 +110,4 @@ class PicturedField:
 
     def _repr_html_(self) -> str:
         """Its text and, where pyvista can draw here, a picture."""
-        html: str = portraits().html_of(repr(self), lambda: portraits().stress_scene(self))
-        return html
+        return portraits().html_of(repr(self), lambda: portraits().stress_scene(self))

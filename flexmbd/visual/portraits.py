@@ -1,12 +1,14 @@
 """Single bodies as scenes: shapes, records and their modes, meshes.
 
-Entered by what it draws: `record.pictured`, `multibody.bodies.shape` and the models of the continuum, by its name.
+The `show` of records, stress fields, shapes and the continuum's models reach it through `flexmbd.portraits`, by which
+they know its functions and do not import it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +33,12 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _STILL = np.eye(4)[None]
+
+if TYPE_CHECKING:  # has mypy compare the functions with what they are known by
+    import flexmbd.visual.portraits as _here
+    from flexmbd.portraits import Portraits
+
+    _known_by: Portraits = _here
 
 
 def shape_scene(shape: Shape) -> DrawnScene:

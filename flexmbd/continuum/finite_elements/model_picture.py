@@ -13,7 +13,7 @@ from flexmbd.continuum.compat import cell_nodes
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody
 from flexmbd.continuum.finite_elements.mesh_outline import outline_of
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.record.pictured import portraits
+from flexmbd.portraits import portraits
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -48,12 +48,9 @@ class PicturedModel(DiscretisedBody):
             PictureError: there is no display, or the file cannot be written: on all ranks.
         """
         scene = self._scene()
-
-        def draw() -> Path | None:
-            shown: Path | None = portraits().present(scene, path=path, size=size, view=view)
-            return shown
-
-        return parallel.on_root(self.mesh.comm, draw)
+        return parallel.on_root(
+            self.mesh.comm, lambda: portraits().present(scene, path=path, size=size, view=view)
+        )
 
     def to_pyvista(self) -> Any:
         """What ``show`` shows as a pyvista.MultiBlock (m); the mesh itself is ``mesh.to_pyvista()``. Collective.
@@ -76,8 +73,7 @@ class PicturedModel(DiscretisedBody):
     def _repr_html_(self) -> str:
         """Its text and, on one rank where pyvista can draw, a picture."""
         alone = self.mesh.comm.size == 1  # what draws is collective, and this may be asked of one rank
-        html: str = portraits().html_of(repr(self), lambda: self._scene() if alone else None)
-        return html
+        return portraits().html_of(repr(self), lambda: self._scene() if alone else None)
 
 
 def _whole_mesh(mesh: TaggedMesh) -> tuple[FloatArray, IntArray]:

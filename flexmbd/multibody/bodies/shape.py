@@ -14,7 +14,7 @@ from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.closed_surface import whole_rows
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.multibody.bodies.triangle_file import read_triangles
-from flexmbd.record.pictured import portraits
+from flexmbd.portraits import portraits
 from flexmbd.rotation import Axis, check_rotation, z_onto
 
 FloatArray = NDArray[np.float64]
@@ -243,8 +243,7 @@ class Shape:
         Raises:
             PictureError: there is no display, or the file cannot be written.
         """
-        shown: Path | None = portraits().present(portraits().shape_scene(self), path=path, size=size, view=view)
-        return shown
+        return portraits().present(portraits().shape_scene(self), path=path, size=size, view=view)
 
     @classmethod
     def _together(cls, parts: Sequence[Shape]) -> Shape:
