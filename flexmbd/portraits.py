@@ -6,9 +6,11 @@ Loads nothing but Python's own modules: the root says once where the drawing is,
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
 
 
 class Portraits(Protocol):
@@ -51,7 +53,7 @@ _module = ""
 
 
 def draw_with(module: str) -> None:
-    """Name the module that draws; it is imported at the first picture."""
+    """Name the module that draws, which is imported at the first picture."""
     global _module
     _module = module
 
