@@ -41,7 +41,7 @@ from flexmbd.run.stepping import evaluate_inputs
 FloatArray = NDArray[np.float64]
 
 #: Arrays of a plan that a variant's numbers are written to.
-_VARIED = ("tree", "frames", "rigid", "data", "time_data")
+_VARIED = ("frames", "rigid", "data", "time_data")
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,7 +103,7 @@ def test_the_same_to_the_bit(case: Callable[[], Any], how: str, monkeypatch: pyt
 
 
 def unbalanced() -> tuple[fm.CompiledMachine, dict[str, np.ndarray], Asked]:
-    """Parallel hinges with links that come off their plane and so need gyroscopic terms, and a slide beside them."""
+    """Parallel hinges with links that come off their plane, and a slide beside them."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))
     arm = scene.add(fm.RigidBody(1.0, (0.01, 0.03, 0.03), (0.3, 0.0, 0.0)), name="arm")
     slider = scene.add(fm.RigidBody(0.5, (0.01, 0.01, 0.01)), name="slider")

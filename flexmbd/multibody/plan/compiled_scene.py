@@ -331,7 +331,7 @@ def build(
     driven = _driven(b, topology)
     table = assemble_forces(b, ground, forces, varied)
     assemble_penalties(b, rows, table)
-    plan, axes = fill_plan(b, rows, table, driven, gravity)
+    plan = fill_plan(b, rows, table, driven, gravity)
     order = blockwise_order(plan)
     if len(order) > 0:
         plan = plan.replace(rows=plan.rows[order])
@@ -360,7 +360,7 @@ def build(
         interiors=Interiors(tuple(table.interiors), team) if table.interiors else None,
         breaks=np.concatenate([np.zeros(0), *b.breaks]),
         switches=tuple(table.switches),
-        sources=Sources(tuple(b.markers), reach, beams, tuple(rows.scaled), table.spans, tuple(axes), table.is_awaited),
+        sources=Sources(tuple(b.markers), reach, beams, tuple(rows.scaled), table.spans, table.is_awaited),
     )
     table.call_hooks(scene)
     return scene

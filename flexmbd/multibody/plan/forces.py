@@ -68,7 +68,8 @@ class ForceTable(StateTable):
         names: of each element, in messages.
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
-        idle: names of elements that never exert anything, and have no rows.
+        idle: names of elements that never exert anything, and have no rows: 20 springs of zero stiffness on ten links
+            would make forward dynamics 6.5 times slower (benchmarks/skipping.py).
         switches: of laws that jump with the state.
     """
 

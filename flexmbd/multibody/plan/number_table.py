@@ -16,7 +16,6 @@ from flexmbd.multibody.bodies.body import Body, Frame, RigidBody, moments_about_
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.numbering import rigid_rows
-from flexmbd.multibody.plan.rotation_kinds import how_turning
 from flexmbd.multibody.plan.variation import group_sizes
 from flexmbd.multibody.scene_index import IdentityMap
 
@@ -48,16 +47,11 @@ class NumberTable:
         self.possible = np.ones(count, bool)
         self._places = places
         self._rigid: list[tuple[int, FloatArray]] = []
-        self._turning: list[tuple[int, list[int]]] = []
         self._frames = [(row, p) for frame, p in places.items() for row in scene.sources.rows_of[frame]]
         numbered: IdentityMap[Body, FloatArray] = IdentityMap()
         for body, numbers in bodies.items():
             row, rows = scene.index.bodies[body], self._rows(scene.index.now(body), numbers, count)
             self._rigid.append((row, rows))
-            axis = scene.sources.axes[row]
-            if axis is not None and axis.any():
-                kinds = [how_turning(scene.plan.tree[row], axis, rigid) for rigid in rows]
-                self._turning.append((row, kinds))
             numbered[body] = rows
         for p in places.values():
             self.possible &= np.isfinite(p).all(axis=1)
@@ -77,8 +71,6 @@ class NumberTable:
         """Write variant k into arrays of a plan by their names, and into the sizes of the error norm's groups."""
         for row, rows in self._rigid:
             arrays["rigid"][row] = rows[k]
-        for row, kinds in self._turning:
-            arrays["tree"][row, at.ROTATION] = kinds[k]
         for row, p in self._frames:
             arrays["frames"][row, at.FRAME_P : at.FRAME_R] = p[k]
         full[:], floor[:] = self._sizes[k]

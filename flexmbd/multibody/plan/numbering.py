@@ -131,7 +131,7 @@ class Numbering:
             pair = joint.steps[k].pair
             ends = [inner_row, pair.turning, f, g, x, v]
             sizes = [len(pair.columns), len(pair.angular)]
-            self.tree.append([*ends, -1, -1, -1, self.add_pair(pair), kinds.FREE_ROTATION, *sizes])
+            self.tree.append([*ends, -1, -1, -1, self.add_pair(pair), kinds.ROTATING, *sizes])
             self.rigid.append([0.0] * at.N_RIGID)
             inner_row = row
             if after is not None:
@@ -193,7 +193,7 @@ class Numbering:
             row = len(self.tree)
             f, g = (self.add_body_frame(owner, np.zeros(3), np.eye(3)) for owner in (-1, row))
             ends = [-1, REVOLUTE.turning, f, g, len(self.start), len(self.names)]
-            self.tree.append([*ends, -1, -1, -1, self.add_pair(REVOLUTE), kinds.FREE_ROTATION, 1, 1])
+            self.tree.append([*ends, -1, -1, -1, self.add_pair(REVOLUTE), kinds.ROTATING, 1, 1])
             unit = np.zeros(at.N_RIGID)
             unit[[at.SECOND_MOMENT, at.SECOND_MOMENT + 3]] = 0.5  # xx and yy, of which the inertia about z is the sum
             self.rigid.append(unit.tolist())

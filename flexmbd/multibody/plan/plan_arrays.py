@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.functions.time_function import TimeRow
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering
-from flexmbd.multibody.plan.rotation_kinds import classify_rotations, turning_axes
 from flexmbd.multibody.plan.rows import RowTable
 from flexmbd.multibody.plan.time_data import data_with_integrals
 
@@ -23,8 +23,8 @@ IntArray = NDArray[np.int64]
 
 def fill_plan(
     b: Numbering, rows: RowTable, table: ForceTable, driven: Sequence[Sequence[int]], gravity: FloatArray
-) -> tuple[Plan, list[FloatArray | None]]:
-    """The plan of what was numbered, and the axes that frames turn about (`turning_axes`).
+) -> Plan:
+    """The plan of what was numbered.
 
     Args:
         b: coordinates, frames, bodies and functions of time.
@@ -39,8 +39,7 @@ def fill_plan(
     tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
     frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
     rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
-    axes = turning_axes(tree, frames, frame_of)
-    tree[:, at.ROTATION] = classify_rotations(tree, axes, rigid)
+    tree[:, at.ROTATION] = classify_rotations(tree, frame_of)
     plan = Plan(
         tree=tree,
         frames=frames,
@@ -63,7 +62,21 @@ def fill_plan(
         penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),
     )
-    return plan, axes
+    return plan
+
+
+def classify_rotations(tree: IntArray, frame_of: IntArray) -> IntArray:
+    """(bodies,) of each row of ``Plan.tree`` whether its frame may rotate: ``kinds.NONROTATING`` or ``ROTATING``.
+
+    No frame rotates behind joints that do not turn; on a frame that deforms it may.
+    """
+    found = np.full(len(tree), kinds.ROTATING)
+    for i, row in enumerate(tree):
+        on_still = row[at.PARENT] < 0 or found[row[at.PARENT]] == kinds.NONROTATING
+        deforms = frame_of[row[at.FRAME_PARENT], at.FRAME_MODES] >= 0
+        if on_still and not deforms and row[at.JOINT_TURN] == kinds.TURN_NONE:
+            found[i] = kinds.NONROTATING
+    return found
 
 
 def time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:

@@ -46,7 +46,6 @@ class Sources:
         reach: of bodies that can move, and beams: (m), the largest beam: what the machine's extent is the largest of.
         scaled: numbers that the extent scales.
         forces: rows and parameters of each force element.
-        axes: about which each link turns (see ``turning``).
         is_awaited: whether functions of the state keep the compiled scene.
     """
 
@@ -55,7 +54,6 @@ class Sources:
     beams: float
     scaled: tuple[ScaledRow, ...]
     forces: IdentityMap[Force, ForceSpan]
-    axes: tuple[FloatArray | None, ...]
     is_awaited: bool
 
     @cached_property

@@ -28,7 +28,6 @@ from flexmbd.multibody.kernels.reading.tree import mode_places
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import ForceSpan, ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
-from flexmbd.multibody.plan.rotation_kinds import how_turning, turning_axes
 from flexmbd.multibody.plan.time_data import data_with_integrals
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex
 
@@ -77,7 +76,6 @@ class _Variation:
         for body in bodies:
             self._write_rigid(body)
         if bodies or frames:
-            self._write_turning(bodies, frames)
             self._write_extent(bodies, frames)
         for force in forces:
             self._write_force(force)
@@ -167,19 +165,6 @@ class _Variation:
                 "other has not"
             )
         self._array("modal")[first : laid.modal_size] = np.concatenate(laid.modal)
-
-    def _write_turning(self, bodies: Sequence[Body], frames: Sequence[Frame]) -> None:
-        """Whether gyroscopic terms vanish: of all links where axes moved, else of those whose mass did."""
-        tree, rigid = self._plan.tree, self._now("rigid")
-        axes = self._scene.sources.axes
-        rows = [self._index.bodies[body] for body in bodies]
-        if any(self._index.frame_now(frame).R_BF is not frame.R_BF for frame in frames):
-            axes = tuple(turning_axes(tree, self._now("frames"), self._plan.frame_of))
-            rows = list(range(len(tree)))
-        for row in rows:
-            turning = how_turning(tree[row], axes[row], rigid[row])
-            if turning != self._now("tree")[row, at.ROTATION]:
-                self._array("tree")[row, at.ROTATION] = turning
 
     def _write_extent(self, bodies: Sequence[Body], frames: Sequence[Frame]) -> None:
         rigid = IdentityMap((body, self._now("rigid")[self._index.bodies[body]][None]) for body in bodies)

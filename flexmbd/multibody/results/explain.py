@@ -18,7 +18,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.forward_dynamics.shortcuts import shortcuts
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.kernels.reading.force_tables import force_elements
-from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotation_kind, shaft_inertias
+from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotates, shaft_inertias
 from flexmbd.multibody.start.consistent_start import Start
 
 _KINDS = {
@@ -28,13 +28,6 @@ _KINDS = {
     kinds.TIME_PYTHON: "Python, called at each new time",
 }
 
-#: Terms that are left out, by how the bodies' frames may rotate.
-_UNNEEDED_RIGID = {
-    kinds.NONROTATING: "gyroscopic terms of {} (no joint turns the frame)",
-    kinds.BALANCED_ROTATION: "gyroscopic terms of {} (turning about one principal axis)",
-    kinds.PLANAR_ROTATION: "gyroscopic terms of {} but for the joints' reactions (turning about one axis)",
-}
-_UNNEEDED_FLEXIBLE = {kinds.NONROTATING: "Coriolis and centrifugal terms of {} (no joint turns the frame)"}
 _YIELDS = "yields to a penalty, no multipliers"
 _SHOWN = 4
 _LISTED = 20  # lines of a list that are told one by one
@@ -253,7 +246,7 @@ def _skipped(start: Start) -> list[str]:
         skipped.append("geometric stiffening (in no record: a fast spinning body comes out too soft)")
     if len(plan.flex):
         skipped.append("factoring modal masses (the identity)")
-    skipped.extend(_unneeded_gyroscopics(start))
+    skipped.extend(_unneeded_coriolis(start))
     skipped.extend(_shorter_ways(start))
     idle = start.scene.idle_elements
     if idle:
@@ -276,17 +269,14 @@ def _shorter_ways(start: Start) -> list[str]:
     return found
 
 
-def _unneeded_gyroscopics(start: Start) -> list[str]:
-    """Bodies without gyroscopic terms, by the joints between them and the ground."""
+def _unneeded_coriolis(start: Start) -> list[str]:
+    """Flexible bodies without Coriolis and centrifugal terms, by the joints between them and the ground."""
     scene = start.scene
     bodies = [branch.outer.body for branch in scene.topology.branches]
-    groups: dict[str, list[str]] = {}
-    for body in bodies:
-        kind = rotation_kind(scene.plan, scene.index.bodies[body])
-        what = _UNNEEDED_FLEXIBLE.get(kind) if body.reduced() is not None else _UNNEEDED_RIGID.get(kind)
-        if what is not None:
-            groups.setdefault(what, []).append(body.name)
-    return [what.format(_listed(names, len(bodies))) for what, names in groups.items()]
+    still = [b.name for b in bodies if b.reduced() is not None and not rotates(scene.plan, scene.index.bodies[b])]
+    if not still:
+        return []
+    return [f"Coriolis and centrifugal terms of {_listed(still, len(bodies))} (no joint turns the frame)"]
 
 
 def _listed(names: list[str], whole: int) -> str:

@@ -24,7 +24,6 @@ from flexmbd.multibody.kernels.algebra.spatial import (
     turn_block,
     turn_symmetric,
 )
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import INERTIA_AND_WRENCH, WRENCH, deferred_kernel
@@ -64,8 +63,7 @@ def gather_inertia(plan, work, aw, v, loaded):  # noqa: PLR0915  one pass
             mass = constant[i, to.C_MASS]
             first = row3(constant, i, to.C_FIRST)
             inertia = row6(constant, i, to.C_INERTIA)
-            if plan.tree[i, at.ROTATION] == kinds.FREE_ROTATION:
-                torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
+            torque = add3(torque, cross3(w, symmetric_times(inertia, w)))
             force = add3(force, cross3(w, cross3(w, first)))
             a = add6(a, inertia)
             b = add9(b, skew(first))

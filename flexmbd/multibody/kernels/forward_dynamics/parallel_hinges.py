@@ -3,7 +3,7 @@
 Where every joint is a free hinge and every frame but the first on the ground lies along its parent's axes, bodies
 turn about one direction.  Then one moment and two forces accelerate a hinge, and a body's articulated inertia has six
 numbers: everything else that ``inward`` computes goes into reactions.  The factors are left where ``solve_mass`` reads
-them.
+them.  It takes 1 / 1.55 of the time of the recursion in space, of ten links (benchmarks/skipping.py).
 """
 
 from __future__ import annotations

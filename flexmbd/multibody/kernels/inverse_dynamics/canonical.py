@@ -69,7 +69,7 @@ def body_momentum(plan, work, i, x, v, none, row, out):
     if tree[at.FLEX] < 0:
         rigid = plan.rigid[i]
         first = load3(rigid, at.FIRST_MOMENT)
-        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), kinds.NONROTATING, row)
+        add_rigid_wrench(rigid[at.MASS], first, rigid_second_moment(rigid), row)
     else:
         _modal_momentum(plan, work, i, x, v, none, row, out)
     store3(row, at.B_W, w)
@@ -82,7 +82,7 @@ def _modal_momentum(plan, work, i, x, v, none, row, out):
     n = plan.flex[tree[at.FLEX], at.N_MODES]
     qx = tree[at.MODAL_X]
     qv = tree[at.MODAL_V]
-    q, turning = x[qx : qx + n], kinds.FREE_ROTATION
+    q, turning = x[qx : qx + n], kinds.ROTATING
     flexible_inertia(plan, work.moments, i, q, none[:n], v[qv : qv + n], turning, row, out[qv : qv + n])
 
 
@@ -168,7 +168,7 @@ def _write_modal_gradient(plan, work, i, x, v, half, none, weight, out):
     store3(row, at.B_DW, _ZERO)
     store3(row, at.B_A, add3(cross3(load3(row, at.B_W), load3(row, at.B_V)), weight))
     force = out[qv : qv + n]
-    q, turning = x[qx : qx + n], kinds.FREE_ROTATION
+    q, turning = x[qx : qx + n], kinds.ROTATING
     flexible_inertia(plan, work.moments, i, q, half[qv : qv + n], none[:n], turning, row, force)
     scratch = work.generalized[qv : qv + n]
     elastic_forces(plan.modal, flex, q, v[qv : qv + n], scratch, force)

@@ -233,7 +233,6 @@ def write_inertial_wrenches(plan, work, x, v, a, out):
                 rigid[at.MASS],
                 load3(rigid, at.FIRST_MOMENT),
                 rigid_second_moment(rigid),
-                tree[at.ROTATION],
                 work.body[i],
             )
         else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, scale3, store3
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
@@ -27,11 +26,16 @@ def inertia_times(second, w):
 
 
 @kernel
-def add_rigid_wrench(mass, first, second, turning, row):
+def add_rigid_wrench(mass, first, second, row):
     """Write F, T = integral of rho a, rho r x a for a body that moves as a rigid one.
 
     a = a_B + dw x r + w x (w x r) (Ambrosio & Nikravesh 1992, eq. 28 without deformation).
-    ``turning`` (``kinds.NONROTATING`` to ``kinds.FREE_ROTATION``) says where w x (J w) is zero.
+
+    Args:
+        mass: float64, kg.
+        first: (float64, float64, float64), integral of rho r about B, kg m.
+        second: six float64, integral of rho r r^T about B: `rigid_second_moment`, kg m^2.
+        row: (N_BODY,) float64, the body's row of Work.body: its motion is read, its wrench written.
     """
     w = load3(row, at.B_W)
     dw = load3(row, at.B_DW)
@@ -39,8 +43,6 @@ def add_rigid_wrench(mass, first, second, turning, row):
     force = add3(
         scale3(mass, a), add3(cross3(dw, first), cross3(w, cross3(w, first)))
     )
-    torque = add3(cross3(first, a), inertia_times(second, dw))
-    if turning == kinds.PLANAR_ROTATION or turning == kinds.FREE_ROTATION:
-        torque = add3(torque, cross3(w, inertia_times(second, w)))
+    torque = add3(cross3(first, a), add3(inertia_times(second, dw), cross3(w, inertia_times(second, w))))
     store3(row, at.B_F, force)
     store3(row, at.B_T, torque)

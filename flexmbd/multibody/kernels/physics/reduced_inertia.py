@@ -71,8 +71,8 @@ def add_velocity_forces(plan, i, w, qd, second, first, table, bias):
 def flexible_inertia(plan, table, i, q, qd, qdd, turning, row, out):
     """Write the wrench of reduced body i and the modal forces of its inertia.
 
-    ``row`` is its row of Work.body, ``table`` (N_MOMENTS, n) scratch; ``turning`` as in `add_rigid_wrench`: of a body
-    whose frame never turns nothing is left of angular accelerations, Coriolis and centrifugal terms.
+    ``row`` is its row of Work.body, ``table`` (N_MOMENTS, n) scratch; ``turning`` is kinds.NONROTATING or ROTATING: of
+    a body whose frame never turns nothing is left of angular accelerations, Coriolis and centrifugal terms.
     """
     flex = plan.flex[plan.tree[i, at.FLEX]]
     n = flex[at.N_MODES]

@@ -123,9 +123,9 @@ def frame_owner(plan: Plan, frame: int) -> int:
     return int(plan.frame_of[frame, at.FRAME_BODY])
 
 
-def rotation_kind(plan: Plan, row: int) -> int:
-    """How the frame of a link may rotate: ``kinds.NONROTATING`` to ``kinds.FREE_ROTATION``."""
-    return int(plan.tree[row, at.ROTATION])
+def rotates(plan: Plan, row: int) -> bool:
+    """Whether any joint between the ground and the frame of a link turns it."""
+    return bool(plan.tree[row, at.ROTATION] != kinds.NONROTATING)
 
 
 def modal_places(plan: Plan) -> Iterator[ModalPlace]:
