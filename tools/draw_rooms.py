@@ -49,7 +49,7 @@ SHOWN = (
             "command": ("cli", "__main__"),
             "scene_file": ("toml_file",),
             "machine": ("joint", "force", "output", "parameter"),
-            "leaves": ("errors", "given", "rotation", "coupling"),
+            "leaves": ("errors", "given", "given_values", "rotation", "coupling"),
         },
         {
             "continuum": "mesh + form: K, M",

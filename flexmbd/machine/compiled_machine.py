@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,33 +18,20 @@ from flexmbd.ensemble.executing import refuse_executor, run_ensemble
 from flexmbd.ensemble.results import Ensemble
 from flexmbd.ensemble.sampled import Sampled
 from flexmbd.ensemble.samples import Samples
-from flexmbd.ensemble.stamp import meaning, study_digest
+from flexmbd.ensemble.stamp import study_digest
 from flexmbd.ensemble.variants import Study, VariantOutput, refuse_outputs
-from flexmbd.errors import FlexmbdError, SceneError, StartWarning, warn
-from flexmbd.given import checked, refuse_no_truth, refuse_other
+from flexmbd.errors import FlexmbdError, SceneError
+from flexmbd.given import checked, refuse_no_truth
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.multibody.bodies.body import Body
-from flexmbd.multibody.functions.signal import Signal
-from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base.arrays import Work, new_work
-from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
+from flexmbd.machine.steppable import Steppable, StepperRequest
+from flexmbd.machine.variable_scene import VariableScene
 from flexmbd.multibody.linear.working_point import WorkingPoint
-from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.agreement import refuse_different, refuse_different_arguments
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.misplaced_elements import refuse_misplaced_elements
-from flexmbd.multibody.plan.variation import vary
-from flexmbd.multibody.scene_index import IdentityMap
-from flexmbd.multibody.start.consistent_start import Start, consistent_start
-from flexmbd.multibody.start.energy_check import refuse_false_energies
-from flexmbd.multibody.start.given_coordinates import refuse_against_motions
-from flexmbd.multibody.start.given_start import given_start
-from flexmbd.multibody.start.kept_starts import KeptStarts, can_be_kept
+from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
-from flexmbd.multibody.start.report import changed_velocities
-from flexmbd.multibody.team import Alone, Team, on_every_rank
+from flexmbd.multibody.team import Alone, on_every_rank
 from flexmbd.run.checkpoint import Checkpoint
-from flexmbd.run.controller import Controller
 from flexmbd.run.event import Event
 from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
 from flexmbd.run.recording import Recording
@@ -53,21 +40,15 @@ from flexmbd.run.sampling import code_of
 from flexmbd.run.settings import RunSettings, choice_of
 from flexmbd.run.simulation import prepared_trajectory, run
 from flexmbd.run.snapshot import new_snapshot
-from flexmbd.run.stepped_integration import SteppedScene, settings_of, stepped_scene
+from flexmbd.run.stepped_integration import SteppedScene, stepped_scene
 from flexmbd.run.stepped_machine import SteppedMachine
-from flexmbd.run.stepped_outputs import SteppedOutput
-from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-
-#: What kernels are compiled for before any integrator's.
-STARTING = "the start"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CompiledMachine:
+class CompiledMachine(VariableScene, Steppable):
     """A machine as it stands when it is compiled; made by ``System.compile``.
 
     It can be pickled and deep-copied, together with the joints, frames and bodies that it is asked by.
@@ -84,124 +65,19 @@ class CompiledMachine:
         SceneError: a parameter does not fit the scene, or bears the name of an argument of ``simulate``.
     """
 
-    scene: CompiledScene
-    connections: tuple[Connection, ...]
-    bodies: tuple[Body, ...]
-    parameters: Mapping[str, tuple[Parameter, ...]]
-    team: Team
-    controllers: tuple[Controller, ...] = ()
     _workspaces: Workspaces = field(default_factory=Workspaces, init=False)
-    _starts: KeptStarts = field(default_factory=KeptStarts, init=False)
 
     def __post_init__(self) -> None:
         taken = set(inspect.signature(CompiledMachine.simulate).parameters) if self.parameters else set()
-        known: dict[str, str] = {}
-        for name, meant in self.parameters.items():
+        for name in self.parameters:
             if not (isinstance(name, str) and name.isidentifier()) or name in taken:
                 raise SceneError(f"a parameter cannot be called {name!r}: simulate(...) takes it by its name")
-            if not meant:
-                raise SceneError(f"parameter {name!r} is of no quantity: its list is empty")
-            for parameter in meant:
-                refuse_other(parameter, Parameter, f"parameter {name!r}", wanted="as fm.parameter.Mass(body)")
-                try:
-                    parameter.check(self.scene)
-                except SceneError as reason:
-                    raise SceneError(f"parameter {name!r}: {reason}") from reason
-                other = known.setdefault(meaning(parameter, self.scene), name)
-                if other != name:
-                    raise SceneError(f"parameters {other!r} and {name!r} are the same quantity; give it one name")
+        super().__post_init__()
 
     def __repr__(self) -> str:
         """How many bodies and joints, and the parameters."""
         named = ", ".join(self.parameters) or "none"
         return f"<CompiledMachine of {len(self.bodies)} bodies, {len(self.connections)} joints; parameters: {named}>"
-
-    def variant(self, values: Mapping[str, Any]) -> CompiledScene:
-        """The compiled scene with these values of the parameters; those not given stay as compiled.
-
-        Raises:
-            SceneError: a name is no parameter's; a value is not possible, or changes what is computed.
-        """
-        self._refuse_unknown(values)
-        if not values:
-            return self.scene
-        now = self.scene.index.now
-        substitutes: IdentityMap[object, Any] = IdentityMap()
-        try:
-            for name, value in values.items():
-                for parameter in self.parameters[name]:
-                    of = parameter.of
-                    substitutes[of] = parameter.changed(substitutes[of] if of in substitutes else now(of), value)
-            return vary(self.scene, substitutes)
-        except SceneError as reason:
-            raise SceneError(f"with {told(values)}: {reason}") from reason
-
-    def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
-        """What a trajectory of this machine with these values is of; for ``Trajectory.load``.
-
-        Raises:
-            SceneError: as ``variant``.
-        """
-        return self.variant(values), self.bodies, self.team
-
-    def _refuse_unknown(self, names: Iterable[object]) -> None:
-        unknown = [name for name in names if name not in self.parameters]
-        if unknown:
-            there = ", ".join(self.parameters) or "none: compile(parameters={...}) names them"
-            raise SceneError(f"the machine has no parameter {unknown[0]!r}; it has {there}")
-
-    @checked()
-    def start(self, *, t: float = 0.0, **values: Any) -> Start:
-        """The consistent start at time ``t`` (s) with these values of the parameters.
-
-        Raises:
-            SceneError, AssemblyError: as ``System.start``, and as ``variant``.
-        """
-        return self.start_of(self.variant(values), t)
-
-    def start_of(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
-        """The consistent start of a variant: what joints and bodies are given, or a state found before."""
-        if self.team.is_root:
-            announce_compilation(STARTING)
-        work = new_work(scene.plan)
-        evaluate_inputs(scene, work, t)
-        start, v, held = self._found_start(scene, work, t, about)
-        mark_compiled(STARTING)
-        if about is None:  # a machine that has settled on a stop presses it
-            refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
-        refuse_false_energies(scene, work, start.x)
-        forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held)
-        for complaint in (start.strain.warning, forbidden):
-            if complaint and self.team.is_root:
-                warn(complaint, StartWarning)
-        return start
-
-    def _found_start(
-        self, scene: CompiledScene, work: Work, t: float, about: WorkingPoint | None
-    ) -> tuple[Start, FloatArray, BoolArray]:
-        """The start at the time of ``work``; the velocities (nv,) wanted, and which of them are set (nv,)."""
-        if about is not None:
-            about.scene.refuse_other(scene)
-            x, v, held = about.x.copy(), about.v.copy(), np.zeros(scene.nv, bool)
-            refuse_different(scene, x, v, self.team)
-            return consistent_start(scene, work, x, v, held_x=held, held_v=held, memories=about.interiors), v, held
-        refuse_against_motions(scene, work, self.connections)
-        x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
-        refuse_different(scene, x, v, self.team)
-        known: Start | None = None
-        if len(scene.plan.rows) and can_be_kept(scene):
-            known = self._starts.at(t, partial(self._own_start, t))
-        if known is not None and scene is self.scene:
-            return known.copied(), v, held_v
-        position = None if known is None else known.position
-        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v, known=position), v, held_v
-
-    def _own_start(self, t: float) -> Start:
-        """The start at t (s) with the numbers that the machine was compiled with; nothing is told of it."""
-        scene, work = self.scene, new_work(self.scene.plan)
-        evaluate_inputs(scene, work, t)
-        x, v, held_x, held_v = given_start(scene, self.connections, self.bodies)
-        return consistent_start(scene, work, x, v, held_x=held_x, held_v=held_v)
 
     def simulate(
         self,
@@ -374,64 +250,24 @@ class CompiledMachine:
             self.scene, self.parameters, self.variant, self._given, self._workspaces, key, new, outputs
         )
 
-    def stepper(
-        self,
-        *,
-        h: float | None = None,
-        rtol: float = 1e-6,
-        inputs: Sequence[Signal] | Mapping[str, Signal] = (),
-        outputs: Sequence[SteppedOutput] | Mapping[str, SteppedOutput] = (),
-        interpolation: Literal["held", "linear"] = "held",
-        horizon: float | None = None,
-        t_start: float = 0.0,
-        about: WorkingPoint | None = None,
-        integrator: Integrator | Literal["auto"] = "auto",
-        max_step: float | None = None,
-        values: Mapping[str, Any] | None = None,
-    ) -> SteppedMachine:
-        """The machine to be stepped from outside; see ``System.stepper``.
-
-        Args:
-            h: fixed step (s).
-            rtol: as of ``System.simulate``.
-            inputs: signals that are set from outside.
-            outputs: what each step tells.
-            interpolation: of inputs within a step.
-            horizon: about how long (s) it will run.
-            t_start: start time (s).
-            about: where to begin.
-            integrator: the method.
-            max_step: longest step (s).
-            values: of parameters, by their names.
-
-        Raises:
-            SceneError, AssemblyError: as ``System.stepper``, and as ``variant``.
-        """
-        ask = partial(
-            settings_of, h=h, rtol=rtol, horizon=horizon, t_start=t_start, about=about, integrator=integrator,
-            max_step=max_step,
-        )  # fmt: skip
-        settings = on_every_rank(self.team, ask)
-        scene = on_every_rank(self.team, lambda: self.variant(values or {}))
-        told = {**settings.told, "controllers": code_of(self.controllers), "interpolation": f"{interpolation!r}"}
+    def _begin_steps(self, request: StepperRequest) -> SteppedMachine:
+        settings = on_every_rank(self.team, request.settings)
+        scene = on_every_rank(self.team, lambda: self.variant(request.values))
+        controllers, interpolation = code_of(self.controllers), f"{request.interpolation!r}"
+        told = {**settings.told, "controllers": controllers, "interpolation": interpolation}
         refuse_different_arguments(told, self.team)
         on_root = self.team.size > 1 and not self.team.collective_functions
         steps = Alone() if on_root else self.team
 
         def begin() -> SteppedScene:
-            start = replace(self, team=steps).start_of(scene, t_start, about)
+            start = replace(self, team=steps).start_of(scene, settings.t_start, settings.about)
             bodies = {body.name: body for body in self.bodies}
             return stepped_scene(
-                start, settings, bodies, self.controllers, steps, inputs=inputs, outputs=outputs,
-                interpolation=interpolation, open_end=horizon is None and h is None,
+                start, settings, bodies, self.controllers, steps, inputs=request.inputs, outputs=request.outputs,
+                interpolation=request.interpolation, open_end=request.open_end,
             )  # fmt: skip
 
         return SteppedMachine(on_every_rank(self.team, begin), self.team)
-
-    def _given(self, scene: CompiledScene) -> tuple[FloatArray, FloatArray]:
-        """x (nx,) and v (nv,) that joints and bodies are given in a variant."""
-        x, v, *_ = given_start(scene, self.connections, self.bodies)
-        return x, v
 
     @checked("file")
     def ensemble(
@@ -510,8 +346,3 @@ class CompiledMachine:
         return run_ensemble(
             study, values, digest, executor=executor, workers=workers, file=file, progress=progress
         )
-
-
-def told(values: Mapping[str, Any]) -> str:
-    """Values of parameters, in a message."""
-    return ", ".join(f"{name} = {value!r:.60}" for name, value in values.items())

@@ -5,57 +5,43 @@ It stands above bodies, joints, integrators and trajectories, and ties them toge
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeAlias, cast, overload
+from typing import Literal, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flexmbd.continuation.request import Continuation
 from flexmbd.errors import EquilibriumWarning, SceneError, warn
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.machine.assembly import MachineAssembly
-from flexmbd.machine.compiled_machine import STARTING, CompiledMachine
+from flexmbd.machine.compilable import CompilableMachine
 from flexmbd.machine.linearization import linear_machine, working_point
 from flexmbd.machine.linearized_machine import LinearizedMachine
-from flexmbd.multibody.bodies.body import Body
-from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
-from flexmbd.multibody.energy_force import EnergyForce
+from flexmbd.machine.steppable import Steppable, StepperRequest
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.functions.signal import Signal
-from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.base.compiling import is_compiled
 from flexmbd.multibody.linear.equilibrium import ToldEquilibrium, equilibrium_at_rest, find_equilibrium
 from flexmbd.multibody.linear.path.continuation import equilibrium_path
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
-from flexmbd.multibody.parameter.protocol import Parameter
-from flexmbd.multibody.plan.built_of import KeptWhile, built_of
-from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.results.range_watch import RangeWatch
-from flexmbd.multibody.start.consistent_start import Start
-from flexmbd.multibody.start.given_start import with_given_start
-from flexmbd.multibody.team import Team, on_every_rank
-from flexmbd.multibody.topology import spanning_tree
+from flexmbd.multibody.team import on_every_rank
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.recording import Recording
 from flexmbd.run.settings import RunSettings, refuse_no_integrator
-from flexmbd.run.stats import NOTHING_SPENT
 from flexmbd.run.stepped_machine import SteppedMachine
-from flexmbd.run.stepped_outputs import SteppedOutput
 from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
@@ -63,150 +49,15 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _INTERIOR_MODES = InteriorModes()
-#: What may take other values in a compiled machine, by its name.
-NamedParameters: TypeAlias = Mapping[str, Parameter | Sequence[Parameter]]
 
 
-class System(MachineAssembly):
+class System(CompilableMachine, Steppable):
     """A machine: bodies, joints, forces, gravity.
 
     Attributes:
         gravity: (3,) m/s^2, in inertial axes.
         team: the processes that run this machine side by side; alone by default.
     """
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._kept: KeptWhile[CompiledMachine] = KeptWhile()
-
-    def compile(self, *, parameters: NamedParameters | None = None) -> CompiledMachine:
-        """Compile the scene as it is now into the flat arrays of the machine that runs.
-
-        Args:
-            parameters: by their names what may take other values in each run, as {"m": fm.parameter.Mass(piston)}; a
-                list of several that have the same value.  See docs/ensembles.md.
-
-        Raises:
-            SceneError: a body that nothing connects, a force or motion on a joint that has no coordinate, or a
-                parameter that does not fit the scene.
-        """
-        refuse_other(parameters, (Mapping, NoneType), "parameters", wanted='quantities by name, {"m": fm.parameter...}')
-        named = {name: _listed(meant) for name, meant in (parameters or {}).items()}
-        varied = [one.of for meant in named.values() for one in meant if isinstance(one, Parameter)]
-        return self._machine(self._compile((), varied=varied), named)
-
-    def _compile(
-        self, more: Sequence[Force], *, without: Sequence[Force] = (), varied: Sequence[object] = ()
-    ) -> CompiledScene:
-        """As ``compile``, with ``more`` forces and without others; other values are to be given to ``varied``."""
-        self._refuse_renamed()
-        own = [force for force in self._forces if not any(force is one for one in without)]
-        wanted = {id(c) for force in (*own, *more) for c in force.connections}
-        wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}
-        for c in self._connections:
-            if any(given is not None for given in (c.position, c.velocity, c.motion)):
-                wanted.add(id(c))
-        together = [body.parts for body in self._continua]
-        topology = spanning_tree(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
-        gravity = self._weight()
-        energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
-        forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
-        return build(topology, self.ground, forces, self._couplings, gravity, self.team, varied)
-
-    def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
-        """What a trajectory of this machine is of; for ``Trajectory.load``.
-
-        Raises:
-            SceneError: as ``compile``; or there are values, and a System has no parameters.
-        """
-        return self.compile().compiled_parts(values)
-
-    @checked()
-    def start(self, *, t: float = 0.0) -> Start:
-        """The consistent start at time ``t`` (s): loops closed, accelerations and reactions.
-
-        Raises:
-            SceneError: as ``compile``.
-            AssemblyError: the mechanism cannot be assembled.
-        """
-        return self._start(self._compile(()), t)
-
-    @checked()
-    def at_start(self, *, t: float = 0.0) -> Trajectory:
-        """The machine at its consistent start, t (s), as a trajectory of one instant: to be shown, asked and exported.
-
-        Raises:
-            SceneError, AssemblyError: as ``start``.
-        """
-        start = self.start(t=t)
-        rows = (np.array([t]), start.x[None], start.v[None], start.a[None], start.multipliers[None])
-        bodies = {body.name: body for body in self._bodies}
-        return Trajectory(start.scene, *rows, NOTHING_SPENT, bodies, self.team)
-
-    @checked("frames")
-    def show(
-        self,
-        *,
-        path: str | Path | None = None,
-        size: tuple[int, int] = (1280, 720),
-        view: ArrayLike | None = None,
-        frames: bool = False,
-    ) -> Path | None:
-        """Show the machine at its start in a window or a notebook; or write it to ``path``, a .png.
-
-        Bodies are shown by their shapes and surfaces, others by symbols; see ``flexmbd.visual.show`` for the arguments.
-
-        Raises:
-            SceneError, AssemblyError: as ``start``.
-            PictureError: as ``flexmbd.visual.show``.
-        """
-        return self.at_start().show(path=path, size=size, view=view, frames=frames)
-
-    def to_pyvista(self) -> Any:
-        """What ``show`` shows as a pyvista.MultiBlock, a block for each body and joint (m). Not collective.
-
-        Raises:
-            SceneError, AssemblyError: as ``start``.
-            PictureError: pyvista is not installed.
-        """
-        return self.at_start().to_pyvista(0.0)
-
-    def _repr_html_(self) -> str:
-        """Its text and a picture of its start, where pyvista can draw here and the start's kernels are compiled."""
-        import flexmbd.visual.notebook as notebook  # pyvista loads only here
-
-        quick = is_compiled(STARTING) and self.team.size == 1
-        return notebook.html_of(repr(self), lambda: notebook.still_of(self.at_start()) if quick else None)
-
-    @checked()
-    def start_with(
-        self,
-        forces: Sequence[Force],
-        *,
-        instead_of: Sequence[Force] = (),
-        t: float = 0.0,
-        about: WorkingPoint | None = None,
-    ) -> Start:
-        """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.
-
-        It begins at ``about``, of ``equilibrium``, or with what joints and bodies are given.
-
-        Raises:
-            SceneError, AssemblyError: as ``start``; or a force does not fit.
-        """
-        for force in forces:
-            self._check_force(force)
-        return self._start(self._compile(forces, without=instead_of), t, about)
-
-    def _machine(
-        self, scene: CompiledScene, named: Mapping[str, tuple[Parameter, ...]] | None = None
-    ) -> CompiledMachine:
-        kept = with_given_start(scene, self._connections, self._bodies)
-        parts = tuple(self._connections), tuple(self._bodies), named or {}, self.team, tuple(self._controllers)
-        return CompiledMachine(kept, *parts)
-
-    def _start(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
-        return self._machine(scene).start_of(scene, t, about)
 
     @overload
     def equilibrium(
@@ -474,68 +325,5 @@ class System(MachineAssembly):
         checked, machine = on_every_rank(self.team, lambda: (settings(), self._as_it_is()))
         return machine.run(checked)
 
-    def stepper(
-        self,
-        *,
-        h: float | None = None,
-        rtol: float = 1e-6,
-        inputs: Sequence[Signal] | Mapping[str, Signal] = (),
-        outputs: Sequence[SteppedOutput] | Mapping[str, SteppedOutput] = (),
-        interpolation: Literal["held", "linear"] = "held",
-        horizon: float | None = None,
-        t_start: float = 0.0,
-        about: WorkingPoint | None = None,
-        integrator: Integrator | Literal["auto"] = "auto",
-        max_step: float | None = None,
-    ) -> SteppedMachine:
-        """The machine to be stepped from outside: by a controller, a learning agent, an optimiser, another program.
-
-        With a fixed step the states after steps of h are to the bit those of ``simulate(h=h)``; docs/cosimulation.md
-        tells what holds of others.
-
-        Args:
-            h: fixed step (s) instead of error control; a step of the caller's that is no multiple ends with a shorter
-                one.
-            rtol: as of ``simulate``.
-            inputs: signals that stand in loads of the scene, by their own names, or a mapping that gives others.
-            outputs: what each step tells: of fm.output a Position, Velocity or Acceleration, or functions of the
-                machine's ``fm.Instant``; a mapping has it told by names.
-            interpolation: "held": inputs are constant over a step; "linear": they go straight to the values given.
-            horizon: about how long (s) it will run: steps under error control are those of a ``simulate`` of that
-                length.  By default they are those of a chain of restarts, each up to the end of a step.
-            t_start: start time (s).
-            about: where to begin, of ``equilibrium``, instead of what joints and bodies are given.
-            integrator: the method, as of ``simulate``.
-            max_step: longest step (s) of error control.
-
-        Raises:
-            SceneError, AssemblyError: as ``start``; a bad argument; an input that is in no load, or set by a
-                controller; an output that is not in the scene; bodies with history, which cannot be stepped so.
-        """
-        machine = on_every_rank(self.team, self.compile)
-        return machine.stepper(
-            h=h,
-            rtol=rtol,
-            inputs=inputs,
-            outputs=outputs,
-            interpolation=interpolation,
-            horizon=horizon,
-            t_start=t_start,
-            about=about,
-            integrator=integrator,
-            max_step=max_step,
-        )
-
-    def _as_it_is(self) -> CompiledMachine:
-        """The machine as it is now: with its plan and workspaces that of the run before, if nothing changed since."""
-        if self.team.size > 1 or self._continua or self._controllers:
-            return self.compile()
-        parts = built_of(
-            self.ground, self._bodies, self._connections, self._forces, self._couplings, self.gravity, self.team
-        )
-        return self._kept.of(parts) or self._kept.keep(parts, self.compile())
-
-
-def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """One parameter or several of one name."""
-    return tuple(meant) if isinstance(meant, list | tuple) else (cast(Parameter, meant),)
+    def _begin_steps(self, request: StepperRequest) -> SteppedMachine:
+        return on_every_rank(self.team, self.compile)._begin_steps(request)
