@@ -21,7 +21,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start, match_motion
 from flexmbd.multibody.team import Team
-from flexmbd.run.stepping import evaluate_inputs
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 

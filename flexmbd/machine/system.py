@@ -39,10 +39,10 @@ from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.team import on_every_rank
 from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.recording import Recording
 from flexmbd.run.settings import RunSettings, refuse_no_integrator
 from flexmbd.run.stepped_machine import SteppedMachine
-from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]

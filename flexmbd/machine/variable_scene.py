@@ -32,7 +32,7 @@ from flexmbd.multibody.start.kept_starts import KeptStarts, can_be_kept
 from flexmbd.multibody.start.report import changed_velocities
 from flexmbd.multibody.team import Team
 from flexmbd.run.controller import Controller
-from flexmbd.run.stepping import evaluate_inputs
+from flexmbd.run.input_values import evaluate_inputs
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

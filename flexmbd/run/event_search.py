@@ -18,8 +18,9 @@ from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series,
 from flexmbd.multibody.start.consistent_start import match_motion
 from flexmbd.multibody.team import Team
 from flexmbd.run.event import NO_EVENTS, Event, EventMemory, Moment, Occurrence, codes_of
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.snapshot import Snapshot
-from flexmbd.run.stepping import Integration, evaluate_inputs
+from flexmbd.run.stepping import Integration
 from flexmbd.run.switch_watch import SwitchWatch
 
 FloatArray = NDArray[np.float64]

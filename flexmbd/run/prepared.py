@@ -33,10 +33,10 @@ from flexmbd.multibody.start.consistent_start import Start, is_dense_tree
 from flexmbd.multibody.start.energy_check import gives_energies
 from flexmbd.multibody.start.kept_starts import can_be_kept
 from flexmbd.run.fixed_step_watch import FixedStepWatch
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.limits import MOST_ROWS
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.snapshot import first_step, new_snapshot
-from flexmbd.run.stepping import evaluate_inputs
 
 FloatArray = NDArray[np.float64]
 

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError
 from flexmbd.files.memory import available_memory
+from flexmbd.integrate import state as st
+from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
 
 FloatArray = NDArray[np.float64]
@@ -169,3 +172,12 @@ def _folder() -> Path:
     if named is None and os.access(lasting, os.W_OK):
         return lasting
     return Path(tempfile.gettempdir())
+
+
+def new_record(scene: CompiledScene, work: Work, rows: int) -> st.Record:
+    """A buffer with room for so many rows."""
+    sizes = (scene.nx, scene.nv, scene.nv, len(scene.plan.rows))
+    x, v, a, multipliers = (np.empty((rows, size)) for size in sizes)
+    record = st.Record(np.empty(rows), x, v, a, multipliers, work)
+    record.lay_out()
+    return record

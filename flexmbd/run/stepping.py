@@ -5,35 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError, RecordError, SceneError, memory_told
+from flexmbd.errors import AssemblyError, RecordError, memory_told
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.motion.instant import Instant
-from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
 from flexmbd.multibody.start.independent_rows import better_rows
 from flexmbd.multibody.start.interior_start import resume_interiors
 from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team, on_every_rank
+from flexmbd.run.breaks import beside, refuse_impulse_on_history
 from flexmbd.run.controller import Controller
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.limits import MOST_ROWS
-from flexmbd.run.row_store import RowStore
+from flexmbd.run.method_memory import recall, refuse_other_memory
+from flexmbd.run.row_store import RowStore, new_record
 from flexmbd.run.sampling import NO_SAMPLING, NO_SIGNALS, ControllerSamples, Sampling, with_own_signals
 from flexmbd.run.series.departure import Departure
 from flexmbd.run.snapshot import Snapshot, bound_by_span, copied_groups, copied_state, first_step, kept_interiors
@@ -101,8 +101,8 @@ class Integration:
                 raise RecordError(f"the checkpoint is damaged: a body's history cannot be read: {reason}") from reason
         with memory_told(f"{method.name} for a machine of {scene.nv} velocities"):
             self._bind_method()
-        self._refuse_other_memory(at.memory)
-        self._recall(at.memory)
+        refuse_other_memory(self._own, at.memory, method=method.name)
+        recall(self._own, at.memory)
         self._stepper.drop_factors()
         if self.state.counts[st.STEPS] == 0:
             evaluate_inputs(scene, self.work, self.t)
@@ -118,7 +118,7 @@ class Integration:
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
         self.room = 1 if one_by_one else MOST_ROWS
-        self.record = _new_record(scene, self.work, self.room)
+        self.record = new_record(scene, self.work, self.room)
         self.stored = RowStore()
         self.interior_rows: list[InteriorRecord] = []
         self.departures: list[Departure] = []
@@ -225,7 +225,7 @@ class Integration:
                 self._leave_break()
             ahead = self._next_jump(t_end)
             number[st.TIME_END] = min(t_end, ahead)
-            number[st.LATEST] = ahead - self._beside(ahead) if ahead <= t_end else np.inf
+            number[st.LATEST] = ahead - beside(ahead, self.state.numbers) if ahead <= t_end else np.inf
             code = self._stepper.advance(self.record, self._breaks.knots)
             if self._team.size > 1:
                 agreed = self._team.agree(np.array([code, count[st.RESELECT_ROWS]], float))
@@ -281,19 +281,15 @@ class Integration:
         self._forget()
         return True
 
-    def _beside(self, t: float) -> float:
-        """How far (s) from a break at t is beside it: more than rounding of a product or a quotient there."""
-        span = min(1.0 / float(self.state.numbers[st.LEAST_RATE]), np.finfo(float).max)
-        return 8.0 * math.ulp(max(abs(t), span))
-
     def _leave_break(self) -> None:
         """Go on from a break with the values just after it; the method's history is dropped."""
         scene, s = self.scene, self.state
-        evaluate_inputs(scene, self.work, self.t + self._beside(self.t))
+        evaluate_inputs(scene, self.work, self.t + beside(self.t, self.state.numbers))
         if self._is_driven:
             refuse_position_jumps(scene, self.work, s.x, rtol=float(s.numbers[st.TOLERANCE]))
             v = rates_after_jump(scene, self.work, s.x, s.v)
-            self._refuse_impulse_on_history(v - s.v)
+            if self._interiors is not None:
+                refuse_impulse_on_history(scene, v - s.v, s.numbers)
             s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, v, held=np.zeros(scene.nv, bool))
         if self._interiors is not None:
             machine = scene, self._interiors, self.work, s.x, s.v
@@ -315,20 +311,6 @@ class Integration:
                 return
             scene.refuse_failed(work)
         s.a[:], s.multipliers[:] = accelerations(scene, work, s.x, s.v)
-
-    def _refuse_impulse_on_history(self, jump: FloatArray) -> None:
-        """Raise SceneError where velocities (nv,) jump in a machine whose masses are not all its own."""
-        if self._interiors is None:
-            return
-        scene, number = self.scene, self.state.numbers
-        rates = np.abs(jump) / scene.group_full[scene.group_of]
-        if rates.max(initial=0.0) > number[st.TOLERANCE] * max(number[st.RATE], number[st.LEAST_RATE]):
-            worst = scene.velocity_names[int(np.argmax(rates))]
-            raise SceneError(
-                f"the rate of a prescribed motion jumps at t = {self.t:.6g} s, that of {worst!r} by "
-                f"{jump[int(np.argmax(rates))]:.3e} (m/s or rad/s): bodies with history take no impulse; let the "
-                "motion begin and end at rest, or change its rate in a time that is not zero"
-            )
 
     def _forget(self) -> None:
         """Let the method begin where the state stands; ``work.time`` is up to date."""
@@ -406,31 +388,11 @@ class Integration:
         for here, there in ((self.state, snapshot.state), (self.groups, snapshot.groups)):
             for part, kept in zip(here.fields().values(), there.fields().values(), strict=True):
                 part[...] = kept
-        self._recall(snapshot.memory)
+        recall(self._own, snapshot.memory)
         if self._sampling is not None:
             self._sampling.restore(snapshot.sampling, self.scene)
         if self._interiors is not None:
             self._interiors.restore(self.scene.plan, snapshot.interiors)
-
-    def _refuse_other_memory(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Raise RecordError where a checkpoint's arrays are not those that the method has; none: it has not begun."""
-        if not memory:
-            return
-        own = self._own
-        if other := sorted(memory.keys() ^ own.keys()):
-            raise RecordError(
-                f"the checkpoint was written by another version of flexmbd, whose {self.method.name} remembers other "
-                f"things ({', '.join(other)}); go on with that version, or start anew"
-            )
-        for name, here in own.items():
-            there = memory[name]
-            if (here.shape, here.dtype) != (there.shape, there.dtype):
-                raise RecordError(f"the checkpoint is damaged: {name!r} of {self.method.name} is not as it should be")
-
-    def _recall(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Put arrays back into the method's memory."""
-        for name, kept in memory.items():
-            self._own[name][...] = kept
 
     @property
     def kept_rows(self) -> NDArray[np.int64]:
@@ -452,29 +414,3 @@ class Integration:
         if self._interiors is not None:  # which forget their factors by it
             self._interiors.restore(self.scene.plan, snapshot.interiors)
         return snapshot
-
-
-def _new_record(scene: CompiledScene, work: Work, rows: int) -> st.Record:
-    """A buffer with room for so many rows."""
-    sizes = (scene.nx, scene.nv, scene.nv, len(scene.plan.rows))
-    x, v, a, multipliers = (np.empty((rows, size)) for size in sizes)
-    record = st.Record(np.empty(rows), x, v, a, multipliers, work)
-    record.lay_out()
-    return record
-
-
-def evaluate_inputs(scene: CompiledScene, work: Work, t: float) -> None:
-    """Bring ``work.time`` up to date for time t (s).  Collective over the team.
-
-    Raises:
-        SceneError: a function of time failed or gives no finite number; the message names it.
-    """
-    scene.callbacks.reset()
-    evaluate_times(scene.plan, t, work.time)
-    if scene.callbacks.error is not None:
-        scene.refuse_failed(work)
-    if np.isfinite(work.time).all():
-        return
-    for name, values in zip(scene.time_names, work.time, strict=False):  # one row at least
-        if not np.isfinite(values).all():
-            raise SceneError(f"{name}: at t = {t:g} s it gives {values}, not finite")

@@ -121,8 +121,8 @@ def changed(path, target, change):
         (lambda file: file.pop("groups.softest"), r"groups\.softest of the state"),
         (lambda file: file.update({"state.angle": np.zeros(3)}), r"state\.angle of the state"),
         (lambda file: file.update({"state.counts": file["state.counts"][:-1]}), r"state\.counts of the state"),
-        (lambda file: file.pop("method.noise.count"), r"remembers other things \(noise\.count\)"),
-        (lambda file: file.update({"method.trend": np.zeros(1)}), r"remembers other things \(trend\)"),
+        (lambda file: file.pop("method.noise.count"), r"remembers other arrays \(noise\.count\)"),
+        (lambda file: file.update({"method.trend": np.zeros(1)}), r"remembers other arrays \(trend\)"),
     ],
 )
 def test_what_other_versions_wrote_is_refused_as_such(change, what, tmp_path):

@@ -28,8 +28,8 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import tangent, tangent_
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.snapshot import new_snapshot
-from flexmbd.run.stepping import evaluate_inputs
 
 FloatArray = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from flexmbd.multibody.plan.scene_matrices import (
     scaled_jacobian,
 )
 from flexmbd.multibody.start.given_start import given_start
-from flexmbd.run.stepping import evaluate_inputs
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.stopped import SimulationError
 
 #: Of rigid machines, and of those with bodies that deform.

@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.plan.compiled_scene import add_probe
 from flexmbd.multibody.start.consistent_start import consistent_start
-from flexmbd.run.stepping import evaluate_inputs
+from flexmbd.run.input_values import evaluate_inputs
 
 
 def test_a_hanging_chain_swings_at_the_zeros_of_laguerres_polynomial():

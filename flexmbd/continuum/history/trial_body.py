@@ -1,0 +1,223 @@
+"""A body with history at a trial displacement: its cells evaluated, the forces summed, a step accepted.
+
+Positions and displacements are in the axes of the body frame, which carries the gross rotation: the mesh,
+as it stands after the last accepted step, is the corotated ghost of the last known configuration (Ambrosio
+& Nikravesh 1992, section 2).  A formulation with `REFERENCE = "UPDATED"` refers to that configuration, and
+its unknown is the displacement since; one with `"INITIAL"` to the undeformed mesh, and its unknown is the
+whole displacement.  Both are driven by the increment since the last accepted step.
+
+The mesh itself is moved only while something is assembled.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from numpy.typing import NDArray
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.entries import is_rate_dependent
+from flexmbd.continuum.finite_elements.cell_group import refuse_gyroscopic
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
+from flexmbd.continuum.history.moved_mesh import MovedMesh
+from flexmbd.continuum.history.point_history import History
+from flexmbd.continuum.history.surface_springs import SurfaceSprings
+from flexmbd.continuum.history.trial_errors import (
+    check_references,
+    find_inverted_cell,
+    refuse_inverted_cell,
+)
+from flexmbd.continuum.history.viscous_forces import ViscousForces
+from flexmbd.errors import FlexmbdError, FormulationError
+
+FloatArray = NDArray[np.float64]
+
+
+class TrialBody(DiscretisedBody):
+    """Formulations on a mesh with the state of the last accepted step, evaluated at increments since.
+
+    Constructing one is collective.
+
+    Attributes:
+        forms: the formulations on the mesh, and the interfaces.
+        displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed mesh.
+        viscous_forces: of the formulations' dissipation; None where there is none.
+        springs: on facets, from the surface to the body's axes; None where there are none.
+    """
+
+    def __init__(self, forms: DiscreteForms, *, means: bool) -> None:
+        """Compile the formulations. Collective.
+
+        Args:
+            forms: the formulations on the mesh, with history.
+            means: whether formulations with `cell_mean` use it against volumetric locking.
+
+        Raises:
+            FormulationError: formulations of both references, or with gyroscopic forces.
+        """
+        super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
+        refuse_gyroscopic(forms.groups, by="a body with history")
+        check_references(forms, has_rotations=self.has_rotations)
+        self._u = fem.Function(self.space)
+        v = ufl.TestFunction(self.space)
+        self._histories = [History(group, self._u, v, means=means) for group in self.groups]
+        self.viscous_forces = None
+        if any(group.optional.dissipation is not None for group in self.groups):
+            self.viscous_forces = ViscousForces(self.groups, self.space)
+        self.springs = SurfaceSprings(self.surfaces, self.groups, self.space) if self.has_surface_energy else None
+        self._viscous_work = 0.0
+        self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
+        self._moved = MovedMesh(self.space) if self.is_updated else None
+        self.displacement: FloatArray = np.zeros(self.layout.n_local)
+        self._sum = fem.Function(self.space).x
+        self.check_cells()
+
+    @property
+    def is_updated(self) -> bool:
+        """Whether the formulations refer to the updated configuration."""
+        return self.groups[0].formulation.REFERENCE == "UPDATED"
+
+    @property
+    def is_rate_dependent(self) -> bool:
+        """Whether the stress of a formulation depends on the length of the step."""
+        return any(is_rate_dependent(group.formulation) for group in self.groups)
+
+    @property
+    def has_dissipation(self) -> bool:
+        """Whether a formulation has a dissipation."""
+        return self.viscous_forces is not None
+
+    @property
+    def needs_step(self) -> bool:
+        """Whether forces depend on the length of the step."""
+        return self.is_rate_dependent or self.has_dissipation
+
+    @property
+    def node_x(self) -> FloatArray:
+        """(local nodes including ghosts, 3) m, of the last accepted step, in body axes."""
+        x: FloatArray = self.layout.node_x + self.displacement[self.displacement_dofs]
+        return x
+
+    @property
+    def has_rotations(self) -> bool:
+        """Whether there are unknowns besides the displacement, as a beam's rotations."""
+        return self.layout.displacement_dofs.size != self.layout.n_local
+
+    def check_displacement_alone(self) -> None:
+        """Refuse unknowns besides the displacement, whose inertia is not a mass; the same on every rank.
+
+        Raises:
+            FormulationError: there are some.
+        """
+        if self.has_rotations:
+            raise FormulationError(
+                f"{self.groups[0].form_name} has unknowns besides the displacement, which a body that moves by itself "
+                "or in a machine has not; it is loaded slowly, by flexmbd.continuum.follow"
+            )
+
+    def refuse_surface_energy(self, *, by: str) -> None:
+        """Refuse springs on facets, which reach to the body's axes; the same on every rank.
+
+        Args:
+            by: what has axes that turn.
+
+        Raises:
+            FormulationError: there are some.
+        """
+        if self.has_surface_energy:
+            raise FormulationError(
+                f"springs on facets (surface_energy) reach to the axes of the body, which {by} does not hold still: "
+                "load the body slowly (follow), run it by itself (ExplicitRun), reduce it (craig_bampton), or connect "
+                "springs of the scene to its frames"
+            )
+
+    def check_cells(self) -> None:
+        """Refuse a trial displacement that turns a cell inside out. Collective.
+
+        Raises:
+            InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
+        """
+        if self.has_rotations:  # a beam's sections, not its cells, have an outside
+            return
+        with self.present_mesh():
+            inverted = find_inverted_cell(self._histories, self._u)
+        refuse_inverted_cell(self.mesh, inverted)
+
+    def _refuse(self, dt: float | None = None, **vectors: FloatArray) -> None:
+        """Refuse what is no displacement (local dofs including ghosts,) or step. Collective."""
+        parallel.refuse_vectors(self.comm, self.layout.n_local, kind=FormulationError, dt=dt, **vectors)
+
+    def _length(self, dt: float | None) -> float:
+        """The length of a step, s, where it is of some matter."""
+        if dt is None and self.needs_step:
+            raise FormulationError(
+                f"the forces of {self.form_name} depend on rates, and the length of the step is not given; say dt (s)"
+            )
+        return 0.0 if dt is None else dt
+
+    def _renew_constants(self) -> None:
+        self._evaluated = None
+        for history in self._histories:
+            history.renew_constants()
+
+    def _evaluate(self, increment: FloatArray, dt: float | None) -> None:
+        """Evaluate all cells at a trial displacement. Collective."""
+        self._set_trial(increment, self._length(dt))
+        with self.present_mesh():
+            self._run(increment)
+        self._evaluated = increment.copy()
+
+    def _require(self, increment: FloatArray, dt: float | None) -> None:
+        """Evaluate all cells unless they were just evaluated there. Collective."""
+        length, known = self._length(dt), self._evaluated
+        same = known is not None and length == self._dt and np.array_equal(known, increment)
+        if not self.comm.allreduce(same, op=MPI.LAND):
+            self._evaluate(increment, dt)
+
+    def _run(self, increment: FloatArray) -> None:
+        """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
+
+        Raises:
+            ConvergenceError: on all ranks: the equations at a point have no solution.
+        """
+        self._sum.array[:] = 0.0
+        error: FlexmbdError | None = None
+        try:
+            for history in self._histories:
+                history.run(self._sum.array)
+        except FlexmbdError as caught:
+            error = caught
+        if any(group.has_local_unknowns for group in self.groups):
+            parallel.raise_collectively(self.comm, error)
+        if self.viscous_forces is not None:
+            self.viscous_forces.add(self._sum.array, increment, dt=self._dt)
+
+    def _summed(self) -> FloatArray:
+        """(owned dofs,) N, the forces of all ranks. Collective."""
+        self._sum.scatter_reverse(la.InsertMode.add)
+        force: FloatArray = self._sum.array[: self.n_owned].copy()
+        return force
+
+    def _accept(self, increment: FloatArray) -> None:
+        """Make history and configuration those at the step's end."""
+        for history in self._histories:
+            history.commit()
+        if self.viscous_forces is not None:
+            self._viscous_work += float(self.comm.allreduce(self.viscous_forces.work(increment)))
+        self.displacement += increment
+        self._set_trial(np.zeros_like(increment), 0.0)
+
+    def _set_trial(self, increment: FloatArray, dt: float) -> None:
+        self._dt, self._evaluated = dt, None
+        for history in self._histories:
+            history.set_step(dt)
+        self._u.x.array[:] = increment if self.is_updated else self.displacement + increment
+
+    def present_mesh(self) -> AbstractContextManager[None]:
+        """The mesh in the configuration that the formulations refer to, within a `with` block."""
+        return nullcontext() if self._moved is None else self._moved.at(self.displacement)
