@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import AssemblyError, RecordError, memory_told
+from flexmbd.errors import RecordError, memory_told
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
@@ -25,10 +25,8 @@ from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.start.consistent_start import Start, accelerations, match_motion
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
 from flexmbd.multibody.start.independent_rows import better_rows
-from flexmbd.multibody.start.interior_start import resume_interiors
-from flexmbd.multibody.start.loop_closing import close_loops
 from flexmbd.multibody.team import Team, on_every_rank
-from flexmbd.run.breaks import beside, refuse_impulse_on_history
+from flexmbd.run.breaks import beside, closed_state, refuse_impulse_on_history, resumed_accelerations
 from flexmbd.run.controller import Controller
 from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.limits import MOST_ROWS
@@ -189,11 +187,7 @@ class Integration:
         s.x[list(places)] = sides
         s.counts[st.SWITCHES] += len(places)
         evaluate_inputs(scene, self.work, self.t)
-        if self._interiors is None:
-            s.a[:], s.multipliers[:] = accelerations(scene, self.work, s.x, s.v)
-        else:
-            machine = scene, self._interiors, self.work, s.x, s.v
-            s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
+        s.a[:], s.multipliers[:] = resumed_accelerations(scene, self.work, s.x, s.v)
         self.begin_anew()
         self.keep_state()
 
@@ -263,12 +257,11 @@ class Integration:
         rows = self._team.agree(np.array(rows, float)).astype(np.int64)
         if np.array_equal(rows, self._rows):
             return False
-        scene, nothing = full.keep_rows(rows), np.zeros(full.nv, bool)
-        try:
-            x = close_loops(scene, self.work, s.x, nothing).x
-            v, a, multipliers = match_motion(scene, self.work, x, s.v, held=nothing)
-        except AssemblyError:
+        scene = full.keep_rows(rows)
+        closed = closed_state(scene, self.work, s.x, s.v)
+        if closed is None:
             return False
+        x, v, a, multipliers = closed
         s.x[:], s.v[:], s.a[:], s.multipliers[:] = x, v, a, multipliers
         self.scene, self._rows = scene, rows
         t, *last = self.stored.last
@@ -292,8 +285,7 @@ class Integration:
                 refuse_impulse_on_history(scene, v - s.v, s.numbers)
             s.v[:], s.a[:], s.multipliers[:] = match_motion(scene, self.work, s.x, v, held=np.zeros(scene.nv, bool))
         if self._interiors is not None:
-            machine = scene, self._interiors, self.work, s.x, s.v
-            s.a[:], s.multipliers[:] = resume_interiors(*machine, accelerations)
+            s.a[:], s.multipliers[:] = resumed_accelerations(scene, self.work, s.x, s.v)
         elif not self._is_driven:
             self._accelerate()
         if not self._is_outside:
