@@ -57,8 +57,9 @@ def refuse_fork(comm: MPI.Comm) -> None:
     """
     if os.getpid() != _PROCESS and comm.size > 1:
         raise FlexmbdError(
-            f"this process was forked from rank {comm.rank} of {comm.size} after MPI had started, and is none of the "
-            "ranks: do here what one process does (comm=MPI.COMM_SELF), or start workers by multiprocessing's 'spawn'"
+            f"this process was forked from rank {comm.rank} of {comm.size} after MPI had started, and is not one of "
+            "the ranks: it can do what a single process does (comm=MPI.COMM_SELF), or start workers by "
+            "multiprocessing's 'spawn'"
         )
 
 

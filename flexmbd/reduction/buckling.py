@@ -158,7 +158,7 @@ def _check(
             "formulation of displacements alone"
         )
     if model.nodal:
-        raise ReductionError(f"buckling knows no nodal interfaces; leave {model.nodal[0].name!r} out of the model")
+        raise ReductionError(f"buckling takes no nodal interfaces; leave {model.nodal[0].name!r} out of the model")
     if not held and not model.supports:
         raise ReductionError("nothing is clamped; name an interface and its components, as clamped=['foot']")
     for name, components in held.items():
@@ -166,8 +166,8 @@ def _check(
         unknown = [one for one in components if one not in FRAME_DOFS]
         if isinstance(components, str) or unknown or len(set(components)) < len(components):
             raise ReductionError(
-                f"what is clamped of {name!r} must be components among {' '.join(FRAME_DOFS)}, each once, as ('x', "
-                f"'rz'); got {components!r}"
+                f"the clamped components of {name!r} must be among {' '.join(FRAME_DOFS)}, each once, as ('x', 'rz'); "
+                f"got {components!r}"
             )
     for name, wrench in wrenches.items():
         model.interface(name)
@@ -244,7 +244,9 @@ def _loaded_body(
     u = statics.response_of(load[:, None], shapes=shapes, forces=forces)
     largest = model.comm.allreduce(float(np.abs(u).max(initial=0.0)), op=MPI.MAX)
     if not largest < np.sqrt(sys.float_info.max):
-        raise ReductionError(f"loads that move a body by {largest:g} m are more than numbers hold: give smaller ones")
+        raise ReductionError(
+            f"the loads move the body by {largest:g} m, beyond the range of floating-point numbers: give smaller loads"
+        )
     matrix = stress_stiffness_matrix(model, with_ghosts(model, u)[:, 0])
     if matrix is None:
         raise ReductionError(
@@ -286,8 +288,8 @@ def _free_motions(statics: Statics, held: Mapping[str, Sequence[str]]) -> FloatA
     if not np.linalg.eigvalsh(gram)[0] > AT_REST**2 * max(float(np.trace(gram)), 1e-300):
         named = ", ".join(f"{name}: {' '.join(parts)}" for name, parts in held.items())
         raise ReductionError(
-            f"what is clamped leaves the body free to move as a rigid one, {named or 'nothing'}: hold six components "
-            "or more that together keep it in place"
+            f"the clamped components leave the body free to move as a rigid one, {named or 'nothing'}: clamp six "
+            "components or more that together hold it"
         )
     if not model.supports:
         return others.T

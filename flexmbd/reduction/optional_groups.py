@@ -111,14 +111,14 @@ class Contents:
             raise ReductionError(f"keep must be Keep(modes=..., surface=..., stress=...), got {self.keep!r:.100}")
         if self.keep.stress and model.state is not None:
             raise ReductionError(
-                "stress modes have no place for the stress of the loaded state; leave Keep(stress=True) out, and have "
+                "stress modes cannot hold the stress of the loaded state; leave Keep(stress=True) out, and take "
                 "stresses from the prestressed model (stress_field)"
             )
         refuse_other_nonlinear(self.nonlinear)
         if self.nonlinear is not None and self.keep.stress:
             raise ReductionError(
-                "stress modes are of small displacements, and the stress of a body that bends a lot is not linear: "
-                "leave Keep(stress=True) out, and have stresses from the model (Keep(modes=True))"
+                "stress modes are those of small displacements, and the stress of large ones is not linear: leave "
+                "Keep(stress=True) out, and take stresses from the model (Keep(modes=True))"
             )
         check_loads(model, self.loads)
         check_damping(model, self.damping)

@@ -176,13 +176,13 @@ def _check_orthonormality(
     if not (excess[worst] <= MARGIN or error <= _HALF_THE_DIGITS):
         raise ReductionError(
             f"the basis has lost its orthonormality: error of the {worst} {error:.1e}, and up to {excess[worst]:.1e} "
-            f"times what round-off and the eigensolver's tolerance make of it, bound {MARGIN:.0f}; the stiffness is "
-            "singular or nearly so, or the formulation has deformations without energy"
+            f"times the error that round-off and the eigensolver's tolerance explain, bound {MARGIN:.0f}; the "
+            "stiffness is singular or nearly so, or the formulation has deformations without energy"
         )
     share = float((np.diag(lost) / size**2).max())
     if not max(largest, share) <= WORTHLESS:
         raise ReductionError(
-            "double precision does not tell the softest deformations of the body from its stiffest: round-off makes "
+            "double precision cannot resolve the softest deformations of the body beside its stiffest: round-off is "
             f"{max(largest, share):.1e} of a stiffness, bound {WORTHLESS:.0e}; the body is very thin, slender or "
             "nearly incompressible, for which there are formulations of plates, beams and mixed solids, or its mesh "
             "has slivers"

@@ -49,8 +49,8 @@ def stress_group(
     error, size = np.max(comm.allgather([abs(off).max(initial=0.0), abs(sigma).max(initial=0.0)]), axis=0)
     if not error <= _LINEAR * size:
         raise FormulationError(
-            f"{model.form_name}: its stress is not linear in the displacement, so it has no stress "
-            "modes; keep the modes (Keep(modes=True)) and have stresses from the model"
+            f"{model.form_name}: its stress is not linear in the displacement, so it has no stress modes; keep the "
+            "modes (Keep(modes=True)) and take stresses from the model"
         )
     place = np.arange(own.start, own.stop)
     rows = SpreadRows(comm, len(recovery.node), place, sigma.shape[1:], lambda which: sigma[which])

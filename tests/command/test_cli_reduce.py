@@ -200,7 +200,7 @@ def test_reduce_a_half(beam_file, capsys):
     said = ReducedBody.load(output).provenance["supports"]
     assert said.startswith("symmetry plane 'end' with normal (1, 0, 0); roller 'end' along (0, 1, 0)")
     assert main([*arguments, "--force", "--symmetry", "end=y", "-o", str(output)]) != 0
-    assert "no plane with that normal" in capsys.readouterr().err
+    assert "do not lie in a plane of that normal" in capsys.readouterr().err
     assert main([*arguments, "--force", "--roller", "end:y", "-o", str(output)]) != 0
     assert "write NAME=AXIS" in capsys.readouterr().err
 

@@ -187,14 +187,14 @@ def test_loose_cells_go_to_the_neighbour_they_share_most_with():
     ("regions", "message"),
     [
         ({}, "needs a region"),
-        ({"hinge": lambda x: x[2] > 9.0}, "no cell has its middle in it"),
+        ({"hinge": lambda x: x[2] > 9.0}, "no cell has its centre in the region"),
         ({"hinge": lambda x: x[2] < 9.0}, "is all of the mesh"),
         ({"hinge": "centre"}, "no cell group 'centre'; it has: 'high', 'low', 'middle'"),
         ({"hinge": ["low", "high"]}, "falls into 2 pieces of 5, 5 cells"),
         ({"a": "low", "b": lambda x: x[2] < 0.0}, "regions 'a' and 'b' have 5 cells in common"),
         ({"hinge": lambda x: x[2]}, "must return n truth values, got float64"),
         ({"hinge": lambda x: x[7] > 0.0}, "its function raised IndexError"),
-        ({"rest 1": "middle"}, "names that cuts and remainders would get"),
+        ({"rest 1": "middle"}, "whose names cuts and remainders get"),
     ],
 )
 def test_bad_regions(regions, message):

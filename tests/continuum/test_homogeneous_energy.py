@@ -139,7 +139,7 @@ def test_rubber_is_not_pressed_flat(rubber):
         (lambda F: ufl.no_such_function(F), None, FormulationError, "cannot be written as UFL of F"),
         (lambda F: F[0, 0] ** 2, None, SceneError, "changes as the body turns"),
         (lambda F: ufl.ln(ufl.det(F) - 1), None, SceneError, "not finite at F = 1"),
-        (lambda F: ufl.det(F), PARAMETERS, FormulationError, "parameters go with a formulation"),
+        (lambda F: ufl.det(F), PARAMETERS, FormulationError, "parameters belong to a formulation"),
         (neo_hookean, None, FormulationError, "parameters must be its Parameters"),
         (solid_mixed, solid_mixed.Parameters(E=1e5, nu=0.3, rho=1e3), FormulationError, "displacement alone"),
     ],

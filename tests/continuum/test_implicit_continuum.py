@@ -376,7 +376,7 @@ def test_what_cannot_be_bonded_is_refused():
     touching = (Interface("x_min", coupling=AVERAGED), Interface("y_min"))
     with pytest.raises(InterfaceError, match="must not touch"):
         ImplicitContinuum(bar(form, parameters, interfaces=touching))
-    with pytest.raises(SceneError, match="before it has begun"):
+    with pytest.raises(SceneError, match="before begin was called"):
         ImplicitContinuum(bar(form, parameters)).energies()
 
 

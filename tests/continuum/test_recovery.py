@@ -110,9 +110,9 @@ def test_record_of_another_body(nonlinear, frame):
     others = {
         "2 times the stiffness and 1 times": ({**STIFF, "E": 6e9}, {**SOFT, "E": 2e9}),
         r"1 times the stiffness and 2\.5 times": ({**STIFF, "rho": 3000.0}, {**SOFT, "rho": 3000.0}),
-        "they have": (SOFT, STIFF),
-        "they have: ": ({**STIFF, "nu": 0.2801}, SOFT),
-        "that they have": (STIFF, {**SOFT, "E": 1.0001e9}),
+        "record states": (SOFT, STIFF),
+        "record states: ": ({**STIFF, "nu": 0.2801}, SOFT),
+        "that the record states": (STIFF, {**SOFT, "E": 1.0001e9}),
     }
     for message, (face, core) in others.items():
         with pytest.raises(RecordError, match=f"the record is of another body than the model.*{message}"):

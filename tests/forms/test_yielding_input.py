@@ -96,7 +96,7 @@ def test_two_rules_in_one_history(tmp_path):
     two = "    return [(ufl.inner(deviator, strain), rule(u)), (pressure * ufl.div(v), Quadrature(1))]\n"
     form = changed(tmp_path, (one, two))
     mesh = tagged(cube("hexahedron", n=1, degree=1, amplitude=0.0))
-    with pytest.raises(FormulationError, match=r"its terms have the rules .*give them the same rule"):
+    with pytest.raises(FormulationError, match=r"its terms have the quadrature rules .*give all terms the same rule"):
         NonlinearModel(mesh, form, form.Parameters(**STEEL), degree=1)
 
 

@@ -146,7 +146,7 @@ def test_wrong_arguments(steel_column):
     refused("free to move", clamped={"x_min": ("x", "y", "z"), "x_max": ("x", "y", "z")})
     refused("nothing is clamped", clamped={})
     refused("clamped must be a mapping of a text to a list, each a text", clamped={"x_min": "xyz"})
-    refused("components among", clamped={"x_min": ("x", "q")})
+    refused("must be among", clamped={"x_min": ("x", "q")})
     refused("no interface 'tip'", InterfaceError, clamped=["tip"])
     refused("no interface 'tip'", InterfaceError, forces={"tip": np.ones(6)})
     refused("six finite numbers", forces={"x_max": (1.0, 2.0)})

@@ -272,7 +272,7 @@ def bad(frame="x_min", **options):
     (bad(nonlinear=1), r"nonlinear must be ModalDerivatives\(loads=...\), got 1"),
     (bad(nonlinear=ModalDerivatives({"tip.y": 1.0})), "names the load 'tip.y'; there are: .*x_max.y"),
     (bad(nonlinear=ModalDerivatives({"x_max.y": 1.0}, held=["tip"])), "no interface 'tip' to hold; there are: x_max"),
-    (bad(keep=Keep(stress=True)), "stress modes are of small displacements"),
+    (bad(keep=Keep(stress=True)), "stress modes are those of small displacements"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused(model, options, message):
     with pytest.raises(ReductionError, match=message):

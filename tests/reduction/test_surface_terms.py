@@ -350,5 +350,5 @@ def test_what_has_no_place_for_springs_refuses_them():
             attempt()
     foam = solid_micropolar.reference().parameters
     mesh = meshes.block(*SIZE, divisions=(2, 1, 1), comm=MPI.COMM_SELF)
-    with pytest.raises(FormulationError, match="other elements than the cells"):
+    with pytest.raises(FormulationError, match="elements other than those of the cells"):
         ContinuumModel(mesh, solid_micropolar, foam, degree=1, surfaces={"x_max": PAIR})

@@ -301,7 +301,7 @@ def test_different_numbers_on_different_ranks():
         ({"modes": [2, -1]}, "from 0 on, got -1"),
         ({"modes": [2, 10_000]}, "10000 fixed-interface modes were asked for"),
         ({"count": 0}, "count must be a whole number from 1 on, got 0"),
-        ({"frame": None, "held": True}, "a body whose frame floats cannot be held"),
+        ({"frame": None, "held": True}, "the body cannot be held in a frame that floats"),
     ],
 )
 def test_estimates_that_cannot_be_had(arguments, message):

@@ -191,9 +191,9 @@ def check_element(element: basix.ufl._ElementBase, *, name: str) -> None:
     mixed = first is not element
     if not lagrange or first.discontinuous or first.block_size < 3 or (mixed and first.block_size > 3):
         raise FormulationError(
-            f"the element of {name} must have three displacement components a node: a continuous "
-            "Lagrange element of shape (3,), or (6,) with rotations after them, or a mixed element "
-            f"whose first is such a one of shape (3,); got {element}"
+            f"the element of {name} must have three displacement components a node: a continuous Lagrange element of "
+            "shape (3,), or (6,) with rotations after them, or a mixed element whose first sub-element is a continuous "
+            f"Lagrange element of shape (3,); got {element}"
         )
 
 

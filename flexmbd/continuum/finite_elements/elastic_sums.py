@@ -111,7 +111,7 @@ def tell_units(sums: ElasticSums, rank: int) -> None:
     if rank == 0:
         warn(
             f"{odd}, which no material does in SI units: lengths are m, rho kg/m^3 (steel 7850), E Pa (steel 2.1e11). "
-            "In consistent other units all results are in these units, but for gravity and what knows its own; a "
-            "material made soft on purpose is computed as it is",
+            "In another consistent system of units all results are in that system, except gravity and files whose "
+            "units are fixed; a material that is soft on purpose is computed as given",
             UnitWarning,
         )

@@ -124,8 +124,8 @@ def _find(support: SurfaceSupport, *, mesh: TaggedMesh, layout: DofLayout) -> He
         extents -= [mesh.comm.allreduce(float(part.min(initial=np.inf)), op=MPI.MIN) for part in every.T]
         if not high - low <= _FLAT * float(extents.max()):
             raise MeshError(
-                f"{support!r}: its facets are no plane with that normal, they reach from {'xyz'[axis]} = {low:g} m to "
-                f"{high:g} m; give the normal of the facets, or a group that is flat"
+                f"{support!r}: its facets do not lie in a plane of that normal: they reach from {'xyz'[axis]} = "
+                f"{low:g} m to {high:g} m; give the normal of the facets, or a group that is flat"
             )
     return HeldSurface(nodes, axis, symmetric, repr(support))
 

@@ -78,7 +78,7 @@ def homogeneous_energy(
 
 def _of_function(source: Any, parameters: Any, F: Expr) -> tuple[str, Any]:
     if parameters is not None:
-        raise FormulationError("parameters go with a formulation; a function of F has its own numbers")
+        raise FormulationError("parameters belong to a formulation; a function of F contains its numbers itself")
     return getattr(source, "__name__", "W"), source(F)
 
 

@@ -138,7 +138,7 @@ class LinearModel(PicturedModel):
                 return found
         if any(group.name == name for group in self.nodal):
             raise InterfaceError(
-                f"interface {name!r} is nodal and carries no frame; where one is needed take Interface({name!r})"
+                f"interface {name!r} is nodal and carries no frame; where a frame is needed take Interface({name!r})"
             )
         known = ", ".join(repr(found.name) for found in self.interfaces) or "none"
         raise InterfaceError(f"the model has no interface {name!r}; it has: {known}")

@@ -77,8 +77,8 @@ def find_nodal_groups(
     for one in frames:
         if isinstance(one, AveragedInterface):
             raise InterfaceError(
-                f"interface {one.name!r} is averaged, and beside nodal interfaces frames are rigid ones: "
-                "take Coupling.RIGID"
+                f"interface {one.name!r} is averaged, and beside nodal interfaces all frames must be rigid: take "
+                "Coupling.RIGID"
             )
     found: list[NodalGroup] = []
     for interface in interfaces:

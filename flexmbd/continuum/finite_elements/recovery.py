@@ -114,9 +114,10 @@ def _refuse_other_body(body: ReducedBody, model: ReductionModel, fields: FloatAr
     heavier = float(inner(model.comm, u, multiply(model.M, u))[0, 0]) / float(q @ q)
     if not abs(stiffer - 1.0) <= bound or not abs(heavier - 1.0) <= _SAME:
         raise RecordError(
-            f"the record is of another body than the model, by which its modes have {stiffer:.4g} times the stiffness "
-            f"and {heavier:.4g} times the mass that they have: give the model the formulation, the parameters, the "
-            "springs on facets and the loaded state with which the body was reduced, or reduce it again"
+            f"the record is of another body than the model: with the model's matrices its modes have {stiffer:.4g} "
+            f"times the stiffness and {heavier:.4g} times the mass that the record states: give the model the "
+            "formulation, the parameters, the springs on facets and the loaded state with which the body was reduced, "
+            "or reduce it again"
         )
 
 

@@ -67,8 +67,8 @@ class StressRecovery:
             raise RecordError(f"q must have shape ({body.n_modes},), got {modal.shape}")
         if body.nonlinear is not None and self._is_linear:
             raise RecordError(
-                f"the stress of {self._model.form_name} is that of small displacements, and this body bends a lot: ask "
-                "a model of the same mesh whose form has the stress of large ones, as st_venant_kirchhoff"
+                f"the stress of {self._model.form_name} is that of small displacements, and this body has large ones: "
+                "take a model of the same mesh whose form has the stress of large displacements, as st_venant_kirchhoff"
             )
         nodes, model = self._nodes, self._model
         displacement = self._modes_of(body) @ modal

@@ -140,8 +140,8 @@ def check_mass(surfaces: Sequence[SurfaceGroup], space: fem.FunctionSpace) -> No
         area = group.negative_area(space)
         if area > 0.0:
             raise FormulationError(
-                f"{group.form_name} on facets {group.name!r}: the mass per area of surface_kinetic_energy is negative, "
-                f"or no number, on {area:.3g} m^2"
+                f"{group.form_name} on facets {group.name!r}: the mass per area of surface_kinetic_energy is negative "
+                f"or not finite on {area:.3g} m^2"
             )
 
 
@@ -201,7 +201,7 @@ def _check(
     own, others = form.element(cell, 3, degree), groups[0].formulation.element(cell, 3, degree)
     if own != others:
         raise FormulationError(
-            f"{called} on facets {name!r} has other elements than the cells: {own}, and there {others}"
+            f"{called} on facets {name!r} has elements other than those of the cells: {own}, and there {others}"
         )
     if optional.surface_kinetic_energy is not None and groups[0].has_sections:
         raise FormulationError(

@@ -233,7 +233,9 @@ def divide(whole: WholeMesh, regions: Mapping[str, Region]) -> Division:
     cuts, facets = _cuts(rank[piece], in_order, pairs, points)
     taken = {cut.name for cut in cuts} & set(whole.groups["facet"])
     if taken or len(set(in_order)) < count:
-        raise MeshError(f"the mesh or the regions have names that cuts and remainders would get: {in_order}, {taken}")
+        raise MeshError(
+            f"rename these regions or groups of the mesh, whose names cuts and remainders get: {in_order}, {taken}"
+        )
     return Division(whole, in_order, tuple(names), rank[piece], cuts, facets, int((labels != chosen_labels).sum()))
 
 
@@ -245,7 +247,7 @@ def _labels(whole: WholeMesh, regions: Mapping[str, Region]) -> IntArray:
     for number, (name, region) in enumerate(regions.items(), start=1):
         inside = whole.chosen(name, region)
         if not inside.any():
-            raise MeshError(f"region {name!r}: no cell has its middle in it")
+            raise MeshError(f"region {name!r}: no cell has its centre in the region")
         if (labels[inside] > 0).any():
             other = list(regions)[int(labels[inside].max()) - 1]
             raise MeshError(f"regions {other!r} and {name!r} have {(labels[inside] > 0).sum()} cells in common")

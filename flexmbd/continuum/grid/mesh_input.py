@@ -198,8 +198,8 @@ def locate_group(
     entities, _, missing = _locate(mesh, dim, every)
     if len(missing) > 0:
         raise MeshError(
-            f"{kind} group {name!r}: {len(missing)} of {len(every)} are none of any cell's; "
-            "in gmsh, embed the entity in the volume or fragment both"
+            f"{kind} group {name!r}: {len(missing)} of {len(every)} belong to no cell; in gmsh, embed the entity in "
+            "the volume or fragment both"
         )
     mesh.topology.create_connectivity(dim, mesh.topology.dim)  # what asks for their dofs needs it
     return entities

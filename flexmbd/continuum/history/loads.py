@@ -170,7 +170,7 @@ def factors_of(loads: Sequence[BodyLoad]) -> tuple[TimeFactor, ...]:
 
 def _check(load: Any, name: str) -> None:
     if not isinstance(name, str) or not name:
-        raise SceneError(f"{type(load).__name__}: the name of a facet group is wanted, got {name!r}")
+        raise SceneError(f"{type(load).__name__}: it needs the name of a facet group, got {name!r}")
     if not load.name:
         object.__setattr__(load, "name", name)
     TimeFactor(load.factor, f"load {load.name!r}")

@@ -103,7 +103,9 @@ class NodalFields:
             for name, count in _names(group, history.shape[1]).items():
                 part = found.setdefault(name, np.zeros((nodes.n_cells * nodes.per_cell, count)))
                 if part.shape[1] != count:
-                    raise FormulationError(f"two forms of one body give {name!r} another number of components")
+                    raise FormulationError(
+                        f"two forms of one body give the field {name!r} different numbers of components"
+                    )
                 part.reshape(nodes.n_cells, nodes.per_cell, count)[group.cells] = rows[:, :, first : first + count]
                 first += count
         return found

@@ -283,7 +283,7 @@ def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -
     rules = {(rule.degree, rule.scheme) for _, rule in terms}
     if len(rules) > 1:
         raise FormulationError(
-            f"{group.form_name}: its terms have the rules {sorted(rules)}, and a history lies at the points of one; "
-            "give them the same rule"
+            f"{group.form_name}: its terms have the quadrature rules {sorted(rules)}, and a history needs one set of "
+            "quadrature points; give all terms the same rule"
         )
     return terms[0][1]

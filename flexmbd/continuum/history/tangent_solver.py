@@ -105,8 +105,8 @@ class TangentSolver:
         self._uses_multigrid = settings.preconditioner is Preconditioner.MULTIGRID
         if self._uses_multigrid and body.has_rotations:
             raise FormulationError(
-                f"{body.groups[0].form_name} has unknowns besides the displacement, which multigrid does not know; "
-                "take Preconditioner.FACTOR"
+                f"{body.groups[0].form_name} has unknowns besides the displacement, which multigrid cannot treat; take "
+                "Preconditioner.FACTOR"
             )
         self._body, self._prescribed, self._settings, self._counts = body, prescribed, settings, counts
         self._first = body.space.dofmap.index_map.local_range[0] * body.space.dofmap.index_map_bs
@@ -230,7 +230,7 @@ class TangentSolver:
 
     def _current_ksp(self) -> PETSc.KSP:
         if self._ksp is None:
-            raise ConvergenceError("a linear system is to be solved before there is a tangent")
+            raise ConvergenceError("there is no linear system to solve before the first tangent")
         return self._ksp
 
     def _factored_anew(self, ksp: PETSc.KSP, matrix: PETSc.Mat) -> bool:

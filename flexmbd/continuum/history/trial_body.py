@@ -116,8 +116,8 @@ class TrialBody(DiscretisedBody):
         """
         if self.has_rotations:
             raise FormulationError(
-                f"{self.groups[0].form_name} has unknowns besides the displacement, which a body that moves by itself "
-                "or in a machine has not; it is loaded slowly, by flexmbd.continuum.follow"
+                f"{self.groups[0].form_name} has unknowns besides the displacement, which is not possible in a body "
+                "that moves by itself or in a machine; load it slowly (flexmbd.continuum.follow)"
             )
 
     def refuse_surface_energy(self, *, by: str) -> None:

@@ -46,7 +46,7 @@ def check_references(forms: DiscreteForms, *, has_rotations: bool) -> None:
         )
     if "UPDATED" in references and has_rotations:
         raise FormulationError(
-            f"{references['UPDATED']} has unknowns besides the displacement, with which no mesh can move"
+            f"{references['UPDATED']} has unknowns besides the displacement, by which a mesh cannot be moved"
         )
 
 
@@ -118,7 +118,7 @@ def refuse_large_increment(mesh: TaggedMesh, cell: int | None, *, ratio: float) 
     error = None
     if cell is not None:
         error = LargeIncrementError(
-            f"the step is {ratio:.3g} times as large as the formulation integrates well, in "
+            f"the step is {ratio:.3g} times the largest that the formulation integrates accurately, in "
             f"{_describe_cell(mesh, cell)}; take a smaller step"
         )
     parallel.raise_collectively(mesh.comm, error)

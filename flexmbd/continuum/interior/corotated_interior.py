@@ -186,8 +186,8 @@ class CorotatedInterior:
         far = not (abs(away) < _FAR * self._size).all()
         if self._comm.allreduce(far, op=MPI.LOR):
             raise ConvergenceError(
-                f"nodes are {_FAR:g} times the body's size away from its first frame: the step is too long for what "
-                "the frames carry, or a load too large"
+                f"nodes are {_FAR:g} times the body's size away from its first frame: the step is too long for the "
+                "masses on the frames, or a load is too large"
             )
 
     def _mass_matrix(self, i: int, part: RigidBody | None) -> FloatArray:

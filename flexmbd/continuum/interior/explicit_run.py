@@ -173,7 +173,7 @@ class ExplicitRun:
             raise SceneError(f"t_end = {t_end!r} s must be after {self.t:.6g} s, and outputs at least 1: {outputs!r}")
         step = _SHARE * limit if h is None else h
         if (t_end - self.t) * np.finfo(float).eps > step:
-            raise SceneError(f"t_end = {t_end:g} s is so far that steps of {step:.3g} s are lost in its rounding")
+            raise SceneError(f"t_end = {t_end:g} s is so large that steps of {step:.3g} s vanish in its round-off")
         try:
             instants = [float(instant) for instant in np.linspace(begun, t_end, outputs + 1)[1:]]
         except (MemoryError, OverflowError, ValueError) as error:  # numpy says so in three ways

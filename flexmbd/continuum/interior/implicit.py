@@ -267,7 +267,7 @@ class ImplicitContinuum:
         if self._iterated is not None:
             self._trial = self._end(*self._iterated)
         if self._trial is None:
-            raise SceneError("a continuum body is to accept a step that was not tried")
+            raise SceneError("a continuum body cannot commit a step before its trial")
         self.body.commit(self._trial.increment, dt=self._trial.dt)
         if self._halved is not None:
             self._halved.follow(self._trial.increment, self._trial.dt)
@@ -356,20 +356,20 @@ class ImplicitContinuum:
     def _check_rigid_interface(self) -> None:
         if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
             raise SceneError(
-                "it has averaged interfaces alone, which hold no node, and at rest no inertia does: its balance is "
-                "found only where one interface is rigid (Coupling.RIGID)"
+                "it has averaged interfaces alone, which hold no node, and at rest no inertia holds it: its "
+                "equilibrium is found only with a rigid interface (Coupling.RIGID)"
             )
 
     def _check_settles(self) -> None:
         if self.body.is_rate_dependent:
             raise SceneError(
-                f"{self.body.form_name} has a stress that depends on rates: where it comes to rest, and how it answers "
-                "to small motions, depends on the time that this takes. Let it come to rest in a simulation"
+                f"{self.body.form_name} has a stress that depends on rates: its state at rest and its linear response "
+                "depend on the loading's duration. Let it come to rest in a simulation"
             )
 
     def _current_state(self) -> NodalState:
         if self._state is None:
-            raise SceneError("a continuum body is to step before it has begun: call begin, as a simulation does")
+            raise SceneError("a continuum body cannot step before begin was called, as a simulation does")
         return self._state
 
     def _axes(self, motion: FrameMotion) -> BodyAxes:

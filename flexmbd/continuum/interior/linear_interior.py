@@ -121,8 +121,8 @@ def _fixed_interface_modes(
     process.find(count)
     if not process.is_definite:
         raise ConvergenceError(
-            "where the body stands it buckles between its frames: a vibration with the frames held has a negative "
-            "stiffness; linearise about a state that stays"
+            "in this state the body buckles between its frames: a vibration with the frames held has a negative "
+            "stiffness; linearise about a stable state"
         )
     fixed_modes = process.modes(count)
     mass.destroy()

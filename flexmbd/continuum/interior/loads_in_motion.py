@@ -38,7 +38,8 @@ class LoadsInMotion:
         for load in self.applied.loads:
             if isinstance(load, CentrifugalLoad):
                 raise SceneError(
-                    f"load {load.name!r}: nodes that move have inertia, and need no centrifugal load; let the body turn"
+                    f"load {load.name!r}: moving nodes have inertia, so that a centrifugal load would count twice; let "
+                    "the body rotate"
                 )
         self.now: FloatArray = np.zeros((self._n, 3))
         self.work = 0.0

@@ -143,7 +143,8 @@ class NodalMotion:
         for load in self.loads.loads:
             if isinstance(load, CentrifugalLoad):
                 raise SceneError(
-                    f"load {load.name!r}: nodes that move have inertia, and need no centrifugal load; let the body turn"
+                    f"load {load.name!r}: moving nodes have inertia, so that a centrifugal load would count twice; let "
+                    "the body rotate"
                 )
         if self.loads.any:
             self.surroundings["loads"] = list(self.loads.names)

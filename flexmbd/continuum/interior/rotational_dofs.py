@@ -160,8 +160,8 @@ def lumped_rotations(model: LinearModel, *, raised: bool = True) -> ExplicitOper
     bare = bool((masses[turning & ~bound] <= 0.0).any())
     if model.comm.allreduce(bare, op=MPI.LOR):
         raise FormulationError(
-            f"{model.form_name}: a rotation has no inertia to be lumped, as the drilling of a shell; raise it, or "
-            "condense rotations"
+            f"{model.form_name}: a rotation has no inertia to be lumped, as the drilling of a shell; raise that "
+            "inertia, or condense rotations"
         )
     return ExplicitOperator(model, masses, rotations, ~bound, bonds, product, None)
 

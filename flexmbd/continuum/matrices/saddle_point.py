@@ -77,8 +77,8 @@ def _negative_pivots(matrix: PETSc.Mat) -> int:
         solver.setUp()
         if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             raise ReductionError(
-                "the stiffness of the unknowns without mass or rigid motion is singular by itself, so that nothing is "
-                "counted by the signs of pivots; of modes take Truncation(..., complete=False)"
+                "the stiffness of the unknowns without mass or rigid motion is singular by itself, so that the signs "
+                "of the pivots count no eigenvalues; for modes take Truncation(..., complete=False)"
             )
         return int(pc.getFactorMatrix().getMumpsInfog(_NEGATIVE))
     finally:

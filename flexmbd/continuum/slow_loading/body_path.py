@@ -223,8 +223,8 @@ def _first(
     here = space.standing(begin)
     if not space.does_anything(here):
         raise SceneError(
-            "the loads do nothing as the factor grows: load=, displacement= and the factors of loads= are functions "
-            "of it, and none of them changes"
+            "the loads do not change with the load factor: make load=, displacement= or the factors of loads= "
+            "functions of it"
         )
     onwards = space.along_factor(sign)
     space.typical = typical_motion(space, space.tangent(here, onwards))
@@ -235,8 +235,8 @@ def _refuse_rates(body: NonlinearModel) -> None:
     """Raise FormulationError where forces depend on rates."""
     if body.needs_step:
         raise FormulationError(
-            f"the forces of {body.form_name} depend on rates, and along a path that turns there is no time; follow "
-            "the loading itself (flexmbd.continuum.follow, seconds=)"
+            f"the forces of {body.form_name} depend on rates, and a path that turns back has no time; follow the "
+            "loading itself (flexmbd.continuum.follow, seconds=)"
         )
 
 
@@ -251,8 +251,8 @@ def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
     # of each motion, what the given dofs take part in
     if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= _HELD:
         raise SceneError(
-            "the body can move as a whole, and no path of single equilibria goes through there: give prescribed= dofs "
-            "that hold it (prescribed_dofs, clamped_dofs)"
+            "the body can move as a whole, so that its equilibria are not isolated: give prescribed= dofs that hold it "
+            "(prescribed_dofs, clamped_dofs)"
         )
 
 

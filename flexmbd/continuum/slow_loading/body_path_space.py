@@ -265,7 +265,7 @@ class BodyPathSpace:
         lacking, by_factor = (PathDirection(responses[:, k], float(k)) for k in range(2))
         along = self.product(across, by_factor)
         if along == 0.0:
-            raise ConvergenceError("the path has no direction there")
+            raise ConvergenceError("the tangent of the path is not defined there")
         return lacking.plus(by_factor.times(-self.product(across, lacking) / along))
 
     def _modes_next_to_zero(self, count: int) -> FloatArray:

@@ -128,7 +128,7 @@ class BodySpectrum:
             if len(pairs):
                 return near.modes[:, pairs[np.argmin(parted(near.values)[pairs])]]
             if count >= _MOST_NEAR:
-                raise ConvergenceError("the vibrations that begin to grow were not found next to zero")
+                raise ConvergenceError("no vibration with a frequency next to zero was found at the critical point")
             count *= 2
 
     def _pair(self, k: int) -> tuple[float, FloatArray]:

@@ -169,8 +169,8 @@ def follow(
                     largest = step
                 if step < smallest * interval:
                     raise PathError(
-                        f"the loading stopped at {reached:.6g} on its way to {target:.6g}, where the body stands: "
-                        f"{reason}",
+                        f"the loading stopped at the load parameter {reached:.6g} on its way to {target:.6g}, and the "
+                        f"body keeps the state there: {reason}",
                         path,
                     ) from reason
                 continue

@@ -314,7 +314,7 @@ class _Search:
     def _refuse(self, state: _State, count: int) -> None:
         raise ReductionError(
             f"with {count} modal derivatives the body locks under the loads {dict(self.choice.loads)}: "
-            f"{state.error:.1e} of its strain energy is what further shapes would relieve, tol={self.choice.tol:g}; "
+            f"{state.error:.1e} of its strain energy would be relieved by further shapes, tol={self.choice.tol:g}; "
             f"raise most= (now {self.choice.most}), the number of modes, or tol=, or state smaller loads"
         )
 
@@ -337,7 +337,7 @@ def _equilibrium(
             return q
         # a moment's part goes with the turn of its face, of which the next step knows the end
         q, before = polynomial.equilibrium(force, start=q, directions=free), force
-    raise ConvergenceError("the faces of the reduced body turn on and on")
+    raise ConvergenceError("the iteration for the rotations of the reduced body's faces does not converge")
 
 
 def _frame_rows(faces: FloatArray) -> FloatArray:

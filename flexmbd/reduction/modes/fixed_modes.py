@@ -150,7 +150,7 @@ def truncation_errors(
     numbers = [whole_number("modes", n, least=0) for n in modes]
     count = whole_number("count", count, least=1)
     if held and frame is None:
-        raise ReductionError("a body whose frame floats cannot be held there; name an interface as its frame")
+        raise ReductionError("the body cannot be held in a frame that floats; name an interface as its frame")
     with body_statics(model, frame=frame) as statics:
         largest = max(numbers, default=0)
         _check_number(statics, largest)

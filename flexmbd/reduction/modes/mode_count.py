@@ -131,7 +131,7 @@ def _check_range(spectrum: Spectrum, request: RequestedModes, truncation: Trunca
     if all(request.number(spectrum, held=held) == 0 for held in request.supports):
         first = min(float(spectrum.lower_bounds(held=held)[0]) for held in request.supports)
         raise ReductionError(
-            f"the body has no elastic frequency below {truncation.below_hz:g} Hz, for which tol would be: the first "
+            f"the body has no elastic frequency below {truncation.below_hz:g} Hz, to which tol would apply: the first "
             f"has {hertz(first):.6g} Hz; raise below_hz"
         )
 

@@ -85,8 +85,8 @@ def _check_nearness(factor: Factor, matrix: PETSc.Mat) -> None:
     size = float(np.sqrt(np.diag(inner(comm, rest, rest)).max()))
     if not size < _NEAR:
         raise ReductionError(
-            f"the compressed factor of K - sigma M is off by {size:.1e} of it, bound {_NEAR:g}, and counts nothing; "
-            "take solver=Solver.DIRECT, or Truncation(..., complete=False)"
+            f"the compressed factor of K - sigma M has a relative error of {size:.1e}, bound {_NEAR:g}, so that its "
+            "Sturm count is not reliable; take solver=Solver.DIRECT, or Truncation(..., complete=False)"
         )
 
 
@@ -117,13 +117,13 @@ def confirmed(statics: Statics, search: ModeSearch, count: int) -> str:
             return f"counted, {there} below {hertz:.6g} Hz"
         if there < below:
             raise ReductionError(
-                f"{below} fixed-interface modes were found below {hertz:.6g} Hz, and the inertia of the stiffness "
-                f"counts {there}: round-off hides the softest of them; see whether the mesh is very thin or has slivers"
+                f"{below} fixed-interface modes were found below {hertz:.6g} Hz, and the Sturm count is {there}: "
+                "round-off hides the softest modes; check whether the mesh is very thin or has slivers"
             )
         search.search_below(shift, there)
     raise ConvergenceError(
-        f"modes are missing below {hertz:.6g} Hz, {there} by the inertia of the stiffness; take "
-        "eigensolver=BlockMethod(), or more modes"
+        f"modes are missing below {hertz:.6g} Hz, {there} by the Sturm count; take eigensolver=BlockMethod(), or more "
+        "modes"
     )
 
 

@@ -105,8 +105,8 @@ def _refuse_unheld(
         )
     if model.supports and averaged(interfaces):
         raise ReductionError(
-            f"{model.supports[0].text}: a part with supports has no averaged interfaces, for half an average is none "
-            f"of the whole; make {averaged(interfaces)[0].name!r} Coupling.RIGID"
+            f"{model.supports[0].text}: a part with supports has no averaged interfaces, for the average over a half "
+            f"is not the average over the whole; make {averaged(interfaces)[0].name!r} Coupling.RIGID"
         )
     if model.has_surface_energy and (frame is None or needs_support(model, interfaces)):
         raise ReductionError(

@@ -99,7 +99,7 @@ def constrain(
     system[c:, :c] = system[:c, c:].T
     scaled, scale = _scaled(system)
     if not np.isfinite(scaled).all():
-        raise ReductionError(f"the averages of the interfaces find no stiffness of the body: {SINGULAR}")
+        raise ReductionError(f"the body has no stiffness against the motions of the averaged interfaces: {SINGULAR}")
     inverse = symmetric(np.asarray(np.linalg.inv(scaled))) * np.outer(scale, scale)
     return Constraint(comm, columns, rigid, np.hstack([flexible, rigid]), inverse)
 

@@ -148,8 +148,9 @@ class Factor:
         if limit is not None and factor.getMumpsInfog(1) in _TOO_SMALL:
             others = "solver=Solver.ITERATIVE" if self._compressed else "solver=Solver.COMPRESSED or Solver.ITERATIVE"
             raise TooLargeError(
-                f"the factor of the stiffness would take {megabytes} MB, and {max(limit, 0) * self._comm.size // 10**6}"
-                f" MB are there for it: take {others}, a coarser mesh or more memory"
+                f"the factor of the stiffness would take {megabytes} MB, and "
+                f"{max(limit, 0) * self._comm.size // 10**6} MB are available: take {others}, a coarser mesh or more "
+                "memory"
             )
         memory = failed == PETSc.PC.FailedReason.FACTOR_OUTMEMORY
         remedy = "take a coarser mesh or more memory" if memory else SINGULAR

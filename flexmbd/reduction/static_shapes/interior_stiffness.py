@@ -256,7 +256,7 @@ def _check_room(model: LinearModel, limit: int | None) -> None:
     if limit is not None and needed > limit * model.comm.size:
         raise TooLargeError(
             f"multigrid for the stiffness would take {needed / 1e6:.0f} MB, and "
-            f"{max(limit, 0) * model.comm.size / 1e6:.0f} MB are there for it beside the modes and the static shapes: "
+            f"{max(limit, 0) * model.comm.size / 1e6:.0f} MB are available beside the modes and the static shapes: "
             "take fewer modes or interfaces, a coarser mesh, more memory, or several computers (mpirun)"
         )
 

@@ -40,9 +40,9 @@ def check_rigid_motions(
         )
     if not error <= WORTHLESS:
         raise ReductionError(
-            f"the static shapes miss a rigid motion of the body by {error:.1e} of it, bound {WORTHLESS:.0e}: "
-            "a part of the body is connected to no interface or not to the rest, or the formulation has deformations "
-            "without energy, or the body is so thin, slender or nearly incompressible that double precision does not "
-            "tell its softest deformations from its stiffest: take a formulation for it, of plates or beams"
+            f"the static shapes miss a rigid motion of the body by {error:.1e} of it, bound {WORTHLESS:.0e}: a part of "
+            "the body is connected to no interface or not to the rest, or the formulation has deformations without "
+            "energy, or the body is so thin, slender or nearly incompressible that double precision cannot resolve its "
+            "softest deformations beside its stiffest: take a formulation for it, of plates or beams"
         )
     return error

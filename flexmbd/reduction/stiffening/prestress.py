@@ -89,8 +89,8 @@ def prestressed(
     parallel.check_same(model.comm, ReductionError, **given)
     if model.has_surface_energy:
         raise ReductionError(
-            "springs on facets (surface_energy) are carried by bodies reduced about rest: a loaded state has no place "
-            "for them; load the reduced body in the machine instead"
+            "springs on facets (surface_energy) are possible in bodies reduced about rest alone, not about a loaded "
+            "state; load the reduced body in the machine instead"
         )
     if model.nodal:
         raise ReductionError(
@@ -142,12 +142,12 @@ def _check(
         if not isinstance(model.interface(name), RigidInterface):
             raise ReductionError(f"interface {name!r} is averaged: load its facets by a Traction, or make it rigid")
     if not any(isinstance(one, RigidInterface) for one in model.interfaces):
-        raise ReductionError("no interface of the model is rigid, and a prestressed body needs one that is")
+        raise ReductionError("no interface of the model is rigid, and a prestressed body needs a rigid one")
     averaged = any(isinstance(one, AveragedInterface) for one in model.interfaces)
     if averaged and _has_rotations(model):
         raise ReductionError(
-            f"{model.form_name} has rotations, and how they take part in an averaged interface's place about a loaded "
-            "state is not known; make it rigid"
+            f"{model.form_name} has rotations, and averaged interfaces of rotations about a loaded state are not "
+            "supported; make the interface rigid"
         )
     check_loads(model, [load for load, _ in loads])
     return np.array([float(size) for _, size in loads])
