@@ -134,7 +134,7 @@ def compliance(section: Section) -> FloatArray:
         answer[:4, :4] = np.diag(1.0 / direct)
         answer[4:, 4:] = np.linalg.inv(bending)
     except np.linalg.LinAlgError:
-        raise SceneError(f"{section!r:.200}: numbers do not hold its stiffnesses, which are too small") from None
+        raise SceneError(f"{section!r:.200}: its stiffnesses are too small for floating-point numbers") from None
     return answer
 
 

@@ -204,7 +204,7 @@ def opened_file(path: Path, count: int, digest: str) -> ResultsFile:
         check_rows(path, kind=ENSEMBLE)
         file = _reopened(path)
     except (RecordError, OSError) as reason:
-        raise RecordError(f"{path} cannot be gone on with: {first_line(reason)}") from reason
+        raise RecordError(f"{path} cannot be continued: {first_line(reason)}") from reason
     if file.attrs.get("digest") != digest:
         file.close()
         raise RecordError(
@@ -213,7 +213,7 @@ def opened_file(path: Path, count: int, digest: str) -> ResultsFile:
         )
     if not _is_laid_out(file, count):
         file.close()
-        raise RecordError(f"{path} does not hold what a {ENSEMBLE.format} should; remove it")
+        raise RecordError(f"{path} is not a valid {ENSEMBLE.format}; remove it")
     found = ResultsFile(file)
     found.drop_damaged()
     return found

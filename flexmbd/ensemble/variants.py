@@ -110,7 +110,7 @@ def _answer(value: ArrayLike) -> FloatArray:
     """
     array = np.asarray(value)
     if array.dtype.kind not in "biuf":
-        raise SceneError(f"a number or an array of numbers is wanted, got {value!r:.60}")
+        raise SceneError(f"an output must be a number or an array of numbers, got {value!r:.60}")
     return array.astype(np.float64)
 
 

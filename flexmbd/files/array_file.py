@@ -31,8 +31,8 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
             np.savez(file, allow_pickle=False, **arrays)
     except OSError as reason:
         raise RecordError(
-            f"the checkpoint cannot be written to {path}: {reason.strerror or reason}; what was there is there still: "
-            "choose a folder that exists, that you may write to and that has the space"
+            f"the checkpoint cannot be written to {path}: {reason.strerror or reason}; a file that was there is "
+            "unchanged: choose a folder that exists, that you may write to and that has the space"
         ) from reason
     return Path(path)
 

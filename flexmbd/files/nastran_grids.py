@@ -124,14 +124,14 @@ class Grids:
         found = self.systems.system(mover).directions(self.points[row])
         if found is None:
             raise ValueError(
-                f"GRID {number} lies on the axis of the coordinate system {mover}, in which its displacements have no "
-                "directions there"
+                f"GRID {number} lies on the axis of the coordinate system {mover}, where the directions of that system "
+                "are not defined"
             )
         return found
 
     def _row(self, number: int) -> int:
         if number not in self.rows:
-            raise ValueError(f"there is no GRID {number}, and so no position of it")
+            raise ValueError(f"there is no GRID {number}, so that its position is unknown")
         return self.rows[number]
 
 

@@ -88,7 +88,7 @@ def check_rows(path: Path, *, kind: FileKind) -> None:
             rows = _ROWS.match(file.read(head), found.end())
             places = [] if rows is None else [_place(one) for one in rows.group(1).split()]
             if rows is None or _digest(file.fileno(), head, places) != found.group(5).decode():
-                raise RecordError(f"{path} is damaged beside its rows: its SHA-256 is another; remove it")
+                raise RecordError(f"{path} is damaged outside its rows: its SHA-256 differs; remove it")
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror or error}") from error
 

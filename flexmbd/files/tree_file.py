@@ -118,7 +118,7 @@ def _tree(path: Path, stream: BinaryIO, *, size: int, kind: FileKind) -> Tree:
         with open_hdf5(stream, size=size) as file:
             return _read_group(file)
     except (RecordError, OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise RecordError(f"{path} does not hold what a {kind.format} should: {error}") from error
+        raise RecordError(f"{path} is not a valid {kind.format}: {error}") from error
 
 
 def tree_image(tree: Mapping[str, Any], *, kind: FileKind) -> bytes:
@@ -267,7 +267,7 @@ def _refuse_size(path: Path, found: int, size: int) -> None:
 
 def _refuse_digest(path: Path, digest: str, head: bytes, kind: FileKind) -> None:
     if digest.encode() != _headline(path, head, kind).group(5):
-        raise RecordError(f"{path} is damaged: its SHA-256 is another; copy it or write it again")
+        raise RecordError(f"{path} is damaged: its SHA-256 differs; copy it or write it again")
 
 
 def _read_group(group: h5py.Group) -> Tree:

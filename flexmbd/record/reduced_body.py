@@ -155,7 +155,7 @@ class ReducedBody(PicturedRecord):
             InterfaceError: no interface has that name; the message lists those there are.
         """
         if not isinstance(name, str):
-            raise InterfaceError(f"an interface is named by a text, got {name!r:.100}")
+            raise InterfaceError(f"the name of an interface must be a text, got {name!r:.100}")
         for frame in self.interfaces:
             if frame.name == name:
                 return frame

@@ -55,10 +55,10 @@ class CreepWatch:
         left = steps * (self._t_end - self._integration.t) / time
         if steps > _LOST * self._explicit_steps * time and left > _LOST_LEFT:
             warn(
-                f"at t = {self._integration.t:.4g} s {self._integration.method.name}, chosen for vibrations that it "
-                f"could step over, takes steps of {time / steps:.1e} s, {left:.1e} of them up to t_end: they "
-                "are excited all the same. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) takes cheaper "
-                f"steps, which were foreseen to be stable up to {1.0 / self._explicit_steps:.1e} s",
+                f"at t = {self._integration.t:.4g} s {self._integration.method.name}, chosen to step over vibrations, "
+                f"takes steps of {time / steps:.1e} s, {left:.1e} of them up to t_end: the vibrations are excited all "
+                "the same. integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8) takes cheaper steps, which were "
+                f"foreseen to be stable up to {1.0 / self._explicit_steps:.1e} s",
                 StepsWarning,
             )
             self._explicit_steps = math.inf

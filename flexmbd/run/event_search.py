@@ -270,8 +270,8 @@ class EventSearch:
                 integration.state.counts[st.STORED] = 0
                 names = ", ".join(repr(self._events[k].name) for k in fallen)
                 raise SceneError(
-                    f"event {names} at t = {begin:.6g} s: its action does not stop the machine from passing on, for it "
-                    "rests there, or its impacts follow each other ever faster; end the run there (stop=True where "
+                    f"event {names} at t = {begin:.6g} s: after its action the machine passes the zero again at once: "
+                    "it rests there, or its impacts follow each other ever faster; end the run there (stop=True where "
                     "the impact is slow enough), or let a JointStop or a contact force carry it"
                 )
             far = near

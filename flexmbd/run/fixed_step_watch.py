@@ -40,10 +40,9 @@ class FixedStepWatch:
             warn(
                 f"the step h = {h:.4g} s is too long for what the machine does at t = {errors[WHEN]:.4g} s: there "
                 f"{self._method} estimates an error of {100.0 * errors[LARGEST]:.2g} % of the motion in a single step, "
-                f"of {self._names[int(errors[WHOSE])]!r}, and {100.0 * added:.2g} % in all around it. What is met on "
-                "the way, as a stop, is faster than such steps follow: the path may stay finite and is wrong. Take a "
-                "shorter h, none (then rtol rules the step), or an implicit method, "
-                "integrator=fm.GeneralizedAlpha()",
+                f"of {self._names[int(errors[WHOSE])]!r}, and {100.0 * added:.2g} % in all around it. Such steps do "
+                "not resolve short contacts, as with a stop: the path may stay finite and be wrong. Take a shorter h, "
+                "none (then rtol rules the step), or an implicit method, integrator=fm.GeneralizedAlpha()",
                 StepsWarning,
                 subject="fixed steps",
             )

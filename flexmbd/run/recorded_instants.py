@@ -203,7 +203,7 @@ def _meshes(tree: Tree) -> dict[str, InteriorMesh]:
         if one["x"].shape != (nodes, 3) or one["node"].shape != (nodes,) or triangle.shape[1:] != (3,):
             raise ValueError("a mesh of other shapes")
         if triangle.dtype != np.int64 or not ((triangle >= 0) & (triangle < nodes)).all():
-            raise ValueError("triangles of nodes that there are not")
+            raise ValueError("triangles with unknown node numbers")
     return {str(one["name"]): InteriorMesh(one["node"], one["x"], one["triangle"]) for one in found}
 
 
@@ -211,7 +211,7 @@ def _checked(tree: Tree, meshes: dict[str, InteriorMesh]) -> tuple[dict[str, tup
     """The fields of each body and their shapes at a node; raises where arrays do not fit the meshes and instants."""
     rows, found = len(tree["t"]), list[dict[str, tuple[int, ...]]]()
     if tree["t"].shape != (rows,) or not np.isfinite(tree["t"]).all():
-        raise ValueError("instants that are no times")
+        raise ValueError("instants that are not finite ascending times")
     for k, mesh in enumerate(meshes.values()):
         body = tree["bodies"][str(k)]
         shapes = {"body_position": (rows, 3), "body_rotation": (rows, 3, 3), "largest": (rows,), "largest_row": (rows,)}
@@ -222,7 +222,7 @@ def _checked(tree: Tree, meshes: dict[str, InteriorMesh]) -> tuple[dict[str, tup
                 raise ValueError(f"{name} that is not finite")
         nearest = body["largest_row"]
         if nearest.dtype != np.int64 or not ((nearest >= 0) & (nearest < len(mesh.node))).all():
-            raise ValueError("the largest stress at a node that there is not")
+            raise ValueError("the largest stress at an unknown node")
         found.append({name: values.shape[2:] for name, values in body["fields"].items()})
     return tuple(found)
 
@@ -237,4 +237,4 @@ def _refuse_other_bodies(path: Path, found: dict[str, InteriorMesh], wanted: dic
 
 
 def _other_content(path: Path, reason: Exception) -> RecordError:
-    return RecordError(f"{path} does not hold what a {RECORDING.format} should: {reason}")
+    return RecordError(f"{path} is not a valid {RECORDING.format}: {reason}")

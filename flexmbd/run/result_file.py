@@ -155,4 +155,4 @@ def load_run(path: Path, scene: CompiledScene) -> SavedRun:
             samples=tuple(samples_of(tree["samples"][str(k)]) for k in range(len(tree["samples"]))),
         )
     except (KeyError, ValueError, TypeError, AttributeError, IndexError) as reason:
-        raise RecordError(f"{path} does not hold what a {TRAJECTORY.format} should: {reason}") from reason
+        raise RecordError(f"{path} is not a valid {TRAJECTORY.format}: {reason}") from reason

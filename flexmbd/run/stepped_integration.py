@@ -274,7 +274,7 @@ class SteppedIntegration:
         if not found > self.t:
             raise SceneError(
                 f"the stepper stands at t = {self.t:.9g} s and goes forward alone, not to t = {found:.9g} s: restore a "
-                "snapshot() to go back, and give steps that the time's round-off does not swallow"
+                "snapshot() to go back, and give steps larger than the round-off of the time"
             )
         return found
 

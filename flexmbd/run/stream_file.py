@@ -100,7 +100,7 @@ def load_stream(path: Path, scene: CompiledScene) -> SavedRun:
             samples=tuple(samples),
         )  # fmt: skip
     except (KeyError, ValueError, TypeError, AttributeError, IndexError) as reason:
-        raise RecordError(f"{path} does not hold what a {STREAM.format} should: {reason}") from reason
+        raise RecordError(f"{path} is not a valid {STREAM.format}: {reason}") from reason
 
 
 def _rows(tree: Tree, scene: CompiledScene) -> RowArrays:
@@ -130,7 +130,7 @@ def resumed_log(path: Path, scene: CompiledScene, t: float) -> tuple[TreeLog, in
                 events = [*(one for one in events if one.row < first), *events_of(path, tree["events"])]
             end = after
     except (KeyError, ValueError, TypeError, AttributeError) as reason:
-        raise RecordError(f"{path} does not hold what a {STREAM.format} should: {reason}") from reason
+        raise RecordError(f"{path} is not a valid {STREAM.format}: {reason}") from reason
     except RecordError:
         if not (instants == t).any():  # what is damaged behind the restart is written again
             raise

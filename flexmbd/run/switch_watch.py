@@ -65,17 +65,17 @@ class SwitchWatch:
             what = f"the switch of {self.switches[k].name} at t = {t:.6g} s"
             if same[k] and side * before[k] > 0.0 and side * after[k] < 0.0:
                 raise SceneError(
-                    f"{what}: on both sides the motion leads back to where it switches, along which the machine would "
-                    "slide or stick; let a smooth law hold it there (as fm.force.JointFriction), or end the run there "
-                    "(an event with stop=True)"
+                    f"{what}: on both sides of the switching surface the motion leads back to it, so that the machine "
+                    "would slide or stick along it; let a smooth law hold it there (as fm.force.JointFriction), or end "
+                    "the run there (an event with stop=True)"
                 )
             soon = between <= float(s.numbers[st.STEP_FLOOR_SIZE])
             self._hurried[k] = self._hurried[k] + 1 if soon else 0
             if self._hurried[k] >= _ENDLESS:
                 raise SceneError(
                     f"{what}: it switches endlessly, ever faster or to and fro at one instant, for neither side leads "
-                    "away from it; give its law a hysteresis (two switches), damping or a smooth transition, or end "
-                    "the run there (an event with stop=True)"
+                    "away from the switching surface; give its law a hysteresis (two switches), damping or a smooth "
+                    "transition, or end the run there (an event with stop=True)"
                 )
 
     def _changes(self) -> FloatArray:

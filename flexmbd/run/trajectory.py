@@ -117,7 +117,7 @@ class Trajectory(ForceSeries):
             SceneError: a time outside the trajectory, or not a single time.
         """
         if not is_number(t):
-            raise SceneError(f"one time in s is wanted, got {t!r:.100}")
+            raise SceneError(f"t must be one time in s, got {t!r:.100}")
         x, v, a = (part[0] for part in self.motion(t))
         return Instant(self.scene, float(t), x, v, a, self._multipliers(float(t), x, v, a))
 

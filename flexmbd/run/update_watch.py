@@ -35,8 +35,8 @@ class UpdateWatch:
             error = interior.update_error()
             if error > allowed:
                 warn(
-                    f"the forces of body {name!r} are off by some {error:.1e} of their largest by the updates of its "
-                    f"history in time, as those in two halves of each step tell; rtol = {rtol:.3g} asks for "
+                    f"the forces of body {name!r} are off by some {error:.1e} of their largest, by the error of the "
+                    f"history's time integration, estimated by two half steps in each step; rtol = {rtol:.3g} asks for "
                     f"{allowed:.1e}. The error falls with the steps, {passed / steps:.1e} s in the mean, which error "
                     "control chooses by the machine's coordinates alone: give a smaller max_step",
                     ToleranceWarning,

@@ -59,7 +59,7 @@ def _of_joints(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
     for joint in joints:
         if joint not in slots:
             raise SceneError(
-                f"joint {joint.name!r} closes a loop and has no coordinates to tell; ask for frames' positions instead"
+                f"joint {joint.name!r} closes a loop and has no coordinates; ask for frames' positions instead"
             )
         yield from table.joint_columns(joint)
 

@@ -140,7 +140,9 @@ def drawn_scene(
                 parts.append(RigidPart(name, colour, piece.points, piece.triangles, bones.bodies[body], (body,)))
     places = np.concatenate([bones.places, *(reach(part) for part in parts)])
     if not np.isfinite(np.linalg.norm(places)):
-        raise PictureError(f"with amplification {amplification:g} the machine reaches farther than numbers do")
+        raise PictureError(
+            f"with amplification {amplification:g} the machine exceeds the range of floating-point numbers"
+        )
     shown = [body for part in parts for body in part.covers]
     parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
     notes = _with_reasons(notes, [name for name, body in motion.bodies.items() if _lacks_surface(body, shown)])

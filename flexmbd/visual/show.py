@@ -131,7 +131,7 @@ def _times(motion: RecordedMotion, t: float | None, *, still: bool) -> FloatArra
     """The instants (nt,) s that are shown."""
     if t is not None:
         if not is_number(t):
-            raise PictureError(f"one time in s is wanted, got {t!r:.100}")
+            raise PictureError(f"t must be one time in s, got {t!r:.100}")
         return np.array([float(t)])
     if still or motion.t[0] == motion.t[-1]:
         return np.array([float(motion.t[0])])

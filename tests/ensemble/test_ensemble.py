@@ -207,7 +207,7 @@ def test_a_file_of_another_ensemble_is_refused(tmp_path, monkeypatch):
         with pytest.raises(RecordError, match="or of another flexmbd"):
             study(file=file, count=8)
     (tmp_path / "other.h5").write_bytes(b"no HDF5")
-    with pytest.raises(RecordError, match="cannot be gone on with"):
+    with pytest.raises(RecordError, match="cannot be continued"):
         study(file=tmp_path / "other.h5", count=8)
     with pytest.raises(RecordError, match="cannot be written"):
         study(file=tmp_path / "nowhere" / "study.h5", count=8)

@@ -429,7 +429,7 @@ def test_rows_of_an_ensemble_that_were_changed_are_run_again(tmp_path):
         damaged = bytearray(whole)
         damaged[at] ^= 1
         path.write_bytes(damaged)
-        with pytest.raises(RecordError, match="damaged beside its rows"):
+        with pytest.raises(RecordError, match="damaged outside its rows"):
             study(path)
 
 

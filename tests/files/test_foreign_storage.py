@@ -97,7 +97,7 @@ CRAFTS = [
     external_storage, virtual_dataset, external_link, soft_link, hard_link_to_itself, second_hard_link, named_type,
     object_reference, region_reference, compound, chunks, compression,
 ]  # fmt: skip
-OUTSIDE = "in another file|link to elsewhere|no item of its own|neither numbers nor texts|pieces or compressed"
+OUTSIDE = "in another file|link to elsewhere|second name|neither numbers nor texts|pieces or compressed"
 
 
 def crafted(path, craft, secret, *, kind, name):
@@ -182,7 +182,7 @@ def test_an_ensemble_whose_items_are_others_is_refused(tmp_path):
                 places = places_of([*file["outputs"].values(), file["message"], file["check"]])
             with open(path, "r+b") as file:
                 seal_rows(file.fileno(), ENSEMBLE, head=512, places=places)
-        with pytest.raises(RecordError, match=r"of another ensemble|does not hold what a flexmbd ensemble should"):
+        with pytest.raises(RecordError, match=r"of another ensemble|is not a valid flexmbd ensemble"):
             opened_file(path, 6, "abc")
 
 

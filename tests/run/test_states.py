@@ -315,7 +315,7 @@ def test_wrong_states_are_told_when_they_are_given():
         ({"measurements": [fm.output.Acceleration(slide)]}, "cannot follow accelerations"),
         ({"measurements": ["angle"]}, "what states follow"),
         ({"measurements": [fm.output.Position(slide.child), push]}, "cannot follow signals or data as well"),
-        ({"names": ["a", "b"]}, "1 states take as many names"),
+        ({"names": ["a", "b"]}, "1 states need 1 distinct names"),
         ({"rates": fm.compiled(lambda t: t)}, "must take t, z, u and out"),
         ({"rates": scipy.signal.dlti([1.0], [1.0, -0.5], dt=0.1)}, "must be continuous"),
         ({"rates": scipy.signal.lti([1.0, 0.0, 0.0], [1.0, 2.0])}, "cannot be written as a state space"),

@@ -101,12 +101,14 @@ def refuse_functions(scene: CompiledScene) -> None:
     plan = scene.plan
     if scene.interiors is not None:
         names = ", ".join(body.name for body in scene.interiors.bodies)
-        raise ExportError(f"bodies with history cannot leave in an FMU ({names}): where they stay elastic, reduce them")
+        raise ExportError(
+            f"bodies with history cannot be exported in an FMU ({names}): where they stay elastic, reduce them"
+        )
     signals = {row.signal.name: None for row in scene.time_rows if row.signal is not None}
     if signals:
         raise ExportError(
-            f"controllers and states cannot leave in an FMU, and signals that they set ({', '.join(signals)}) cannot "
-            "either: give the loads numbers and make them inputs, and compute them outside"
+            "controllers and states cannot be exported in an FMU, nor can signals that they set "
+            f"({', '.join(signals)}): give the loads numbers, make them inputs, and compute these outside"
         )
     given = time_kinds(plan)
     users = [scene.time_names[k] for k in np.flatnonzero((given == kinds.TIME_PYTHON) | (given == kinds.TIME_COMPILED))]
@@ -114,8 +116,8 @@ def refuse_functions(scene: CompiledScene) -> None:
     users += [scene.element_names[k] for k in elements.number[elements.address != 0]]
     if users:
         raise ExportError(
-            f"users' functions cannot leave in an FMU ({', '.join(users)}): give numbers, fm.Table or fm.Sine, or make "
-            "the force an input and compute it outside"
+            f"users' functions cannot be exported in an FMU ({', '.join(users)}): give numbers, fm.Table or fm.Sine, "
+            "or make the force an input and compute it outside"
         )
 
 
@@ -179,7 +181,7 @@ def with_tangents(parts: Parts, scene: CompiledScene) -> Parts:
     if len(parts.breaks) > 0:
         more.append("functions of time that jump or bend, which are events")
     if more:
-        raise ExportError(f"this machine cannot leave for model exchange, for it has {'; and '.join(more)}")
+        raise ExportError(f"this machine cannot be exported for model exchange, for it has {'; and '.join(more)}")
     work = parts.refresh.arguments[0].work
     state, sizes = parts.state, np.ones((2, nv))
     tangent_work = new_tangent_work(parts.plan, nv, sizes=sizes)

@@ -112,7 +112,7 @@ def fmu_machine(
     version = version_of(fmi)
     integrator = integrator or ExplicitRungeKutta()
     if not isinstance(integrator, Method):
-        raise ExportError(f"machines leave with ExplicitRungeKutta or GeneralizedAlpha, not with {integrator!r}")
+        raise ExportError(f"machines are exported with ExplicitRungeKutta or GeneralizedAlpha, not with {integrator!r}")
     step = 10.0 * h if step is None else step
     if not (np.isfinite([h, step]).all() and h > 0.0 and step > 0.0):
         raise ExportError(f"h is {h} s and step {step} s; both must be positive and finite")
@@ -121,7 +121,10 @@ def fmu_machine(
     without = "; or write the sources alone, binary=False, to be compiled elsewhere"
     targets = targets_of(version, windows=windows, binary=binary, otherwise=without)
     if windows and processor() != "x86_64":
-        raise ExportError(f"machines leave for Windows from x86_64 alone, as their kernels do; this is {processor()}")
+        raise ExportError(
+            "machines are exported for Windows from x86_64 alone, for which their kernels are compiled; this is "
+            f"{processor()}"
+        )
     forces = [(name, replaced(one)) for name, one in named(inputs)]
     given = [force for _, force in named(inputs)]
     start = scene.start_with([force for _, force in forces], instead_of=given, about=about)

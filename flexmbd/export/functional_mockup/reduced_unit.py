@@ -82,7 +82,7 @@ def fmu(
     version = version_of(fmi)
     refuse_no_truth(ExportError, binary=binary, windows=windows)
     if not (np.isfinite(step) and step > 0.0):
-        raise ExportError(f"step is {step} s; an importer is proposed a positive finite step")
+        raise ExportError(f"step is {step} s, the step that is proposed to an importer; it must be positive and finite")
     if body.frame is None or body.n_modes == 0:
         raise ExportError(
             "an FMU of a body holds its frame B fast, and this body's frame floats: reduce it with frame=<interface>"

@@ -104,8 +104,8 @@ class RecordGroups:
             rows = np.array(words, dtype=np.float64).reshape(-1, 6)
             if rows[self.nodes :].any():
                 raise ExportError(
-                    f"{self.path}: group 11, nodal masses, has {len(rows)} nodes, of which those behind the "
-                    f"{self.nodes} of the file have mass: it is of another set of nodes"
+                    f"{self.path}: group 11, nodal masses, has {len(rows)} nodes, of which those after the "
+                    f"{self.nodes} of the file have mass: the group belongs to another set of nodes"
                 )
             words = words[:count]
         inertia = RecordGroups(self.path, {11: words}, (), self.nodes, self.modes).numbers(11, self.nodes, 6)

@@ -192,9 +192,10 @@ def _inertia(
         held = np.flatnonzero(_resting(shapes).all(axis=(1, 2)))
         if len(held):
             raise ExportError(
-                f"{path} has a group 12, rigid inertia, and nothing of the modes' momentum, which is zero in a free "
-                f"body; its modes rest at node {groups.labels()[held[0]]!r}, so they are of a body that is held there. "
-                "Write groups 11 or 14 to 18 too, or take it so for a body that is fixed in the machine: uncoupled=True"
+                f"{path} has a group 12, rigid inertia, and no momentum of the modes, which is zero in a free body; "
+                f"its modes vanish at node {groups.labels()[held[0]]!r}, so they belong to a body that is held there. "
+                "Write groups 11 or 14 to 18 too, or, for a body that is fixed in the machine, read it with "
+                "uncoupled=True"
             )
     gram = gram_of(whole, Invariants(**found), mass)
     return gram, "invariants" if found else "rigid inertia alone: modes without momentum"

@@ -320,7 +320,7 @@ def _same(what: str, found: FloatArray, expected: FloatArray, *, size: FloatArra
         raise ExportError(
             f"{what} contradict each other by {worst / largest:.1e} of their size: other conventions hold in this "
             "file, its nodes have rotary inertia of their own, or its blocks were lumped differently; with a larger "
-            "tolerance Ct, Cr and Me, which make the linear motion, are believed"
+            "tolerance Ct, Cr and Me, which determine the linear motion, are used"
         )
 
 

@@ -171,7 +171,7 @@ def _matrix_market(text: str) -> Sparse:
     table = np.array(words, dtype=np.float64).reshape(count, 3)
     places, values = table[:, :2], table[:, 2]
     if not np.isfinite(table).all() or (places != places.round()).any() or (places < 1).any():
-        raise ValueError("it holds rows, columns or values that are none")
+        raise ValueError("it holds rows, columns or values that are no numbers")
     if (places > 1e9).any():
         raise ValueError("it holds rows or columns that are too large")
     i, j = places.astype(np.int64).T - 1

@@ -53,7 +53,9 @@ def _numbers(fields: Sequence[str]) -> list[int]:
     """Numbers of a list, and all from one to another by THRU."""
     ranges = listed(fields)
     if any(numbers.start < 0 for numbers in ranges):
-        raise ValueError(f"{next(numbers.start for numbers in ranges if numbers.start < 0)} is the number of no point")
+        raise ValueError(
+            f"{next(numbers.start for numbers in ranges if numbers.start < 0)} is not the number of a point"
+        )
     if sum(map(len, ranges)) > MOST_ROWS:
         raise ValueError(f"more than {MOST_ROWS} points up to number {ranges[-1][-1]} are no superelement's")
     return [number for numbers in ranges for number in numbers]

@@ -56,7 +56,7 @@ def standing_body(read: ReadMatrices, weight: FloatArray, standing: Standing, *,
     try:
         K, M, D = (symmetrised(matrix, name) for matrix, name in ((read.K, "K"), (read.M, "M"), (D, "D")))
         if not _is_held(K):
-            raise ExportError("its stiffness holds it nowhere: a free body is read without foundation=")
+            raise ExportError("its stiffness does not hold it: read a free body without foundation=")
         k, x = normal_form(K, M)
         one = np.eye(6 + size)
         rigid, com = standing.rigid, np.asarray(standing.rigid.com, dtype=np.float64)

@@ -200,15 +200,22 @@ def _normal(solid: Solid, stiffness: FloatArray) -> tuple[FloatArray, FloatArray
     basis = symmetric_basis()
     mass = np.einsum("iab,bc,jac->ij", basis, solid.second, basis)
     if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
-        raise SceneError("the body's stiffness or its second moments of mass are beyond what numbers hold")
+        raise SceneError(
+            "the body's stiffness or its second moments of mass exceed the range of floating-point numbers"
+        )
     try:
         k, x = scipy.linalg.eigh(stiffness, mass)
     except scipy.linalg.LinAlgError as error:
-        raise SceneError(f"the body's stiffness or its second moments of mass make no sense: {error}") from error
+        raise SceneError(f"the body's stiffness or its second moments of mass are not valid: {error}") from error
     if not np.isfinite(k).all():
-        raise SceneError("the body's stiffness over its second moments of mass is beyond what numbers hold")
+        raise SceneError(
+            "the body's stiffness over its second moments of mass exceeds the range of floating-point numbers"
+        )
     if not k[0] > 0.0:
-        raise SceneError(f"a body must be stiff against every stretch; the least squared frequency is {k[0]:.3g} 1/s^2")
+        raise SceneError(
+            f"a body must have a positive stiffness against every stretch; its least squared frequency is {k[0]:.3g} "
+            "1/s^2"
+        )
     x *= np.sign(x[abs(x).argmax(axis=0), np.arange(6)])
     return k, np.einsum("ck,cab->kab", x, basis)
 

@@ -111,7 +111,7 @@ class Solid:
         r, h, inner = (float(one) if is_number(one) else np.nan for one in (radius, length, bore))
         if not (np.isfinite([r, h, inner]).all() and r > inner >= 0.0 and h > 0.0):
             raise SceneError(
-                "a cylinder wants a positive length and a radius that exceeds its bore, not negative (m), "
+                "a cylinder needs a positive length, a bore that is not negative, and a radius that exceeds it (m), "
                 f"got radius {radius!r}, length {length!r}, bore {bore!r}"
             )
         across = (r * r + inner * inner) / 4.0  # infinite where r**2 would raise an OverflowError

@@ -46,8 +46,8 @@ class BeamStrain(OffJoints):
         jumps = jumps_of_value(row)
         if len(jumps) and any(np.any(one.damping) for one in self.elements):
             raise SceneError(
-                f"{self.what} jumps at t = {jumps[0]:g} s, which the beam's viscosity answers by a blow without end; "
-                "let it rise in a finite time, or leave out the viscosity"
+                f"{self.what} jumps at t = {jumps[0]:g} s, which the beam's viscosity would resist by an infinite "
+                "force; let the strain rise in a finite time, or leave out the viscosity"
             )
 
     def assemble(self, table: ElementTable) -> None:

@@ -76,7 +76,7 @@ class States:
                 f"{self.what}: the scale must be the size of each state in its unit, positive, got {self.scale!r:.60}"
             )
         if self.names and len({*self.names}) != len(z):
-            raise SceneError(f"{self.what}: {len(z)} states take as many names that differ, got {self.names!r:.60}")
+            raise SceneError(f"{self.what}: {len(z)} states need {len(z)} distinct names, got {self.names!r:.60}")
         if self.rates is None:
             raise SceneError(f"{self.what}: rates must be a function of t, z and u, got None")
         for function, role in ((self.rates, "rates"), (self.outputs, "outputs")):
@@ -105,8 +105,8 @@ class States:
     def _refuse_unfollowed(self, quantity: object) -> None:
         if isinstance(quantity, Acceleration):
             raise SceneError(
-                f"{self.what}: states cannot follow accelerations, which follow from them; measure them with a "
-                "controller, or let states follow what makes them"
+                f"{self.what}: states cannot follow accelerations, which depend on the states; measure accelerations "
+                "with a controller, or follow positions and velocities"
             )
         kinds = (Position, Velocity, Signal, Table, Sine, Compiled)
         if not isinstance(quantity, kinds) and (isinstance(quantity, Output) or not callable(quantity)):
@@ -174,8 +174,8 @@ class States:
                 joint = quantity.of.joint
                 if len(joint.start) != len(joint.velocity_names) and isinstance(quantity, Position):
                     raise SceneError(
-                        f"{self.what}: the coordinates of joint {quantity.of.name!r} are no numbers of their own, but "
-                        "a quaternion; follow a function of the machine, lambda now: ..."
+                        f"{self.what}: the coordinates of joint {quantity.of.name!r} are a quaternion, not independent "
+                        "numbers; follow a function of the machine, lambda now: ..."
                     )
 
     def assemble(self, table: ElementTable) -> None:

@@ -60,8 +60,8 @@ def yield_curve(deformation: ArrayLike, force: ArrayLike, kinematic: float, what
     d, f = numbers(deformation), numbers(force)
     if d.ndim != 1 or d.shape != f.shape or not np.isfinite(d).all() or not np.isfinite(f).all():
         raise SceneError(
-            f"{what}: deformation and force must be two lists of as many finite numbers, got {deformation!r:.80} and "
-            f"{force!r:.80}"
+            f"{what}: deformation and force must be two lists of finite numbers, of equal length, got "
+            f"{deformation!r:.80} and {force!r:.80}"
         )
     if not is_number(kinematic) or not 0.0 <= kinematic <= 1.0:
         raise SceneError(f"{what}: kinematic = {kinematic!r} must be a share from 0 (isotropic hardening) to 1")
@@ -78,8 +78,8 @@ def yield_curve(deformation: ArrayLike, force: ArrayLike, kinematic: float, what
     stiffness = float(slopes[0])
     for k in np.flatnonzero(rises < 0.0):
         raise SceneError(
-            f"{what}: the force falls from {f[k]:g} to {f[k + 1]:g} after the deformation {d[k]:g}; a curve that "
-            "softens has no stable law of its own: end it at its peak"
+            f"{what}: the force falls from {f[k]:g} to {f[k + 1]:g} after the deformation {d[k]:g}; a softening curve "
+            "has no stable law: end it at its peak"
         )
     bends = np.flatnonzero(np.abs(np.diff(slopes)) > _ROUND_OFF * stiffness) + 1
     if bends.size == 0:

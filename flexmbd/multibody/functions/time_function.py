@@ -156,8 +156,8 @@ def _as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
     if isinstance(function, Signal):
         if motion:
             raise SceneError(
-                f"{what}: signal {function.name!r} jumps when it is set, and so would the motion; let it be the value "
-                "of a load, as fm.force.JointTorque(joint, signal)"
+                f"{what}: signal {function.name!r} jumps when it is set, and the motion would jump with it; let the "
+                "signal be the value of a load, as fm.force.JointTorque(joint, signal)"
             )
         constant = np.array([1.0, 0.0, 1.0, float(function.initial)])
         text = f"signal {function.name!r}, {function.initial:g} until it is set"

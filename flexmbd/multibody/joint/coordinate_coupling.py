@@ -49,7 +49,7 @@ def coordinate_place(joint: Joint, index: int) -> tuple[int, int]:
     for k, (step, (_, v)) in enumerate(zip(joint.steps, step_slices(joint.steps), strict=True)):
         if v.start <= index < v.start + len(step.pair.columns):
             return k, index - v.start
-    raise SceneError(f"a {type(joint).__name__} has no coordinate {index} that adds")
+    raise SceneError(f"a {type(joint).__name__} has no coordinate {index} of one number, as an angle or a length")
 
 
 def single_coordinate(connection: Connection, *, angular: bool, what: str) -> int:

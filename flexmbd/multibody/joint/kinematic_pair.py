@@ -51,13 +51,13 @@ class KinematicPair:
         slides = table[~turning, 1:]
         if np.abs(slides @ slides.T - np.eye(len(slides))).max(initial=0.0) > _ROUND_OFF:
             raise SceneError(
-                "the coordinates of a kinematic pair that only slide do so along unit vectors at right angles, got "
-                f"columns (turn, x, y, z) {self.columns!r}"
+                "sliding coordinates of a kinematic pair must be along unit vectors at right angles, got columns "
+                f"(turn, x, y, z) {self.columns!r}"
             )
         if turning.sum() > (0 if self.ball else 1) or table[turning, 1:3].any():
             raise SceneError(
-                "one coordinate of a kinematic pair may turn, about z and sliding along z alone, none of a ball; got "
-                f"columns (turn, x, y, z) {self.columns!r}"
+                "at most one coordinate of a kinematic pair may turn, about z, and slide with it along z alone; with a "
+                f"ball none may turn; got columns (turn, x, y, z) {self.columns!r}"
             )
         if len(table) == 1 and not self.ball and table[0, 1:3].any():
             raise SceneError(f"the sole coordinate of a kinematic pair slides along z, got {self.columns!r}")

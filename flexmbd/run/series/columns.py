@@ -178,10 +178,10 @@ def table_times(ends: FloatArray, t: ArrayLike | None, every: float | None) -> F
     if every is None:
         times = None if t is None else np.atleast_1d(numbers(t))
         if times is not None and times.ndim > 1:
-            raise SceneError(f"a table wants a time t, or an array (k,) of times, in s, got {shown(t)}")
+            raise SceneError(f"a table needs a time t, or an array (k,) of times, in s, got {shown(t)}")
         return times
     if t is not None or not (is_number(every) and every > 0.0):
-        raise SceneError(f"a table wants times t, or every as a positive time (s), not t = {t!r} and every = {every!r}")
+        raise SceneError(f"a table needs times t, or every as a positive time (s), not t = {t!r} and every = {every!r}")
     if not len(ends):
         raise SceneError("the run stopped before its first row: there is nothing to tabulate")
     return equal_times(float(ends[0]), float(ends[-1]), every)
@@ -343,7 +343,9 @@ def tabulate(run: Answers, columns: Sequence[ResultColumns], *, t: FloatArray | 
     try:
         values = np.empty((len(at), len(names)))
     except MemoryError as error:
-        raise SceneError(f"no memory holds a table of {len(at)} rows, {len(names)} columns; ask for fewer") from error
+        raise SceneError(
+            f"there is no memory for a table of {len(at)} rows, {len(names)} columns; ask for fewer"
+        ) from error
     values[:, 0] = at
     rows = _AT_ONCE if t is not None else max(1, len(at))
     for begin in range(0, max(1, len(at)), rows):  # motions are much wider than the table
@@ -362,7 +364,9 @@ def equal_times(begin: float, end: float, every: float) -> FloatArray:
     try:
         t = begin + every * np.arange(math.floor(steps) + 1)
     except (OverflowError, ValueError, MemoryError) as error:
-        raise SceneError(f"every = {every:g} s makes {steps:.3g} times, which no memory holds; give more") from error
+        raise SceneError(
+            f"every = {every:g} s makes {steps:.3g} times, for which there is no memory; give a longer time"
+        ) from error
     t[-1] = min(t[-1], end)
     return t if end - t[-1] <= 1e-9 * every else np.append(t, end)
 

@@ -31,7 +31,7 @@ def motion_between(
     """
     wanted = np.atleast_1d(numbers(t))
     if wanted.ndim > 1 or not wanted.size or not np.isfinite(wanted).all():
-        raise SceneError(f"a time, or an array (k,) of times, in s is wanted, got {t!r:.100}")
+        raise SceneError(f"t must be a time, or an array (k,) of times, in s, got {t!r:.100}")
     ends = rows[0]
     if not len(ends):
         raise SceneError("the run stopped before its first row: there is no motion to ask for")

@@ -134,7 +134,7 @@ def test_a_shape_that_is_not_closed_has_no_mass():
         (lambda: fm.Shape.box((1.0, 0.0, 1.0)), "sides of a box"),
         (lambda: fm.Shape.box((1.0, 1.0, 1.0), at=(0.0, np.nan, 0.0)), "place of a shape"),
         (lambda: fm.Shape.box((1.0, 1.0, 1.0), R=2.0 * np.eye(3)), "rotation of a shape"),
-        (lambda: fm.Shape.cylinder(0.1, 1.0, bore=0.1), "exceeds its bore"),
+        (lambda: fm.Shape.cylinder(0.1, 1.0, bore=0.1), "a radius that exceeds it"),
         (lambda: fm.Shape.cylinder("0.1", 1.0), "radius '0.1'"),
         (lambda: fm.Shape.cylinder(0.1, 1.0, axis="w"), "axis 'w'"),
         (lambda: fm.Shape.rod((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.1), "two ends that differ"),

@@ -321,7 +321,7 @@ def test_copies_and_answers():
         ((0.0, 0.02, 0.01), (0.0, 100.0, 110.0), 1.0, "must grow from 0; after 0.02 comes 0.01"),
         ((-0.01, 0.01), (-100.0, 100.0), 1.0, "must grow from 0"),
         ((0.0, 0.01, np.nan), (0.0, 100.0, 110.0), 1.0, "finite numbers"),
-        ((0.0, 0.01), (0.0, 100.0, 110.0), 1.0, "as many finite numbers"),
+        ((0.0, 0.01), (0.0, 100.0, 110.0), 1.0, "of equal length"),
         ((0.0, 0.01, 0.02), (0.0, 100.0, 200.0), 1.0, "never yields"),
         ((0.0, 0.01, 0.02), (1.0, 100.0, 110.0), 1.0, "at deformation 0 is 1, not 0"),
         ((0.0, 0.01, 0.02, 0.03), (0.0, 100.0, 110.0, 150.0), 1.0, "kinematic hardening needs falling slopes"),

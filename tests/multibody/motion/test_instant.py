@@ -114,10 +114,10 @@ def test_what_is_not_there_is_told_alike():
     with pytest.raises(SceneError, match="outside the trajectory"):
         run.at(1.0)
     for wrong in (np.nan, "0.0", False, [0.0, 0.0]):
-        with pytest.raises(SceneError, match="one time in s is wanted, got"):
+        with pytest.raises(SceneError, match="t must be one time in s, got"):
             run.at(wrong)
     for wrong in (np.nan, "0.0", False, [], [0.0, np.inf], [[0.0]]):
-        with pytest.raises(SceneError, match=r"a time, or an array .* of times, in s is wanted, got"):
+        with pytest.raises(SceneError, match=r"t must be a time, or an array .* of times, in s, got"):
             run.position(com, t=wrong)
 
 
