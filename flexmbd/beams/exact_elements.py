@@ -1,4 +1,4 @@
-"""Elements and lumps of geometrically exact beams: what lies between two sections, and the mass that a section carries.
+"""Elements and lumps of geometrically exact beams: elasticity between two sections, and the mass of a section.
 
 An element is exact in statics for small deformations of its own, of any curved axis (Castigliano's theorem; Anthonis &
 Ramon 2003, eq. 16-21), and for constant strains of any size, as it measures them by the logarithm of the pose

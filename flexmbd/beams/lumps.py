@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Lumping(enum.Enum):
-    """What a node carries.
+    """The lumping of mass at the nodes.
 
     Attributes:
         PIECES: the near halves of its elements as rigid bodies, with rotary inertia (eq. 28).

@@ -1,4 +1,4 @@
-"""Files of reduced bodies by what their names end in: records, and the formats of flexmbd.export."""
+"""Files of reduced bodies by the suffixes of their names: records, and the formats of flexmbd.export."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def write_body(
 
 
 def kind_of(path: Path) -> str:
-    """The name of the format to write by what a file's name ends in; of several the one with that very name.
+    """The name of the format to write by a file's suffix; of several the one with that very name.
 
     Raises:
         ExportError: no format has that suffix, or several.

@@ -48,7 +48,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def compile_kernels(arguments: argparse.Namespace) -> int:
-    """Compile, and say what, how long it took and where it lies.
+    """Compile the kernels, and print which, how long that took and where the cache is.
 
     Raises:
         SceneError: an unknown integrator, no process, or one that failed.

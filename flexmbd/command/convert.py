@@ -35,7 +35,7 @@ examples:
 
 
 def convert(arguments: argparse.Namespace) -> int:
-    """Read, write, tell what is not in the new file. Not collective.
+    """Read, write, and print what the new file leaves out. Not collective.
 
     Raises:
         RecordError, ExportError: as `flexmbd export`; or the body cannot be read.

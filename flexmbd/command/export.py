@@ -52,7 +52,7 @@ def add_writing(parser: argparse.ArgumentParser) -> None:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Read the body, write the file, tell what is not in it. Not collective.
+    """Read the body, write the file, and print what it leaves out. Not collective.
 
     Raises:
         RecordError, ExportError: there is no such format; a file cannot be read or written, or exists; the format

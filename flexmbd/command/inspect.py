@@ -89,7 +89,7 @@ def parse_clamped(texts: list[str]) -> dict[str, tuple[str, ...]]:
 
 
 def facts(body: ReducedBody, *, file: Path, clamped: dict[str, tuple[str, ...]]) -> dict[str, Any]:
-    """What `flexmbd inspect --json` prints; docs/command_line.md lists it."""
+    """The facts that `flexmbd inspect --json` prints; docs/command_line.md lists them."""
     held = None
     if clamped:
         held = {"interfaces": clamped, "hz": body.frequencies(clamped)}

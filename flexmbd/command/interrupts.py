@@ -1,4 +1,4 @@
-"""What Ctrl-C does in the command `flexmbd`: one line, exit code 130, and what was computed is kept.
+"""Ctrl-C in the command `flexmbd`: one line, exit code 130, and computed results are kept.
 
 Loads nothing heavy: the command's first lines enter here.
 """
@@ -44,7 +44,7 @@ def exits_at_once() -> Iterator[None]:
 
 @contextmanager
 def interrupts_once() -> Iterator[None]:
-    """The first Ctrl-C raises KeyboardInterrupt; what cleans up after it is not disturbed by another one."""
+    """The first Ctrl-C raises KeyboardInterrupt; the clean-up after it is not disturbed by another one."""
     seen = False
 
     def stop_once(*_: Any) -> None:

@@ -29,7 +29,7 @@ _DAMPINGS = ({"ratio"}, {"alpha", "beta"}, {"tau"})
 
 @dataclass(frozen=True)
 class Material:
-    """What a material file says.
+    """The contents of a material file.
 
     Attributes:
         form: the name of a form, or the path of a form file.

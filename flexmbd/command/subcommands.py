@@ -76,7 +76,7 @@ def new_parser(words: Sequence[str]) -> Parser:
 
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
-    """What a command line says; wrong words end the process with code 2, and the nearest right ones."""
+    """The arguments of a command line; wrong words end the process with code 2, and the nearest right ones."""
     found, unknown = new_parser(words).parse_known_args(words)
     if unknown:
         options = [word.partition("=")[0] for word in unknown if word.startswith("-")]

@@ -58,7 +58,7 @@ def print_warning(text: str) -> None:
 
 
 def print_progress(text: str) -> None:
-    """Print on a terminal what is being done; nothing where stderr is not one."""
+    """Print the progress on a terminal; nothing where stderr is not one."""
     if is_root() and sys.stderr.isatty():
         print(f"flexmbd: {text} ...", file=sys.stderr)
 

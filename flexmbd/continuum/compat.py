@@ -125,7 +125,7 @@ def geometry_degree(domain: mesh.Mesh) -> int:
 
 
 def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
-    """Where a space's element evaluates what it interpolates, (n, 3); not collective.
+    """Interpolation points of a space's element, (n, 3); not collective.
 
     Up to 0.9 a method, from 0.10 on a property.
     """

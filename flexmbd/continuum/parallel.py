@@ -120,7 +120,7 @@ def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
 
 
 def on_every(comm: MPI.Comm, function: Callable[[], object]) -> None:
-    """Run `function`, which is not collective, on every rank; what one of them raises reaches all. Collective.
+    """Run `function`, which is not collective, on every rank; an error on one rank is raised on all. Collective.
 
     Args:
         comm: the ranks that take part.
@@ -199,7 +199,7 @@ def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> No
 
 @runtime_checkable
 class OnRanks(Protocol):
-    """What lies on the ranks of a communicator: a mesh, a model, a body with history."""
+    """An object that is distributed over a communicator: a mesh, a model, a body with history."""
 
     @property
     def comm(self) -> MPI.Comm:
@@ -207,7 +207,7 @@ class OnRanks(Protocol):
 
 
 def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
-    """What is wrong on the lowest rank on which anything is, for `flexmbd.given.checked`. Collective.
+    """The fault of the lowest rank that has one, for `flexmbd.given.checked`. Collective.
 
     The ranks are those of the first argument that is a communicator or lies on one's (`OnRanks`); without any only
     those hear of it on which it is wrong.
@@ -220,7 +220,7 @@ def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
 def refuse_vectors(
     comm: MPI.Comm, size: int | None, *, kind: type[FlexmbdError], dt: object = None, **vectors: object
 ) -> None:
-    """Refuse what is no vector, or no length of a step, on all ranks where one has it. Collective.
+    """Refuse wrong vectors and step lengths on all ranks where one rank has them. Collective.
 
     For calls in each step of a solver: kind and shape are looked at, and whether a vector's numbers are finite is not,
     for that shows in what comes of them.
@@ -314,7 +314,7 @@ class MpiTeam:
         raise_collectively(self.comm, error)
 
     def on_root(self, function: Callable[[], T]) -> T:
-        """What `function` gives on rank 0, on every rank; the others sleep meanwhile (`on_root`). Collective."""
+        """The result of `function` on rank 0, on every rank; the others sleep meanwhile (`on_root`). Collective."""
         return on_root(self.comm, function)
 
     def tell(self, what: str, error: Exception | None) -> None:

@@ -1,4 +1,4 @@
-"""Runs an ensemble: hands variants to an executor, and streams what comes back to a file."""
+"""Runs an ensemble: hands variants to an executor, and streams their outputs to a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an ensemble leaves: outputs by name, and the variants that failed."""
+"""Results of an ensemble: outputs by name, and the variants that failed."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class ResultsFile:
             self.write()
 
     def write(self) -> None:
-        """Write what was taken.
+        """Write the rows taken.
 
         Raises:
             RecordError: the file cannot be written, as on a full disk.
@@ -109,7 +109,7 @@ class ResultsFile:
         self._written = time.monotonic()
 
     def drop_damaged(self) -> None:
-        """Take rows for not run whose checksum is not that of what they hold, and warn of them."""
+        """Mark rows whose checksum is wrong as not run, and warn of them."""
         damaged: list[int] = []
         size = sum(8 * prod(shape) for shape in self.shapes.values()) + _TEXT
         at_once = max(1, _CHECKED_AT_ONCE // size)

@@ -1,4 +1,4 @@
-"""What computes an ensemble: an interrupted one goes on only by the same, or its variants would not be comparable."""
+"""The digest of an ensemble's machine, outputs and options: an interrupted one goes on only by the same."""
 
 from __future__ import annotations
 

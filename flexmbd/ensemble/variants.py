@@ -38,14 +38,14 @@ def refuse_outputs(outputs: object) -> None:
 
 
 class TaskOutcome(NamedTuple):
-    """What a task gives: the outcomes of its variants, and the seconds that its worker was busy with them."""
+    """The result of a task: the outcomes of its variants, and the seconds that its worker was busy with them."""
 
     outcomes: list[VariantOutcome]
     seconds: float
 
 
 class Tasks(Protocol):
-    """What an executor calls with variants to run."""
+    """The callable that an executor gets, with variants to run."""
 
     def __call__(self, rows: NumberedVariants) -> TaskOutcome:
         """Run variants."""
@@ -56,7 +56,7 @@ class Tasks(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What is done with each variant.
+    """The run and the outputs of each variant.
 
     Attributes:
         simulate: from the values of parameters to a trajectory, or to what else outputs are asked of.
@@ -153,7 +153,7 @@ class ProcessTasks:
         return _unpacked(self._packed).run(rows, nullcontext())
 
     def stop(self) -> None:
-        """What other processes have begun they end."""
+        """Stop handing out variants; those begun in other processes are ended."""
 
 
 _last: tuple[bytes, Study] | None = None

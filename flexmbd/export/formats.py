@@ -1,4 +1,4 @@
-"""The formats by name: what `flexmbd export --to NAME` and `flexmbd convert` choose from.
+"""The formats by name, for `flexmbd export --to NAME` and `flexmbd convert`.
 
 One line a format; each writer and reader stands in a file of its own and loads what it needs when it is called.
 A format of one's own is a file anywhere, whose path takes the place of a name.
@@ -88,7 +88,7 @@ FORMATS: tuple[Format, ...] = (
 
 @checked(error=ExportError)
 def format_named(name: str) -> Format:
-    """The format of that name, or that of a Python file where the name ends in .py: what it calls FORMAT.
+    """The format of that name, or FORMAT of a Python file where the name ends in .py.
 
     Raises:
         ExportError: there is none; the message lists those there are, or says what is wrong with the file.

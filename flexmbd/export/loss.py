@@ -1,4 +1,4 @@
-"""What a format can carry of a reduced body, and what would be lost: refused, or reported.
+"""Capabilities of formats, and losses of a reduced body in them: refused, or reported.
 
 What changes the linear body itself (interfaces, damping, rotations of frames, mass distribution) is
 refused unless a caller accepts the loss; what a format never asks for (stress, pictures, named loads,
@@ -21,7 +21,7 @@ checked_writer = checked(but=("body", "units"), error=ExportError)
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a format can carry; docs/export.md shows it as a table.
+    """The parts of a reduced body that a format can carry; docs/export.md shows them as a table.
 
     Attributes:
         interfaces: the largest number of interface frames, None for any number.
@@ -50,7 +50,7 @@ class Capabilities:
 
 
 def check_body(body: object) -> None:
-    """Raise an ExportError for what is not a reduced body, as a body of a scene or the scene itself."""
+    """Raise an ExportError for other objects than a reduced body, as a body of a scene or the scene itself."""
     if not isinstance(body, ReducedBody):
         raise ExportError(
             f"formats of bodies take a ReducedBody, as craig_bampton and ReducedBody.load return it, not a "
@@ -59,7 +59,7 @@ def check_body(body: object) -> None:
 
 
 def check_losses(body: ReducedBody, capabilities: Capabilities, *, kind: str, lossy: bool) -> tuple[str, ...]:
-    """What a file of this kind leaves out of this body.
+    """The parts of this body that a file of this kind leaves out.
 
     Args:
         body: what shall be written.

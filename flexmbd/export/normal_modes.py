@@ -14,7 +14,7 @@ _NORMAL = 1e-9
 
 
 def normal_modes(path: str | Path, stiffness: FloatArray, *, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and eigenvectors of reduced matrices; what is in normal form already stays to the bit.
+    """Eigenvalues and eigenvectors of reduced matrices; matrices in normal form stay to the bit.
 
     Args:
         path: the file they are of, for messages.

@@ -42,7 +42,7 @@ def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[st
 
 @checked(error=ExportError)
 def read_npz(path: str | Path) -> ReducedBody:
-    """Read what `npz` wrote, bit for bit. Not collective.
+    """Read a file of `npz`, bit for bit. Not collective.
 
     Raises:
         ExportError: the file is missing, damaged, or holds something else.

@@ -84,7 +84,7 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
 
 @checked(error=ExportError)
 def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> tuple[str, ...]:
-    """Write a machine on its way, for ParaView: what a film shows of its bodies. Not collective; the root writes.
+    """Write a machine's motion for ParaView: its bodies as in a film. Not collective; the root writes.
 
     One mesh in the inertial frame, with the vector ``displacement`` (m, in inertial axes: of the deformation, without
     the body frame's motion) at its points and ``body`` at its triangles: the number, from 0, of the body in the

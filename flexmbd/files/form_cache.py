@@ -1,4 +1,4 @@
-"""FFCx's cache of compiled forms, mended: what killed compilations left there is removed, so that it is compiled again.
+"""FFCx's cache of compiled forms, mended: remains of killed compilations are removed and compiled again.
 
 FFCx makes a form's .c first, and says by a .c.cached that its library is whole.  Of a compilation that was killed the
 .c stays alone, and whoever needs the form waits for the other file until its time is out, for ever again.  A library
@@ -31,7 +31,7 @@ _held: list[int] = []
 
 
 def mend_form_cache(folder: Path) -> tuple[str, ...]:
-    """Remove what killed compilations left; the names of the forms that are compiled again. Not collective.
+    """Remove remains of killed compilations; returns the names of the forms concerned. Not collective.
 
     The cache is not touched where it cannot be written to.
     """

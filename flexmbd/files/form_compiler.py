@@ -43,7 +43,7 @@ def form_compiler() -> str:
 
 
 def lacking_for_forms() -> str:
-    """What a new form cannot be compiled without and is not here, with the remedy; empty: nothing. Not collective."""
+    """The tool missing for compiling a new form, with the remedy; empty: none. Not collective."""
     if not form_compiler():
         if named := os.environ.get("CC"):
             return f"forms are compiled by {named}, as CC says, which is not on the PATH"

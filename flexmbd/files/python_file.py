@@ -1,4 +1,4 @@
-"""Python files that a user names beside a scene: run once, and asked for what they define.
+"""Python files that a user names beside a scene: run once, and their definitions.
 
 To load one runs what stands in it, as `python file.py` would; nothing else in this room runs a user's code.
 """
@@ -30,7 +30,7 @@ class PythonFiles:
     _loaded: dict[Path, ModuleType] = field(default_factory=dict, init=False)
 
     def value(self, path: Path, name: str) -> Any:
-        """What a file calls ``name``: a function, or what a library made of one.
+        """The object ``name`` of a file: a function, or an object that a library made of one.
 
         Raises:
             FlexmbdError: of that kind; the file cannot be read or fails, which is told with its line; there is nothing

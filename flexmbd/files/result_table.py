@@ -99,7 +99,7 @@ class ResultTable:
 
     @staticmethod
     def load(path: str | Path) -> ResultTable:
-        """As ``read_table``, also for what is raised."""
+        """As ``read_table``, with the same errors."""
         return read_table(_path(path))
 
     def to_pandas(self) -> pd.DataFrame:

@@ -56,7 +56,7 @@ def _claimed(group: h5py.Group, seen: set[int]) -> int:
             raise RecordError(f"{where} is a link to elsewhere; this file is not one that flexmbd wrote")
         item = group[name]
         if isinstance(item, h5py.Datatype) or (at := h5py.h5o.get_info(item.id).addr) in seen:
-            raise RecordError(f"{where} is a named type or an item's second name; this file is not one that flexmbd wrote")
+            raise RecordError(f"{where} has a named type or a second name; this file is not one that flexmbd wrote")
         if isinstance(item, h5py.Group):
             total += _claimed(item, seen)
             continue

@@ -65,7 +65,7 @@ def write_tree(path: Path, tree: Mapping[str, Any], *, kind: FileKind) -> None:
 
 
 def not_written(path: Path, error: OSError, *, room: int) -> RecordError:
-    """What is told of a file of some ``room`` bytes that could not be written."""
+    """The error for a file of some ``room`` bytes that could not be written."""
     return RecordError(
         f"cannot write {path}: {first_line(error)}; nothing was changed there. Some {room} bytes are needed: choose a "
         "folder that exists, that you may write to and that has the space"
@@ -73,7 +73,7 @@ def not_written(path: Path, error: OSError, *, room: int) -> RecordError:
 
 
 def check_destination(path: Path) -> None:
-    """Refuse a destination that cannot be written, before what shall be written is computed. Not collective.
+    """Refuse a destination that cannot be written, before its contents are computed. Not collective.
 
     Raises:
         RecordError: its folder does not exist or may not be written to, or it is something else than a file.
@@ -234,7 +234,7 @@ def image_size(path: Path, head: bytes, *, kind: FileKind) -> int:
 
 
 def headline(path: Path, head: bytes, kind: FileKind) -> re.Match[bytes]:
-    """What a file's first bytes say: format, version, bytes before HDF5's, bytes of these, SHA-256.
+    """The head of a file: format, version, bytes before HDF5's, bytes of these, SHA-256.
 
     Raises:
         RecordError: it is foreign or of another version, or its beginning is damaged.
@@ -249,7 +249,7 @@ def headline(path: Path, head: bytes, kind: FileKind) -> re.Match[bytes]:
 
 
 def check_image(path: Path, image: bytes, *, kind: FileKind) -> None:
-    """Refuse a file's bytes that are not those that were written.
+    """Refuse bytes of a file that differ from the written ones.
 
     Raises:
         RecordError: they are of another file, of another version, truncated or damaged.

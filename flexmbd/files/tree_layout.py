@@ -1,4 +1,4 @@
-"""Where what a tree holds stands in its HDF5 file: texts and heads by HDF5, numbers by whoever has them."""
+"""The layout of a tree in its HDF5 file: texts and heads by HDF5, numbers by whoever has them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _HEADERS, _HEADER = 1 << 16, 1 << 10
 
 @dataclass(frozen=True)
 class FileKind:
-    """What a file is.
+    """The kind of a file: its format, version and writer.
 
     Attributes:
         format: its name, small letters and blanks.

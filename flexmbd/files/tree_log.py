@@ -64,7 +64,7 @@ class TreeLog:
 
     @classmethod
     def resume(cls, path: Path, *, size: int, kind: FileKind) -> Self:
-        """Go on with a log; what is beyond its first ``size`` bytes is dropped.
+        """Go on with a log; bytes beyond its first ``size`` are dropped.
 
         Raises:
             RecordError: it cannot be written.
@@ -84,7 +84,7 @@ class TreeLog:
         return cls(path, kind, file, size=size)
 
     def append(self, tree: Mapping[str, Any], *, lasting: bool = False) -> None:
-        """Write another tree; what cannot be written whole is taken back.
+        """Write another tree; a part of one is taken back.
 
         Args:
             tree: the tree.

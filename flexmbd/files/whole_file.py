@@ -113,7 +113,7 @@ def take_room(file: int) -> None:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says in short, without the libraries' traces below it and what of a file they quote."""
+    """The first line of an error, without the libraries' traces and quotations of a file."""
     told = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return next((line for line in told.splitlines() if line.strip()), type(error).__name__)[:_LONGEST_WORDS]
 

@@ -1,4 +1,4 @@
-"""A machine's parts compiled, started and shown: what `System` is made of below its analyses and simulations."""
+"""A machine's parts compiled, started and shown: the base of `System`."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class CompilableMachine(MachineAssembly):
         return build(topology, self.ground, forces, self._couplings, gravity, self.team, varied)
 
     def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
-        """What a trajectory of this machine is of; for ``Trajectory.load``.
+        """The compiled scene, bodies and team of a trajectory of this machine; for ``Trajectory.load``.
 
         Raises:
             SceneError: as ``compile``; or there are values, and a System has no parameters.
@@ -126,7 +126,7 @@ class CompilableMachine(MachineAssembly):
         return self.at_start().show(path=path, size=size, view=view, frames=frames)
 
     def to_pyvista(self) -> Any:
-        """What ``show`` shows as a pyvista.MultiBlock, a block for each body and joint (m). Not collective.
+        """The scene of ``show`` as a pyvista.MultiBlock, a block for each body and joint (m). Not collective.
 
         Raises:
             SceneError, AssemblyError: as ``start``.

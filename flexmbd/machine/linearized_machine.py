@@ -258,7 +258,7 @@ class LinearizedMachine:
         return self._modes[0].copy()
 
     def frequencies(self) -> FloatArray:
-        """Hz, |eigenvalue| / (2 pi) of the vibrations, in ascending order; of what does not swing there is none."""
+        """Hz, |eigenvalue| / (2 pi) of the vibrations, in ascending order; real eigenvalues have none."""
         values = self.eigenvalues()
         return np.abs(values[self._swings]) / (2.0 * np.pi)
 

@@ -19,7 +19,7 @@ from flexmbd.run.stepped_outputs import SteppedOutput
 
 @dataclass(frozen=True, eq=False)
 class StepperRequest:
-    """What a stepper is asked for by.
+    """The arguments of a stepper.
 
     Attributes:
         settings: checks and gives the settings of a run as long as steps are about to go.

@@ -1,4 +1,4 @@
-"""System: what a user builds, compiles and simulates.
+"""System: the machine that a user builds, compiles and simulates.
 
 It stands above bodies, joints, integrators and trajectories, and ties them together.
 """

@@ -101,7 +101,7 @@ class VariableScene:
             raise SceneError(f"with {told(values)}: {reason}") from reason
 
     def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:
-        """What a trajectory of this machine with these values is of; for ``Trajectory.load``.
+        """The compiled scene, bodies and team of a trajectory with these values; for ``Trajectory.load``.
 
         Raises:
             SceneError: as ``variant``.
@@ -124,7 +124,7 @@ class VariableScene:
         return self.start_of(self.variant(values), t)
 
     def start_of(self, scene: CompiledScene, t: float, about: WorkingPoint | None = None) -> Start:
-        """The consistent start of a variant: what joints and bodies are given, or a state found before."""
+        """The consistent start of a variant: from the initial values of joints and bodies, or a state found before."""
         if self.team.is_root:
             announce_compilation(STARTING)
         work = new_work(scene.plan)

@@ -39,7 +39,7 @@ _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 class StressMeasure(Enum):
-    """What of a stress is to be largest."""
+    """The measure of a stress that hot spots are ranked by."""
 
     VON_MISES = "von Mises stress"
     TENSION = "largest principal stress"

@@ -39,7 +39,7 @@ class YieldPoint:
 
 @dataclass(frozen=True, eq=False)
 class YieldHistory:
-    """What `YieldMonitor.over` finds; positions are undeformed, in the mesh's axes; `print` shows it.
+    """The results of `YieldMonitor.over`; positions are undeformed, in the mesh's axes; `print` shows it.
 
     Attributes:
         body: name.

@@ -1,4 +1,4 @@
-"""What the file of a reduced body calls itself."""
+"""The name and version of a reduced body's file."""
 
 from flexmbd.files.tree_file import FileKind
 

@@ -87,7 +87,7 @@ class NodalInterfaces:
 
 @dataclass(frozen=True, eq=False)
 class FurtherUnknowns:
-    """Optional group ``unknowns/``: what the modes hold beside displacements, as rotations of sections or pressures.
+    """Optional group ``unknowns/``: unknowns of the modes beside displacements, as rotations of sections or pressures.
 
     For stress and fields from the model, whose form alone knows what they mean; beside ``modes/``.
 
@@ -122,7 +122,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class GeometricStiffness:
-    """Optional group ``geometric/``: what each load adds to the modal stiffness.
+    """Optional group ``geometric/``: the modal stiffness that each load adds.
 
     With c_l the present size of load l, the modal stiffness is K_qq + sum_l c_l K_l, where
     K_l is that of the stress of u_l, the static displacement under the unit load: for loads at rest,
@@ -150,7 +150,7 @@ class GeometricStiffness:
 
 
 def load_stiffness(group: GeometricStiffness | None, load: str) -> FloatArray | None:
-    """(n, n) what a unit of the load adds to the stiffness, or None where the record does not say."""
+    """(n, n) the stiffness that a unit of the load adds, or None where the record does not have it."""
     if group is None or load not in group.loads:
         return None
     return group.K[group.loads.index(load)]
@@ -343,7 +343,7 @@ def frozen_group(group: RecordGroup) -> RecordGroup:
 
 
 def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
-    """What does not fit in a group of a body of n modes."""
+    """Faults of a group of a body of n modes."""
     kind = type(group).__name__
     for item, shape in _shapes(group, n).items():
         array = getattr(group, item)

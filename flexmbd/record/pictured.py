@@ -60,7 +60,7 @@ class PicturedRecord:
 
     @checked("mode", "amplitude", error=PictureError)
     def to_pyvista(self, *, mode: int | None = None, amplitude: float = 0.1) -> Any:
-        """What ``show`` shows as a pyvista.PolyData, in B (m). Not collective.
+        """The scene of ``show`` as a pyvista.PolyData, in B (m). Not collective.
 
         Raises:
             PictureError: the record has no surface, no such mode; or pyvista is not installed.

@@ -1,4 +1,4 @@
-"""What makes a record no reduced body: shapes that differ, numbers that are not finite, negative energies.
+"""Faults of a record: shapes that differ, numbers that are not finite, negative energies.
 
 Asked whenever a record is made, by whoever: a reduction, an import, a file.
 """
@@ -51,7 +51,7 @@ class _RecordParts(Protocol):
 
 
 def record_faults(record: _RecordParts) -> Iterator[str]:
-    """What does not fit together in a record, a line each."""
+    """The faults of a record, a line each."""
     faults = [*_array_faults(record), *_frame_array_faults(record)]
     yield from faults
     if not faults:  # of arrays that are as they should be, what they say

@@ -115,7 +115,7 @@ class ReducedBody(PicturedRecord):
             raise RecordError("this reduced body is not consistent: " + "; ".join(faults))
 
     def __repr__(self) -> str:
-        """Its size, its interfaces and what it holds besides; arrays are asked for by name."""
+        """Its size, its interfaces and its optional groups; arrays are asked for by name."""
         held = [group for group in GROUPS if getattr(self, group) is not None]
         names = ", ".join(face.name for face in self.interfaces)
         besides = f"; with {', '.join(held)}" if held else ""
@@ -312,7 +312,7 @@ class ReducedBody(PicturedRecord):
 
     @classmethod
     def from_tree(cls, tree: Tree) -> ReducedBody:
-        """The body of what `tree` gives.
+        """The body of a `tree`.
 
         Raises:
             RecordError: an item is not known, or the parts do not fit together.

@@ -47,7 +47,7 @@ class StressField(PicturedField):
 
 @runtime_checkable
 class StressModel(Protocol):
-    """What can turn modal coordinates into a stress field: a ContinuumModel."""
+    """A model that turns modal coordinates into a stress field: a ContinuumModel."""
 
     def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
         """Stress on the mesh at modal coordinates q (n,)."""

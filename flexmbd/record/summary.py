@@ -1,4 +1,4 @@
-"""The readable summary of a reduced body: what `ReducedBody.inspect` and `flexmbd inspect` print.
+"""The readable summary of a reduced body, printed by `ReducedBody.inspect` and `flexmbd inspect`.
 
 The same record gives the same text, before and after it was saved.
 """

@@ -59,7 +59,7 @@ _GUARD, _TIMES, _RESTARTS = 2, 4, 500
 
 @dataclass(frozen=True, eq=False)
 class BucklingModes:
-    """What `linear_buckling` found.
+    """The results of `linear_buckling`.
 
     Attributes:
         factors: (k,) of the loads, of the least size first; below zero where the reversed loads buckle the body.

@@ -1,4 +1,4 @@
-"""The basis of a Craig-Bampton reduction: static shapes, fixed-interface modes, and what completes them."""
+"""The basis of a Craig-Bampton reduction: static shapes, fixed-interface modes, and further shapes."""
 
 from __future__ import annotations
 

@@ -167,7 +167,7 @@ def modal_damping(
     p: FloatArray,
     R: FloatArray,
 ) -> FloatArray:
-    """D_qq (n, n), 1/s, symmetric: what is asked for, and what formulations dissipate. Collective.
+    """D_qq (n, n), 1/s, symmetric: of the damping given and of the formulations' dissipation. Collective.
 
     The same to the bit on every rank.
 

@@ -46,7 +46,7 @@ def missing_energy(
     modal: FloatArray,
     stiffness: FloatArray,
 ) -> FloatArray:
-    """What part of the static strain energy under each load the modes do not have, (k,). Collective.
+    """The part of the static strain energy under each load that the modes lack, (k,). Collective.
 
     The static response of the reduced body to a load on the interfaces is exact; to a distributed load
     it is the best that its modes can do, 1 - sum of (modal force)^2 / stiffness / (f . u) away from the

@@ -1,4 +1,4 @@
-"""What a record holds besides the modes, their inertia and stiffness: damping and the optional groups.
+"""Parts of a record besides the modes, their inertia and stiffness: damping and the optional groups.
 
 Which part of flexmbd needs a group:
 
@@ -65,7 +65,7 @@ _NO_STIFFENING = "none: the strain energy is quadratic, or does not mark the str
 @checked(error=ReductionError)
 @dataclass(frozen=True)
 class Keep:
-    """What a record keeps of the modes on the mesh.
+    """Fields of the modes on the mesh that a record keeps.
 
     Attributes:
         modes: the modes at all nodes (`NodalModes`), for stress and pictures from the model, and nodal exports.
@@ -80,7 +80,7 @@ class Keep:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a record shall hold.
+    """The optional contents of a record.
 
     Attributes:
         geometric_stiffness: whether `GeometricStiffness`.
@@ -99,7 +99,7 @@ class Contents:
     nonlinear: ModalDerivatives | None = None
 
     def check(self, model: LinearModel) -> None:
-        """Refuse what does not fit the model. Collective.
+        """Refuse contents that do not fit the model. Collective.
 
         Raises:
             ReductionError: on all ranks: loads, damping or `keep` that are not well formed, or stress modes of a

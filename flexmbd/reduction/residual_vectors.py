@@ -1,4 +1,4 @@
-"""Residual vectors: what the modes that are left out do in statics, as further modes.
+"""Residual vectors: the static contribution of the modes that are left out, as further modes.
 
 A load's static response with all interfaces fixed, less what the modes have of it, is the quasi-static share of all
 modes that were left out. Kept as shapes beside the modes they do what the mode acceleration method does afterwards

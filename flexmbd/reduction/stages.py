@@ -20,7 +20,7 @@ _SMALL = 5_000
 
 
 def ranks_note(ranks: int, dofs: int) -> str:
-    """What is to be said to the user who reduces so few dofs on several ranks; nothing to others."""
+    """A note for users who reduce few dofs on several ranks; empty for others."""
     return f"; so small a part takes one rank no longer than {ranks}" if ranks > 1 and dofs < _SMALL else ""
 
 

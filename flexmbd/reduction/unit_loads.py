@@ -1,4 +1,4 @@
-"""Distributed loads of unit size: what a user names, and the nodal forces that do the same work.
+"""Distributed loads of unit size, and the nodal forces that do the same work.
 
 The generalised forces are the integral of load . v over the initial configuration for each shape
 function v of the displacement (Ambrosio & Nikravesh 1992, eq. 35).

@@ -1,4 +1,4 @@
-"""Checkpoints: what an integrator remembers, kept so that a restart goes on to the bit."""
+"""Checkpoints: the state of an integration, from which a restart goes on to the bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sampled controllers: what a user gives, and what they measure."""
+"""Sampled controllers: their laws, measurements and inputs."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Controller:
 
     @property
     def explained(self) -> str:
-        """What it sets and how often, in a line."""
+        """Its inputs and its period, in a line."""
         late = f", {self.offset:g} s late" if self.offset else ""
         sets = ", ".join(repr(signal.name) for signal in self.inputs)
         remembers = f", remembers {self.first_state.size} numbers" if self.state is not None else ""
@@ -85,13 +85,13 @@ class Controller:
 
     @property
     def measured(self) -> tuple[Measurement, ...]:
-        """What it measures, without names."""
+        """Its measurements, without names."""
         given = self.measurements
         return tuple(given.values() if isinstance(given, Mapping) else given)
 
     @property
     def first_state(self) -> FloatArray:
-        """What it remembers at first; without entries where it remembers nothing."""
+        """Its first state; without entries where it has none."""
         return np.zeros(0) if self.state is None else numbers(self.state)
 
     @property

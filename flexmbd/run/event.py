@@ -153,7 +153,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class EventMemory:
-    """What the search for events remembers from step to step.
+    """The state of the search for events from step to step.
 
     Attributes:
         codes: (n,) digests of the events, by which a restart knows them again.

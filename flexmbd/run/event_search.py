@@ -62,7 +62,7 @@ class EventSearch:
         team: Team,
         at: EventMemory = NO_EVENTS,
     ) -> None:
-        """Begin where an integration stands; after a checkpoint with what was remembered there."""
+        """Begin where an integration stands; after a checkpoint with the memory kept there."""
         self._integration = integration
         self._events = events
         self._bodies = bodies
@@ -89,7 +89,7 @@ class EventSearch:
         self._begins_on_zero = (self._signs == 0.0) & ~here
 
     def memory(self) -> EventMemory:
-        """A copy of what is remembered, for a checkpoint."""
+        """A copy of the memory, for a checkpoint."""
         parts = self._signs, self._thrown_back, self._last_passage, self._spacing, self._values
         return EventMemory(self._codes, np.array(parts), self._new_pace)
 

@@ -45,7 +45,7 @@ _CAUSES = {
 
 
 def refuse_stopped(scene: CompiledScene, integration: Integration, code: int, trajectory: Trajectory) -> None:
-    """Raise what a stepper's code stands for, if it did not reach its end."""
+    """Raise the error of a stepper's code, if it did not reach its end."""
     if code == st.CALLBACK_FAILED or scene.callbacks.error is not None:
         raise _callback_failure(scene, integration.work, trajectory)
     if code == st.INTERIOR_FAILED and scene.interiors is not None:
@@ -70,7 +70,7 @@ def _callback_failure(scene: CompiledScene, work: Work, trajectory: Trajectory) 
 
 
 def refuse_broken_off(error: FlexmbdError | KeyboardInterrupt | None, trajectory: Trajectory) -> None:
-    """Raise what an event's function or action, or Ctrl-C, raised between steps."""
+    """Raise the error of an event's function or action, or of Ctrl-C, between steps."""
     if isinstance(error, KeyboardInterrupt):
         raise interrupted(trajectory) from error
     if error is not None:

@@ -1,4 +1,4 @@
-"""Functions of time at an instant: what prescribed motions, loads and other inputs of a machine are there."""
+"""Functions of time at an instant: the prescribed motions, loads and other inputs of a machine."""
 
 from __future__ import annotations
 

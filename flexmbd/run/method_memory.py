@@ -1,4 +1,4 @@
-"""What an integrator remembers beside the state, as arrays by their names: put back from a snapshot or a checkpoint."""
+"""An integrator's memory beside the state, as arrays by their names: put back from a snapshot or a checkpoint."""
 
 from __future__ import annotations
 

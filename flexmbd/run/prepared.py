@@ -46,7 +46,7 @@ _VARIED = ("frames", "rigid", "data", "time_data")
 
 @dataclass(frozen=True, eq=False)
 class SteppedRows:
-    """What a prepared run leaves: t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m), and its stepping's seconds.
+    """The rows of a prepared run: t (nt,), x (nt, nx), v, a (nt, nv), multipliers (nt, m), and its stepping's seconds.
 
     The multipliers are of the kept rows.  Where they fit into the workspace the arrays are views of its own, good until
     its next run.  ``interrupt``: Ctrl-C, by which the run ended early.

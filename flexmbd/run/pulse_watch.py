@@ -1,4 +1,4 @@
-"""Says where a user's Python function of time did something within a long step of the run, which no stage of it saw.
+"""Warns of pulses of a user's Python function of time within a long step, between the stages of the method.
 
 Compiled functions and declared breaks are as they are told; narrower pulses than a five hundredth of the run are not
 looked for.

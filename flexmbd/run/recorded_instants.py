@@ -48,7 +48,7 @@ class _Block:
 
 @dataclass(frozen=True, eq=False)
 class RecordedInstants:
-    """What a recording holds; its blocks are read when they are asked for.
+    """The instants of a recording; its blocks are read when they are asked for.
 
     Attributes:
         path: of the file.
@@ -76,7 +76,7 @@ class RecordedInstants:
         return self.names.index(name)
 
     def series(self, body: int, pick: Callable[[Tree], NDArray[Any]]) -> NDArray[Any]:
-        """(nt, ...) what ``pick`` takes of a body's entry, block by block.
+        """(nt, ...) the field that ``pick`` selects from a body's entry, block by block.
 
         Raises:
             RecordError: the file is damaged.
@@ -87,7 +87,7 @@ class RecordedInstants:
         return np.concatenate(found)
 
     def row(self, body: int, row: int, pick: Callable[[Tree], NDArray[Any]]) -> NDArray[Any]:
-        """What ``pick`` takes of a body's entry, at one instant.
+        """The field that ``pick`` selects from a body's entry, at one instant.
 
         Raises:
             RecordError: the file is damaged.
@@ -101,7 +101,7 @@ class RecordedInstants:
 
 
 def recorded_instants(path: Path) -> RecordedInstants:
-    """What a recording holds by now.
+    """The instants recorded by now.
 
     All of it is read and checked where the file has changed since the last call.
 

@@ -94,7 +94,7 @@ class Recorder:
 
     @property
     def recordings(self) -> tuple[BodyRecording, ...]:
-        """What was written, by body."""
+        """The recordings written, by body."""
         return kept_recordings(self._recording, self._interiors)
 
     def _look(self, t: float) -> None:
@@ -129,7 +129,7 @@ def open_recorder(settings: RunSettings, integration: Integration, team: Team) -
 
 
 def kept_recordings(recording: Recording | None, interiors: Interiors | None) -> tuple[BodyRecording, ...]:
-    """What a recording of these bodies holds, by body."""
+    """The recording of these bodies, by body."""
     if recording is None or interiors is None:
         return ()
     bodies = {body.name: body for body in interiors.bodies}
@@ -144,7 +144,7 @@ def _observed(interiors: Interiors) -> dict[str, ObservedInterior]:
 
 
 class RecordingFile:
-    """What a run writes; rank 0 does."""
+    """The file that a run records to; rank 0 writes it."""
 
     def __init__(self, recording: Recording, bodies: Mapping[str, ObservedInterior], team: Team) -> None:
         """Every rank makes one."""

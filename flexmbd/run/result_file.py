@@ -72,7 +72,7 @@ class Runnable(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SavedRun:
-    """What a file holds of a trajectory; attributes as there."""
+    """A trajectory in a file; attributes as there."""
 
     t: FloatArray
     x: FloatArray

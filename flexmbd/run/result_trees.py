@@ -37,7 +37,7 @@ def shaped(part: Any, dimensions: int) -> FloatArray:
 
 
 def stats_tree(stats: Stats) -> Tree:
-    """What was spent, as a file has it."""
+    """Statistics of a run, as a file has them."""
     moved = np.array([change[1:] for change in stats.start_moved]).reshape(-1, 2)
     numbers = {one.name: getattr(stats, one.name) for one in fields(stats)}
     del numbers["integrator"], numbers["start_moved"]
@@ -50,7 +50,7 @@ def stats_tree(stats: Stats) -> Tree:
 
 
 def stats_of(tree: Tree) -> Stats:
-    """What `stats_tree` was made of."""
+    """The statistics of a `stats_tree`."""
     moved = tuple((name, *pair) for name, pair in zip(tree["moved_names"], tree["moved"].tolist(), strict=True))
     given = {one.name: tree[one.name] for one in fields(Stats) if one.name != "start_moved"}
     return Stats(start_moved=moved, **{name: _plain(value) for name, value in given.items()})
@@ -61,7 +61,7 @@ def _plain(value: Any) -> Any:
 
 
 def events_tree(events: tuple[Occurrence, ...]) -> Tree:
-    """What took place, as a file has it."""
+    """Events that took place, as a file has them."""
     return {
         "name": tuple(one.name for one in events),
         "t": np.array([one.t for one in events]),
@@ -70,7 +70,7 @@ def events_tree(events: tuple[Occurrence, ...]) -> Tree:
 
 
 def events_of(path: Path, tree: Tree) -> tuple[Occurrence, ...]:
-    """What `events_tree` was made of, but for the events' functions."""
+    """The events of an `events_tree`, without their functions."""
 
     def lost(moment: Moment) -> float:
         raise SceneError(f"the functions of events are not kept in {path}")
@@ -92,19 +92,19 @@ def departures_tree(departures: tuple[Departure, ...], nv: int) -> Tree:
 
 
 def departures_of(tree: Tree) -> tuple[Departure, ...]:
-    """What `departures_tree` was made of."""
+    """The departures of a `departures_tree`."""
     return tuple(Departure(*parts) for parts in zip(tree["row"].tolist(), tree["v"], tree["a"], strict=True))
 
 
 def samples_tree(samples: ControllerSamples) -> Tree:
-    """What a controller did, as a file has it."""
+    """The samples of a controller, as a file has them."""
     numbers = {name: getattr(samples, name) for name in _SAMPLES}
     rows = [(k, row) for k, rows in enumerate(samples.rows) for row in rows]
     return {"name": samples.name, **numbers, "rows": np.array(rows, dtype=np.int64).reshape(-1, 2)}
 
 
 def samples_of(tree: Tree) -> ControllerSamples:
-    """What `samples_tree` was made of."""
+    """The samples of a `samples_tree`."""
     rows = tuple(tuple(tree["rows"][tree["rows"][:, 0] == k, 1].tolist()) for k in range(len(tree["before"])))
     return ControllerSamples(tree["name"], **{name: tree[name] for name in _SAMPLES}, rows=rows)
 
@@ -151,7 +151,7 @@ def recordings_tree(recordings: tuple[BodyRecording, ...]) -> Tree:
 
 
 def recordings_of(tree: Tree, scene: CompiledScene) -> tuple[BodyRecording, ...]:
-    """What `recordings_tree` was made of, with the bodies of the scene."""
+    """The recordings of a `recordings_tree`, with the bodies of the scene."""
     named = {} if scene.interiors is None else {body.name: body for body in scene.interiors.bodies}
     told = zip(tree["path"], tree["name"], strict=True)
     return tuple(BodyRecording(Path(path), name, named[name]) for path, name in told)

@@ -37,7 +37,7 @@ _SAME = 32.0  # units of round-off: instants that differ by no more are one
 
 @dataclass(frozen=True, eq=False)
 class ControllerSamples:
-    """What a controller did.
+    """The samples of a controller.
 
     Attributes:
         name: the controller's.
@@ -87,7 +87,7 @@ class ControllerSamples:
 
 @dataclass(frozen=True, eq=False)
 class SamplingMemory:
-    """What controllers remember from step to step.
+    """The memory of controllers from step to step.
 
     Attributes:
         code: tells them from others.
@@ -249,7 +249,7 @@ class Sampling:
             del log[:-1]
 
     def snapshot(self) -> SamplingMemory:
-        """A copy of what is remembered."""
+        """A copy of the memory."""
         states = np.concatenate([np.zeros(0), *(state.ravel() for state in self._states)])
         taken = tuple(len(log) for log in self._log)
         return SamplingMemory(code_of(self.controllers), self._next.copy(), self._values.copy(), states, taken)
@@ -278,7 +278,7 @@ class Sampling:
         self._before = self._values.copy()
 
     def samples(self, *, since: float = -np.inf) -> tuple[ControllerSamples, ...]:
-        """What each controller did in this run, or from a time (s) on."""
+        """The samples of each controller in this run, or from a time (s) on."""
         found = []
         for k, one in enumerate(self.controllers):
             begin, first = bisect_left(self._log[k], since, key=lambda sample: sample.t), self._first_input(k)

@@ -1,4 +1,4 @@
-"""Settings of a run: what ``System.simulate`` takes, checked once."""
+"""Settings of a run: the arguments of ``System.simulate``, checked once."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class RunSettings:
 
     @property
     def told(self) -> dict[str, str]:
-        """What all ranks must have alike, in words by name.  Files, the bar and what functions do are rank 0's."""
+        """Settings that must be equal on all ranks, as texts by name; files, the bar and functions are rank 0's."""
         shared = (one.name for one in fields(self) if one.name not in _OF_ROOT)
         return {name: _told(getattr(self, name)) for name in shared}
 
@@ -163,7 +163,7 @@ class RunSettings:
 
 
 def choice_of(settings: RunSettings, start: Start) -> IntegratorChoice:
-    """The integrator asked for, or the one that suits this start, and what its choice foresees."""
+    """The integrator asked for, or the one that suits this start, and the steps that its choice predicts."""
     if settings.integrator == "auto":
         return choose(start, t=settings.begun, rtol=settings.rtol, h=settings.h)
     return IntegratorChoice(settings.integrator, "as asked")

@@ -73,7 +73,7 @@ def new_snapshot(
 
 
 def bound_by_span(number: FloatArray, *, t_start: float, t_end: float, h: float | None) -> None:
-    """Set what a state's numbers have by the whole time of a simulation (s): the longest and the shortest step.
+    """Set the longest and the shortest step (s) of a state, which follow from the whole time of a simulation.
 
     A restart may go on to another end than that of the simulation before it.  With a fixed step h (s) the least rate
     follows from that alone, so that no step depends on where the simulation ends.
@@ -107,7 +107,7 @@ def first_step(scene: CompiledScene, numbers: FloatArray, v: FloatArray, a: Floa
 
 
 def kept_interiors(scene: CompiledScene) -> InteriorSnapshot:
-    """What bodies with history remember."""
+    """The states of bodies with history."""
     return NO_INTERIORS if scene.interiors is None else scene.interiors.snapshot(scene.plan)
 
 

@@ -1,4 +1,4 @@
-"""What a simulation cost, and how well it kept its constraints."""
+"""The cost of a simulation, and the accuracy of its constraints."""
 
 from __future__ import annotations
 

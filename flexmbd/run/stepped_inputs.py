@@ -30,7 +30,7 @@ InputValues: TypeAlias = Mapping[str, float] | ArrayLike
 
 @dataclass(frozen=True)
 class InputMemory:
-    """What inputs remember: their values at the end of the last step, and of linear ones the straight lines.
+    """The memory of inputs: their values at the end of the last step, and of linear ones the straight lines.
 
     Attributes:
         values: at the end of the last step.
@@ -198,11 +198,11 @@ class SteppedInputs:
         return tuple(map(float, found))
 
     def memory(self) -> InputMemory:
-        """What is remembered."""
+        """The memory of the inputs."""
         return InputMemory(self.values, self._begin, self._first, self._slopes)
 
     def restore(self, memory: InputMemory) -> None:
-        """Go back to what was remembered."""
+        """Go back to an earlier memory."""
         self.values, self._begin, self._first, self._slopes = (
             memory.values, memory.begin, memory.first, memory.slopes
         )  # fmt: skip

@@ -54,7 +54,7 @@ _MOST_UNSEEN = 256  # rows that are looked at together, for a look costs as much
 
 @dataclass(frozen=True, eq=False)
 class SteppedScene:
-    """What steppers of one machine share.
+    """The parts of a machine that its steppers share.
 
     Attributes:
         start: the consistent start.
@@ -134,7 +134,7 @@ def stepped_scene(
     interpolation: str,
     open_end: bool,
 ) -> SteppedScene:
-    """What steppers of a machine share, of what a user gave.
+    """The shared parts of a machine's steppers, from a user's arguments.
 
     Raises:
         SceneError: an input, an output or the interpolation is none; or the scene holds bodies with history.
@@ -190,7 +190,7 @@ class SteppedIntegration:
     """
 
     def __init__(self, scene: SteppedScene, at: SteppedMemory | None = None) -> None:
-        """Begin at the start, or go on from what was remembered."""
+        """Begin at the start, or go on from an earlier memory."""
         self._scene = scene
         scene.start.scene.callbacks.reset()
         purpose = type(scene.method).__name__
@@ -377,14 +377,14 @@ class SteppedIntegration:
         return self._inputs.values
 
     def memory(self) -> SteppedMemory:
-        """A copy of what is remembered; factors are dropped, so that what comes is that of going on from the copy."""
+        """A copy of the memory; factors are dropped, so that further steps are those that start from the copy."""
         snapshot = self._integration.checkpoint()
         if self._search is not None:
             snapshot = replace(snapshot, events=self._search.memory())
         return SteppedMemory(snapshot, self._inputs.memory())
 
     def restore(self, memory: SteppedMemory) -> None:
-        """Go on from what was remembered."""
+        """Go on from an earlier memory."""
         self._unseen += int(self._state.counts[st.STORED])
         if self._unseen >= self._integration.room:  # of short stretches one is looked at now and then
             self._look()

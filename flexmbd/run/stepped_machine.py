@@ -164,7 +164,7 @@ class SteppedMachine:
         return self._machine
 
     def copy(self) -> SteppedMachine:
-        """Another stepper that stands where this one does; what one does leaves the other.  Collective."""
+        """Another stepper in the same state, independent of this one.  Collective."""
         other = SteppedMachine(self._scene, self._team, self.snapshot())
         other._first = self._first
         return other

@@ -1,4 +1,4 @@
-"""Outputs of a machine that is stepped from outside: what is measured of it after each step.
+"""Outputs of a machine that is stepped from outside: quantities measured after each step.
 
 For the stepped machine alone.
 """

@@ -130,7 +130,7 @@ class Integration:
 
     @property
     def memory(self) -> ArrayStruct:
-        """What the method remembers beside the state."""
+        """The method's memory beside the state."""
         return self._stepper.memory
 
     @property
@@ -140,7 +140,7 @@ class Integration:
 
     @property
     def fixed_errors(self) -> FloatArray | None:
-        """What the method estimates of the errors of given steps; see ``controller.Stepper``."""
+        """The method's estimates of the errors of given steps; see ``controller.Stepper``."""
         return self._stepper.fixed_errors
 
     @property
@@ -361,11 +361,11 @@ class Integration:
         return self.stored.series()
 
     def samples(self, *, since: float = -np.inf) -> tuple[ControllerSamples, ...]:
-        """What controllers did, or from a time (s) on."""
+        """The samples of controllers, or those from a time (s) on."""
         return () if self._sampling is None else self._sampling.samples(since=since)
 
     def snapshot(self) -> Snapshot:
-        """Copy what the method remembers."""
+        """Copy the state and the method's memory."""
         memory = {name: part.copy() for name, part in self._own.items()}
         parts = copied_state(self.state), copied_groups(self.groups), memory, self._first_step, self._rows.copy()
         sampling = NO_SAMPLING if self._sampling is None else self._sampling.snapshot()
@@ -392,7 +392,7 @@ class Integration:
         return np.array(self._rows, np.int64)
 
     def forget_rows(self) -> None:
-        """Let go of all rows but the last ones, and of what controllers did, but the last."""
+        """Drop all rows but the last ones, and all samples of controllers but the last."""
         last, self.stored = self.stored.last, RowStore()
         self.stored.append(tuple(part[-1:] for part in last))
         self.departures.clear()

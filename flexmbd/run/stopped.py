@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class SimulationInterrupted(KeyboardInterrupt):
-    """A simulation was interrupted, as by Ctrl-C; ``trajectory`` holds what was computed up to then.
+    """A simulation was interrupted, as by Ctrl-C; ``trajectory`` holds the motion up to then.
 
     No FlexmbdError: what catches errors lets an interrupt pass.
     """
@@ -27,7 +27,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class SimulationError(FlexmbdError):
-    """A simulation stopped early; ``trajectory`` holds what was computed up to then.
+    """A simulation stopped early; ``trajectory`` holds the motion up to then.
 
     Remedy: the message says when and where it stopped and what to look for; plot the last rows of the trajectory.
     """

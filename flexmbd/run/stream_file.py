@@ -50,7 +50,7 @@ STREAM = FileKind("flexmbd run", 1, "simulate(..., stream=)")
 
 
 def load_stream(path: Path, scene: CompiledScene) -> SavedRun:
-    """Read the rows of a run of a scene, of one that goes on or was killed those that are there.
+    """Read the rows of a run; of a run that goes on or was killed, the rows written so far.
 
     Rows that have no room in memory are copied to a file that no name leads to.
 

@@ -1,4 +1,4 @@
-"""Laws that jump with the state, in a run: their sides, and what cannot go on by either of them."""
+"""Laws that jump with the state, in a run: their sides, and the error where neither side goes on."""
 
 from __future__ import annotations
 

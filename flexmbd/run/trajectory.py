@@ -93,7 +93,7 @@ class Trajectory(ForceSeries):
     samples: tuple[ControllerSamples, ...] = ()
 
     def __repr__(self) -> str:
-        """What ran, how long and in how many steps; arrays are asked for by name."""
+        """The machine, the time and the number of steps; arrays are asked for by name."""
         n = len(self.bodies)
         return (
             f"<Trajectory of {n} {'body' if n == 1 else 'bodies'}, {self.scene.nv} velocities: "
@@ -122,7 +122,7 @@ class Trajectory(ForceSeries):
         return Instant(self.scene, float(t), x, v, a, self._multipliers(float(t), x, v, a))
 
     def sampled(self, controller: Controller) -> ControllerSamples:
-        """What a controller measured and gave, at its samples.
+        """Measurements and inputs of a controller at its samples.
 
         Raises:
             SceneError: it did not run here.
@@ -147,7 +147,7 @@ class Trajectory(ForceSeries):
         return balancing_multipliers(self.scene, work, x, v, a, rank=rank)
 
     def recorded(self, body: ContinuumBody) -> BodyRecording:
-        """The fields of a body with history over time: nodes' motion, stress, what its form remembers.
+        """The fields of a body with history over time: nodes' motion, stress, its form's history.
 
         Raises:
             SceneError: the body is not in this trajectory, or the simulation had no recording.
@@ -190,7 +190,7 @@ class Trajectory(ForceSeries):
 
     @checked(error=RecordError)
     def save(self, path: str | Path) -> Path:
-        """Write what ran to an HDF5 file, whole or not at all, by rank 0.
+        """Write the trajectory to an HDF5 file, whole or not at all, by rank 0.
 
         Called on rank 0 alone, or on all ranks: each of these then returns once the file is written.  Where one run is
         saved first in the one way and then in the other, the other ranks do not wait for the second file.
@@ -325,7 +325,7 @@ class Trajectory(ForceSeries):
         )
 
     def to_pyvista(self, t: float, *, amplification: float = 1.0) -> Any:
-        """What a picture shows at ``t`` (s) as a pyvista.MultiBlock, a block a body and joint (m). Not collective.
+        """The scene of a picture at ``t`` (s) as a pyvista.MultiBlock, a block a body and joint (m). Not collective.
 
         Displacements (m) and the fields of recorded bodies are point data.
 

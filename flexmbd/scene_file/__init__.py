@@ -1,4 +1,4 @@
-"""Scenes in TOML files: bodies, joints, forces, a simulation and what it leaves, without a line of Python.
+"""Scenes in TOML files: bodies, joints, forces, a simulation and its results, without a line of Python.
 
 ``read_scene(path)`` gives the description, ``build(description)`` the ``System``; docs/command_line.md has the keys.
 """

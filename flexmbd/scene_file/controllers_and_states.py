@@ -1,4 +1,4 @@
-"""Controllers and state equations of a scene file: functions in Python files, what they follow, signals they set."""
+"""Controllers and state equations of a scene file: functions in Python files, measurements, signals that they set."""
 
 from __future__ import annotations
 

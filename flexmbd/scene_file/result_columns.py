@@ -1,4 +1,4 @@
-"""What a scene file asks of a trajectory, as columns: planned before the machine runs, so that no run is in vain."""
+"""Columns of results that a scene file asks for: planned before the machine runs, so that no run is in vain."""
 
 from __future__ import annotations
 

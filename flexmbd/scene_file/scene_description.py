@@ -1,4 +1,4 @@
-"""What a scene file says, as data: nothing is loaded or computed yet."""
+"""The contents of a scene file, as data: nothing is loaded or computed yet."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class RigidEntry:
 
 @dataclass(frozen=True)
 class ShapedEntry:
-    """A homogeneous rigid body: what it is made of, and its density (kg/m^3)."""
+    """A homogeneous rigid body: its shapes and its density (kg/m^3)."""
 
     name: str
     place: str

@@ -51,7 +51,7 @@ TAKES: dict[str, Callable[[FloatArray, FloatArray], float]] = {
 
 @dataclass(frozen=True)
 class SceneSweep:
-    """A scene file, and what is asked of each of its variants.
+    """A scene file, and the outputs of each of its variants.
 
     Attributes:
         path: of the scene file.
@@ -99,7 +99,7 @@ class SceneSweep:
         raise SceneError(f"none of the {len(rows)} variants can be built; the first: {fault}") from fault
 
     def quantities(self, values: Mapping[str, object]) -> list[tuple[str, str]]:
-        """Names and units of what is taken of a variant: the last time, then each column by each take.
+        """Names and units of a variant's outputs: the last time, then each column by each take.
 
         Raises:
             SceneError: no column fits a pattern; or as reading and building the variant.
@@ -174,7 +174,7 @@ class _Taken:
 
 @dataclass(frozen=True, eq=False)
 class SweepResults:
-    """What a sweep's file holds.
+    """The results in a sweep's file.
 
     Attributes:
         values: (n, k) what was taken of each variant; NaN where it is not done.

@@ -25,7 +25,7 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Variation:
-    """What one key is given.
+    """The values of one key.
 
     Attributes:
         key: its dotted path.

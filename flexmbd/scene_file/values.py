@@ -25,7 +25,7 @@ _FORMS = '"body", "body:interface", or { body = "name", p = [x, y, z] }'
 
 @dataclass(frozen=True)
 class Names:
-    """What a scene file has: bodies by name, whether they are flexible; and joints."""
+    """The names of a scene file: bodies by name, whether they are flexible; and joints."""
 
     bodies: Mapping[str, bool]
     joints: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""A machine as surfaces that move: what films, pictures, windows and other programs' meshes are all made of."""
+"""A machine as surfaces that move, for films, pictures, windows and other programs' meshes."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class DrawnScene:
 
     @property
     def quantities(self) -> tuple[tuple[str, str], ...]:
-        """What colours mean and its SI unit, each once; nothing of what is zero at all instants."""
+        """The quantities that colours show and their SI units, each once; none that is zero at all instants."""
         found = dict.fromkeys(part.quantity for part in self.parts if part.colour is None)
         return tuple(quantity for quantity in found if self.largest(quantity) > 0.0)
 
@@ -178,7 +178,7 @@ def portrait(
 def machine_meshes(
     motion: RecordedMotion, t: float, *, amplification: float = 1.0, recordings: Sequence[FieldSeries] = ()
 ) -> Any:
-    """What a picture shows at ``t`` (s) as a pyvista.MultiBlock; see ``DrawnScene.to_pyvista``. Not collective.
+    """The scene of a picture at ``t`` (s) as a pyvista.MultiBlock; see ``DrawnScene.to_pyvista``. Not collective.
 
     Raises:
         SceneError: a time outside the motion.

@@ -1,4 +1,4 @@
-"""What a notebook shows of an object: its text and, where it can be drawn in bounded time, a picture."""
+"""An object in a notebook: its text and, where it can be drawn in bounded time, a picture."""
 
 from __future__ import annotations
 

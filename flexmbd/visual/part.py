@@ -1,4 +1,4 @@
-"""What a picture consists of: surfaces that move, each rigidly or deforming, with a colour or with values."""
+"""Parts of a picture: surfaces that move, each rigidly or deforming, with a colour or with values."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Part(Protocol):
 
     @property
     def quantity(self) -> tuple[str, str]:
-        """What the values are and their SI unit."""
+        """The quantity of the values and its SI unit."""
 
     @property
     def x(self) -> FloatArray:

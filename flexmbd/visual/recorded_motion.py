@@ -1,4 +1,4 @@
-"""What pictures need to know of a machine's motion; a `Trajectory` is one."""
+"""The protocol of a machine's motion that pictures need; a `Trajectory` is one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Marked(Protocol):
 
     @property
     def name(self) -> str:
-        """What took place."""
+        """The name of the event."""
 
     @property
     def t(self) -> float:
@@ -47,7 +47,7 @@ class RecordedMotion(Protocol):
 
     @property
     def events(self) -> Sequence[Marked]:
-        """What took place, in order."""
+        """The events that took place, in order."""
 
     @property
     def scene(self) -> CompiledScene:

@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 @runtime_checkable
 class Responding(Protocol):
-    """What has a frequency response: a linearised machine."""
+    """A system with a frequency response: a linearised machine."""
 
     @property
     def team(self) -> Team:
@@ -36,7 +36,7 @@ class Responding(Protocol):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        """Names of what drives it."""
+        """Names of its inputs."""
 
     def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
         """(k, outputs, drivers) amplitudes at rad/s."""

@@ -1,4 +1,4 @@
-"""Symbols of a machine: what pictures show of bodies without a shape or surface, and of joints.
+"""Symbols for bodies without a shape or surface, and for joints.
 
 A body is drawn as sticks between the frames that joints hold it by and a ball at its centre
 of mass; a revolute joint as a pin, a prismatic one as a rail and a sliding block, a spherical one

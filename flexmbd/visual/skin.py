@@ -150,7 +150,7 @@ def amplified(record: ReducedBody, surface: Surface, amplification: float) -> Fl
 
 
 def surface_of(body: Body) -> Surface | None:
-    """What is drawn of a body: its record's surface, or a pseudo-rigid body's own; None for sticks."""
+    """The drawn surface of a body: its record's, or a pseudo-rigid body's own; None for sticks."""
     if isinstance(body, PseudoRigidBody):
         return body.surface
     record = body.reduced()

@@ -81,7 +81,7 @@ class SceneView:
         return shot
 
     def close(self) -> None:
-        """Free what the plotter holds."""
+        """Free the plotter."""
         self.plotter.close()
 
     def _focus_scene(self, panel: bool) -> None:

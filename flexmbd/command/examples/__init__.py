@@ -1,4 +1,4 @@
-"""Scenes to begin with, as texts: what `flexmbd example` writes into a folder."""
+"""Scenes to begin with, as texts, which `flexmbd example` writes into a folder."""
 
 from flexmbd.command.examples.bouncing_ball import BOUNCING_BALL
 from flexmbd.command.examples.four_bar import FOUR_BAR

@@ -1,4 +1,4 @@
-"""What an example is: files of a folder, and how it is run."""
+"""An example: files of a folder, and how it is run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SceneFolder:
-    """A scene with what it needs.
+    """A scene with its files.
 
     Attributes:
         name: of the example and of its folder.

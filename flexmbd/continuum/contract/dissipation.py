@@ -1,4 +1,4 @@
-"""What a dissipation function must be: convex, least where nothing moves, and zero for rigid motions.
+"""Conditions on a dissipation function: convex, least where nothing moves, and zero for rigid motions.
 
 Rayleigh's function R(v) of the rates gives the viscous forces dR/dv; their power dR/dv . v is not negative for any v
 if R is convex and least at v = 0.  It is looked at pointwise, in the rates and their gradients, for the values that
@@ -29,7 +29,7 @@ _NOT_CONVEX = "is not convex: some rates would gain energy by it; check the sign
 def dissipation_faults(
     terms: Sequence[Any], unknown: TrialSymbols, *, rigid_motion: Callable[..., ufl.core.expr.Expr]
 ) -> Iterator[str]:
-    """What is wrong with a dissipation whose terms are in order; not collective.
+    """Faults of a dissipation whose terms are in order; not collective.
 
     Args:
         terms: of the rates `unknown.u`.

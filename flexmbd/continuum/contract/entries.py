@@ -1,4 +1,4 @@
-"""The names of the contract: what every form file has, and what it may have besides; here and nowhere else."""
+"""The names of the contract: required and optional functions of a form file; here and nowhere else."""
 
 from __future__ import annotations
 
@@ -129,5 +129,5 @@ def takes_step(function: Entry) -> bool:
 
 
 def optional_entries(form: Any) -> OptionalEntries:
-    """What a form file has of them; not collective."""
+    """The optional functions of a form file; not collective."""
     return OptionalEntries(**{name: getattr(form, name, None) for name in OPTIONAL})

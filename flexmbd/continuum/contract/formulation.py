@@ -62,7 +62,7 @@ class Reference(Protocol):
     def displacement(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
         """Exact displacement, m, at the point x, (3,), or the exact unknown, of the unknown's shape.
 
-        What of it a rigid motion moves is prescribed on the whole boundary.
+        The unknowns that a rigid motion moves are prescribed on the whole boundary.
         """
 
     def body_force(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
@@ -74,7 +74,7 @@ class Reference(Protocol):
 
 @runtime_checkable
 class Formulation(Protocol):
-    """What a form file offers; see `forms/solid_linear.py` for one, and docs/writing_a_form.md.
+    """The functions and attributes of a form file; see `forms/solid_linear.py` and docs/writing_a_form.md.
 
     In every function the parameters `p` are read by name and used in UFL arithmetic only: they may
     be numbers, or constants whose values change without a new compilation (`symbols`).

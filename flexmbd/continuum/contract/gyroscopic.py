@@ -1,4 +1,4 @@
-"""What kinetic energy linear in the rates must be: linear in the unknown as well, and not moved by translations.
+"""Conditions on kinetic energy linear in the rates: linear in the unknown as well, invariant under translations.
 
 With T1(u, v), linear in both, Lagrange's equations have the forces g(w, d) = T1(w, d) - T1(d, w) of the rates w on a
 virtual motion d.  They are skew, so that they take no power; what is symmetric in u and v is a rate of change in time,
@@ -25,7 +25,7 @@ def gyroscopic_faults(
     *,
     rigid_motion: Callable[..., ufl.core.expr.Expr],
 ) -> Iterator[str]:
-    """What is wrong with gyroscopic terms that are in order otherwise; not collective.
+    """Faults of gyroscopic terms beyond those of their integrands; not collective.
 
     Args:
         terms: of the unknown `unknown.u` and of ``rates``, on the same space.

@@ -1,4 +1,4 @@
-"""What the functions of a form file return for a cell and a degree, looked at without a mesh."""
+"""Results of a form file's functions for a cell and a degree, checked without a mesh."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ARITHMETIC = (
 def result_faults(
     module: ModuleType, cell: str, degree: int, *, broken: Collection[str]
 ) -> Iterator[str]:
-    """What is wrong with what the functions return; not collective.
+    """Faults of the functions' results; not collective.
 
     Args:
         module: a form file whose constants, `element` and `reference` are in order.

@@ -1,4 +1,4 @@
-"""What the energies on facets must be: springs that are at rest when the body is, and mass alike in all directions.
+"""Conditions on energies on facets: springs at rest when the body is, and mass that is isotropic.
 
 They are looked at pointwise, by values of the unknown and of its gradient, for the values that the parameters have.
 """
@@ -21,7 +21,7 @@ FACET = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 
 
 def surface_energy_faults(terms: Sequence[Any], unknown: TrialSymbols) -> Iterator[str]:
-    """What is wrong with springs on facets whose terms are in order; not collective.
+    """Faults of springs on facets whose terms are in order; not collective.
 
     Args:
         terms: of the unknown `unknown.u`.
@@ -35,7 +35,7 @@ def surface_energy_faults(terms: Sequence[Any], unknown: TrialSymbols) -> Iterat
 
 
 def surface_kinetic_energy_faults(terms: Sequence[Any], unknown: TrialSymbols) -> Iterator[str]:
-    """What is wrong with mass on facets; as `surface_energy_faults`."""
+    """Faults of mass on facets; as `surface_energy_faults`."""
     density = _sum(terms)
     second = SecondDerivative(density, unknown)
     faults = list(_rest_faults(density, unknown, linear="of gyroscopic forces, which nothing carries"))

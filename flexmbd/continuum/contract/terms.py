@@ -33,7 +33,7 @@ _NOT_IN_CELLS = {
 def term_faults(
     terms: Any, cell: str, look: Callable[[ufl.core.expr.Expr], Iterator[str]], *, on_facets: bool = False
 ) -> Iterator[str]:
-    """What is wrong with a list of terms; `look` goes into an integrand that is in order.
+    """Faults of a list of terms; `look` checks an integrand that is in order.
 
     Args:
         terms: what a function of a form file returned.

@@ -1,4 +1,4 @@
-"""What breaks the contract of a form file: found in its source and by calls, without a mesh."""
+"""Violations of the contract of a form file: found in its source and by calls, without a mesh."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def import_violations(origin: str | Path | None) -> list[str]:
 
 
 def violations(module: ModuleType) -> list[str]:
-    """List what breaks the contract, as far as it shows without a mesh; not collective.
+    """List the violations of the contract that can be found without a mesh; not collective.
 
     What is broken itself is not tried further: a function that is missing, say, is not called.
 

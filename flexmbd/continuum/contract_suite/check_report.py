@@ -83,7 +83,7 @@ class CheckResult:
 
 @dataclass(frozen=True)
 class FormReport:
-    """What the contract suite found about one form file.
+    """The findings of the contract suite about one form file.
 
     Attributes:
         name: of the form.

@@ -1,4 +1,4 @@
-"""What the contract asks of a form on a mesh, each as a function from a trial to figures.
+"""The contract's conditions on a form on a mesh, each as a function from a trial to figures.
 
 A figure is relative, so that it means the same in all units: forces, for one, are compared with
 those of displacements of the same size that are no rigid motion.

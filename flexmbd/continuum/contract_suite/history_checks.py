@@ -1,4 +1,4 @@
-"""What the contract asks of a form with history, where it yields: each a function from a trial to figures."""
+"""The contract's conditions on a form with history that yields: each a function from a trial to figures."""
 
 from __future__ import annotations
 

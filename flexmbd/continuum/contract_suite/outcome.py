@@ -1,4 +1,4 @@
-"""What a check of the contract found: figures, or the reason why it was not run."""
+"""The result of a check of the contract: figures, or the reason why it was not run."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class CellGroup:
 
     @property
     def optional(self) -> OptionalEntries:
-        """What the formulation has of the contract's optional functions."""
+        """The formulation's optional functions of the contract."""
         return optional_entries(self.formulation)
 
     @property

@@ -1,4 +1,4 @@
-"""Formulations on a mesh with their unknown and interfaces: what linear models and bodies with history begin with."""
+"""Formulations on a mesh with their unknown and interfaces: the basis of linear models and bodies with history."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class DiscreteForms:
 
 
 class DiscretisedBody:
-    """A body of formulations on a mesh: what a `LinearModel` and a `NonlinearModel` have in common.
+    """A body of formulations on a mesh: the common base of `LinearModel` and `NonlinearModel`.
 
     Attributes:
         forms: the formulations on the mesh, and the interfaces of the undeformed body.

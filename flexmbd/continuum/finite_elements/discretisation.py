@@ -1,4 +1,4 @@
-"""What a linear model and a body with history have in common, for whoever serves both."""
+"""The common protocol of linear models and bodies with history."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Discretisation(Protocol):
 
     @property
     def layout(self) -> DofLayout:
-        """Where the displacement, and what else the unknown holds, lies in it."""
+        """The layout of the displacement and the other parts of the unknown."""
 
     @property
     def comm(self) -> MPI.Comm:

@@ -1,4 +1,4 @@
-"""Sums over a body that tell what it is made of: its mass, its volume, and its stiffness under uniform strains."""
+"""Sums over a body: its mass, its volume, and its stiffness under uniform strains."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def cell_volumes(mesh: TaggedMesh) -> FloatArray:
 
 
 def tell_units(sums: ElasticSums, rank: int) -> None:
-    """Say on rank 0 where no material has such numbers in SI units; not collective.
+    """Warn on rank 0 of density or stiffness that no material has in SI units; not collective.
 
     Warns:
         UnitWarning: the density, or the speed of waves.

@@ -34,7 +34,7 @@ _ORTHONORMAL = 1e-6
 @checked("name", "coupling", error=InterfaceError)
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """What a user asks for: a group of the mesh that is tied to a frame.
+    """A group of the mesh that is tied to a frame, as a user asks for it.
 
     Attributes:
         name: the group of facets, edges, vertices or cells of the mesh, and the name of the frame. Cells are a

@@ -1,4 +1,4 @@
-"""A linear elastic body on a mesh, at rest or about a loaded static state: what a reduction works on."""
+"""A linear elastic body on a mesh, at rest or about a loaded static state: the input of a reduction."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class PicturedModel(DiscretisedBody):
         )
 
     def to_pyvista(self) -> Any:
-        """What ``show`` shows as a pyvista.MultiBlock (m); the mesh itself is ``mesh.to_pyvista()``. Collective.
+        """The scene of ``show`` as a pyvista.MultiBlock (m); the mesh itself is ``mesh.to_pyvista()``. Collective.
 
         Raises:
             PictureError: pyvista is not installed.

@@ -57,7 +57,7 @@ class PrestressedModel(LinearModel):
 def turning_forces(
     model: LinearModel, state: StaticState, interfaces: Sequence[FoundInterface], *, axes: ArrayLike
 ) -> FloatArray:
-    """What the forces inside rigid interfaces add to the stiffness against the turning of their frames. Collective.
+    """The stiffness against rotations of rigid interfaces' frames by the forces inside them. Collective.
 
     In a rotation by theta the nodes at r from the frame's origin move by theta x r + theta x (theta x r) / 2.
     The second part has a work with the forces f of the state that is (theta . S theta - tr S theta . theta) / 2,

@@ -30,7 +30,7 @@ _ROUND_OFF = 100.0 * float(np.finfo(np.float64).eps)
 
 
 class ReductionModel(Discretisation, Protocol):
-    """What fields are recovered on: what bodies are reduced from, a `LinearModel`."""
+    """The model on which fields are recovered and from which bodies are reduced: a `LinearModel`."""
 
     @property
     def K(self) -> PETSc.Mat:

@@ -50,7 +50,7 @@ class SurfaceGroup:
 
     @property
     def optional(self) -> OptionalEntries:
-        """What the formulation has of the contract's optional functions."""
+        """The formulation's optional functions of the contract."""
         return optional_entries(self.formulation)
 
     def energy(self, u: ufl.core.expr.Expr) -> list[ufl.Form]:

@@ -45,7 +45,7 @@ class Cut:
 
 @dataclass(frozen=True)
 class PieceSummary:
-    """What `CutMesh.explain` says of a piece.
+    """The properties of a piece that `CutMesh.explain` prints.
 
     Attributes:
         yielding: whether it may yield.
@@ -146,7 +146,7 @@ class Division:
     fragments: int
 
     def summaries(self) -> dict[str, PieceSummary]:
-        """What there is to say of each piece."""
+        """The summary of each piece."""
         found = {}
         for number, name in enumerate(self.names):
             cells = self.whole.arrays["cells"][self.piece == number]

@@ -30,7 +30,7 @@ _KINDS = {
 def locate_groups(
     mesh: dolfinx.mesh.Mesh, dim: int, predicates: Mapping[str, Predicate], *, kind: str
 ) -> dict[str, Indices]:
-    """The entities of this rank in each group: those all of whose vertices are in it. Collective.
+    """The entities of this rank in each group: all of their vertices are in the group. Collective.
 
     Args:
         mesh: the mesh.

@@ -1,4 +1,4 @@
-"""Which cells of an input share their vertices or a facet: what DOLFINx cannot take is refused.
+"""Cells of an input that share their vertices or a facet; refuses cells that DOLFINx cannot take.
 
 Of two cells with the same vertices DOLFINx 0.9 makes no mesh, but ruins its memory. On several ranks
 it takes a facet that has two cells on one of them for inner, and its vertices for unshared; a third

@@ -1,4 +1,4 @@
-"""What a body with history remembers as arrays over the whole body, in an order that no partition changes."""
+"""The state of a body with history as arrays over the whole body, in an order independent of the partition."""
 
 from __future__ import annotations
 

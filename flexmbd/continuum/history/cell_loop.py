@@ -48,7 +48,7 @@ class Kernels(NamedTuple):
 
 
 class Fields(NamedTuple):
-    """What a group's kernels read and write.
+    """The arrays that a group's kernels read and write.
 
     Attributes:
         u: (dofs,) trial displacement, m, and other unknowns.

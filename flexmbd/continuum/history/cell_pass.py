@@ -61,7 +61,7 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class CellForms:
-    """What is evaluated in a cell; None for what the formulation does not have.
+    """The forms evaluated in a cell; None for those that the formulation does not have.
 
     Attributes:
         work: virtual work of a test function of the displacement, as terms of any rules; with history of one.

@@ -1,4 +1,4 @@
-"""A body with history in a file: what it remembers after an accepted step, for any number of ranks."""
+"""A body with history in a file: its state after an accepted step, for any number of ranks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _VERSION = 2
 
 
 def fingerprint(body: NonlinearModel, **surroundings: object) -> str:
-    """Tells bodies of other meshes, elements or materials apart, and what they stand in. Collective."""
+    """A digest of mesh, elements, materials and surroundings of a body. Collective."""
     materials = [(group.name, group.form_name, group.parameters) for group in body.groups]
     if body.surfaces:
         surroundings["surfaces"] = [(group.name, group.form_name, group.parameters) for group in body.surfaces]

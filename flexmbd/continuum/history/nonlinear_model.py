@@ -1,4 +1,4 @@
-"""A body with history or large displacements, step by step: forces, tangent, and what a step leaves behind.
+"""A body with history or large displacements, step by step: forces, tangent, accepted state.
 
 Its axes and configurations are those of `trial_body`.
 """
@@ -43,7 +43,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HistorySnapshot:
-    """What a body remembers after an accepted step: this rank's part.
+    """The state of a body after an accepted step: this rank's part.
 
     Attributes:
         displacement: (local dofs including ghosts,) m, from the undeformed mesh.
@@ -285,7 +285,7 @@ class NonlinearModel(TrialBody):
             history.revert()
 
     def snapshot(self) -> HistorySnapshot:
-        """Copy what the body remembers."""
+        """Copy the body's state."""
         return HistorySnapshot(
             self.displacement.copy(), tuple(history.snapshot() for history in self._histories), self._viscous_work
         )

@@ -112,7 +112,7 @@ class History:
         return self._state.x.array.reshape(-1, len(self._initial))
 
     def mean_forms(self) -> tuple[ufl.Form, ufl.Form]:
-        """What is averaged, and the measure of the cells, against test functions of the means."""
+        """The averaged quantities and the measure of the cells, against test functions of the means."""
         w = ufl.TestFunction(self.mean.function_space)
         rule = self.rule
         averaged = assembly.integral((self._averaged * w, rule), self.group, self._mesh)

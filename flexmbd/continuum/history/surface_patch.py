@@ -1,4 +1,4 @@
-"""Facets of a body's surface and what acts on them: nodal forces of pressures and tractions, and their derivatives.
+"""Loads on facets of a body's surface: nodal forces of pressures and tractions, and their derivatives.
 
 With the places x of the displacement's nodes a facet is x(xi, eta) = sum of N_i x_i, and its area vector
 a = x_xi x x_eta.  A pressure p gives node i the force -p times the integral of N_i a, whatever the facet's shape; its

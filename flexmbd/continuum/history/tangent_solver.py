@@ -39,7 +39,7 @@ _THRESHOLD, _PREFIX = 0.02, "flexmbd_newton_"
 
 
 class Preconditioner(Enum):
-    """What Krylov's method is preconditioned with.
+    """The preconditioner of Krylov's method.
 
     Attributes:
         FACTOR: MUMPS' factor of a tangent, this one or an older one.

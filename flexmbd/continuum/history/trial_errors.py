@@ -1,4 +1,4 @@
-"""What a body with history refuses: formulations that cannot be stepped together, and trial displacements that fail."""
+"""Errors of a body with history: formulations that cannot be stepped together, trial displacements that fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a body with history shows of itself on its nodes (`ObservedInterior`)."""
+"""Nodal fields of a body with history (`ObservedInterior`)."""
 
 from __future__ import annotations
 

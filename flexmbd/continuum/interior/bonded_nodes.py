@@ -1,4 +1,4 @@
-"""Nodes on the interface frames of a body with history: where the frames carry them, and what they pass on.
+"""Nodes on the interface frames of a body with history: their positions and the forces that they pass on.
 
 Ambrosio & Nikravesh 1992, eq. 47-53: the nodes on the boundary of a rigid part move with it, their lumped
 mass is part of it, and the forces that they are held with act on it.  The nodes of an averaged interface stay

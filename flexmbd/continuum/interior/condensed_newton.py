@@ -203,7 +203,7 @@ class CondensedNewton:
         """Go along the last correction until what is out of balance does less work on it. Collective.
 
         Returns:
-            (local dofs,) m; the constraints; the forces; and what of them is out of balance.
+            (local dofs,) m; the constraints; the forces; and their residual.
         """
         share, best = 1.0, None
         failed: InvertedCellError | LocalEquationError = InvertedCellError()

@@ -61,7 +61,7 @@ class RigidPlane:
             raise SceneError(f"{self.name}: penalty must be None or between 0 and 3, got {self.penalty!r}")
 
     def stiffness(self, h: float) -> float:
-        """What pushes a node back, per mass and depth, 1/s^2; zero without penalty.
+        """The penalty stiffness per mass of a node, 1/s^2; zero without penalty.
 
         Args:
             h: stable step of the undeformed body without contact, s.

@@ -39,7 +39,7 @@ _ESTIMATE = 1e-4
 
 @checked(agree=parallel.told_to_all)
 class ExplicitContinuum:
-    """What lies between the frames of a body with history. Constructing one is collective.
+    """The interior of a body with history, stepped explicitly between its frames. Constructing one is collective.
 
     Attributes:
         motion: of the nodes.

@@ -32,7 +32,7 @@ _ESTIMATE = 1e-4
 
 @dataclass(eq=False)
 class EnergyAccount:
-    """Energies (J) at instants, and what the balance lacks.
+    """Energies (J) at instants, and the error of their balance.
 
     Attributes:
         t: s, instants.

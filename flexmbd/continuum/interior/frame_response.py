@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrameResponse:
-    """The wrenches on k frames and what they depend on.
+    """The wrenches on k frames and their derivatives.
 
     Attributes:
         wrenches: (k, 6) on them.
@@ -100,7 +100,7 @@ class Condensation:
             motion: of the frames.
             x: (local nodes, 3) m.
             apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
-            dead_load: (owned dofs,) N, in inertial axes, what of the loads does not turn with the body.
+            dead_load: (owned dofs,) N, in inertial axes, the part of the loads that does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
         """
         matrix = tangent()

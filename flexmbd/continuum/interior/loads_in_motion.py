@@ -1,4 +1,4 @@
-"""Loads on a body with history that moves in a machine: what acts from step to step, and the work that it does."""
+"""Loads on a body with history that moves in a machine: nodal forces in each step, and their work."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class LoadsInMotion:
         return self.applied.values(beside(t, -1))
 
     def at(self, factors: FloatArray, axes: BodyAxes) -> TrialLoads:
-        """What acts on the body at trial displacements in these axes. Not collective."""
+        """The nodal forces on the body at trial displacements in these axes. Not collective."""
         dead = axes.to_body(self.applied.dead(factors, self.R_begun).reshape(-1))
         return TrialLoads(self._body, self.applied, factors, dead)
 

@@ -262,7 +262,7 @@ class NodalMotion:
         return force
 
     def energies(self) -> dict[str, float]:
-        """Energies, J, by name: what is stored, and what was lost. Collective; the same on all ranks.
+        """Energies, J, by name: stored and dissipated. Collective; the same on all ranks.
 
         "kinetic", "elastic", "plastic" (work of the yield stress), "contact" (stored by penalties and lost in
         impacts), "friction" and "damping" (lost), "gravitational";

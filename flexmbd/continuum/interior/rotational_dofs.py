@@ -103,7 +103,7 @@ class ExplicitOperator:
             self._condensed.solve(u, load)
 
     def force(self, u: FloatArray) -> FloatArray:
-        """K u of a complete displacement: what the nodes are to be loaded with to hold it. Collective.
+        """K u of a complete displacement: the nodal loads that hold it. Collective.
 
         Of the displacements with rotations condensed it is the condensed force of eq. 56. On bonded dofs it is
         minus the reactions C_delta and C_theta of eq. 52 and 53 on the rigid part.

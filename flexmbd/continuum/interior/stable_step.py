@@ -95,7 +95,7 @@ class StableStep:
 
     @property
     def memory(self) -> tuple[float, float]:
-        """What `present` goes on from; to be set anew with the body's history."""
+        """The state of the estimate `present`; to be set anew with the body's history."""
         return self._size, self._found
 
     @memory.setter

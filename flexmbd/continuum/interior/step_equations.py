@@ -81,7 +81,7 @@ class BodyAxes:
 
 @dataclass(frozen=True, eq=False)
 class TriedStep:
-    """A step to try: what its equations have in common wherever the frames go.
+    """A trial step: the parts of its equations that do not depend on the frames' motion.
 
     Attributes:
         t_end, h: s.
@@ -159,7 +159,7 @@ class StepEquations:
         return internal, inertia, self.loads.force(increment)
 
     def residual(self, increment: FloatArray) -> FloatArray:
-        """(owned dofs,) N, what is out of balance at a displacement (local dofs,) m. Collective.
+        """(owned dofs,) N, the residual at a displacement (local dofs,) m. Collective.
 
         Raises:
             ConvergenceError: as `NonlinearModel.force`.

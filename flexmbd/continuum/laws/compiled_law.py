@@ -12,7 +12,7 @@ from flexmbd.multibody.kernels.base.law_function import law_function, law_part
 
 
 class PointStep(NamedTuple):
-    """What a law is given of a step at a quadrature point.
+    """The arguments of a law for a step at a quadrature point.
 
     Strains are xx, yy, zz, yz, xz, xy with twice the tensor's shears; stresses are in the same order.
 

@@ -1,4 +1,4 @@
-"""An equilibrium of a body on a path, and what its tangent stiffness tells there."""
+"""An equilibrium of a body on a path, and the eigenvalues of its tangent stiffness there."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class BodyPoint:
 
     @property
     def state(self) -> HistorySnapshot:
-        """What the body remembers there; until it is accepted, what it did before."""
+        """The body's state there; until it is accepted, the state before."""
         return self.before if self.after is None else self.after
 
     @property
@@ -89,7 +89,7 @@ class BodySpectrum:
 
     @property
     def round_off(self) -> float:
-        """What the factor leaves of an eigenvalue that is zero."""
+        """The round-off of the factor in an eigenvalue that is zero."""
         return self._near(1).round_off
 
     @property

@@ -1,4 +1,4 @@
-"""What loads a body slowly: given displacements and forces as functions of the load parameter, and the balance."""
+"""The slow loading of a body: given displacements and forces as functions of the load parameter, and the balance."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class SlowLoads:
         return TrialLoads(self.body, self.applied, values, dead)
 
     def balance(self, outer: TrialLoads, increment: FloatArray, *, dt: float = 0.0, least: float = 0.0) -> Balance:
-        """What is out of balance at a trial displacement after dt (s). Collective.
+        """The residual at a trial displacement after dt (s). Collective.
 
         ``least``: N, that the forces at hand are taken to have at least.
 

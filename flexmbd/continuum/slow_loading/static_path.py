@@ -50,7 +50,7 @@ class Equilibrium:
 
 @dataclass(eq=False)
 class StaticPath:
-    """The equilibria of a slow loading, and what they cost.
+    """The equilibria of a slow loading, and the iterations that they took.
 
     Attributes:
         steps: the accepted ones.

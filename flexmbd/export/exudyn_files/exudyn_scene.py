@@ -25,7 +25,7 @@ from flexmbd.rotation import check_rotation
 
 @dataclass(frozen=True)
 class ExudynBody:
-    """What a body became in a system of Exudyn; indices as Exudyn gives them.
+    """The items of a body in a system of Exudyn, by Exudyn's indices.
 
     Attributes:
         object: the ObjectFFRFreducedOrder.

@@ -82,7 +82,7 @@ SOURCE_SYMBOLS = b"#define SYMBOL(name) /* the names are those of the sources */
 
 
 def c_names(kernels: Iterable[KernelProgram]) -> dict[str, str]:
-    """What C calls each kernel, by its symbol: the same in every unit."""
+    """The C name of each kernel, by its symbol: the same in every unit."""
     return {one.symbol: f"kernel_{sha256(one.symbol.encode()).hexdigest()[:16]}" for one in kernels}
 
 

@@ -1,4 +1,4 @@
-"""What the kernels of a machine work on, set up as its integrator would."""
+"""The arrays of a machine's kernels, set up as its integrator would."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _STANDSTILL = Tableau(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)))
 
 @dataclass(frozen=True)
 class Call:
-    """A kernel and what it is called with."""
+    """A kernel and its arguments."""
 
     kernel: Any
     arguments: tuple[Any, ...]
@@ -63,7 +63,7 @@ class FrameCall:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What the kernels of a machine work on.
+    """The arrays of a machine's kernels.
 
     Attributes:
         run: takes a step, for the record has room for one.
@@ -93,7 +93,7 @@ class Parts:
 
 
 def refuse_functions(scene: CompiledScene) -> None:
-    """Refuse what no kernel computes: bodies with history, users' functions.
+    """Refuse parts that no kernel computes: bodies with history, users' functions.
 
     Raises:
         ExportError: naming them.
@@ -166,7 +166,7 @@ def refuse_unstable_step(start: Start, method: Method, h: float) -> None:
 
 
 def with_tangents(parts: Parts, scene: CompiledScene) -> Parts:
-    """The parts with what model exchange asks for.
+    """The parts with the tangents for model exchange.
 
     Raises:
         ExportError: the machine is more than a system of first order in joint coordinates and velocities.

@@ -1,4 +1,4 @@
-"""Inputs and outputs of a machine: given forces that are set from outside, and what is observed."""
+"""Inputs and outputs of a machine: forces that are set from outside, and observed quantities."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def named(ports: Sequence[T] | Mapping[str, T]) -> list[tuple[str | None, T]]:
 
 
 def replaced(force: Given) -> Given:
-    """The force with a function of time in place of each number, which is what an input sets."""
+    """The force with a function of time, which an input sets, in place of each number."""
     if not isinstance(force, Given):
         raise ExportError(
             f"{force!r} is not an input of a machine; give a JointTorque, JointForce, FrameForce or DistributedLoad"

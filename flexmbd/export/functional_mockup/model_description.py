@@ -20,7 +20,7 @@ class Fmi(IntEnum):
 
 
 class Causality(Enum):
-    """What a variable is for its unit."""
+    """The causality of a variable of the unit."""
 
     INPUT = "input"
     PARAMETER = "parameter"

@@ -106,7 +106,7 @@ def this_target(fmi: Fmi, *, otherwise: str = "") -> Target:
 
 
 def targets_of(fmi: Fmi, *, windows: bool, binary: bool = True, otherwise: str = "") -> tuple[Target, ...]:
-    """What binaries are compiled for, once each compiler is found.
+    """The targets of the binaries, once each compiler is found.
 
     Raises:
         ExportError: there is no such binary, or no compiler; the message ends with ``otherwise``.

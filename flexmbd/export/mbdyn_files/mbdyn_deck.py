@@ -22,7 +22,7 @@ MODAL_NODE, MODAL_JOINT, HINGE = 1, 10, 20
 
 @dataclass(frozen=True)
 class MbdynPendulum:
-    """What a deck says, for whoever builds the same machine elsewhere; the world's axes are those of B at the start.
+    """The numbers of a deck, for building the same machine elsewhere; the world's axes are those of B at the start.
 
     Attributes:
         hinge: the interface that hangs.

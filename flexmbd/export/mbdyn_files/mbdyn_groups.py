@@ -1,4 +1,4 @@
-"""The record groups of a data file (.fem) of MBDyn's modal joint, as words, and what each must have."""
+"""The record groups of a data file (.fem) of MBDyn's modal joint, as words, and their sizes."""
 
 from __future__ import annotations
 

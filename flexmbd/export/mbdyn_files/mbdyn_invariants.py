@@ -90,7 +90,7 @@ def invariants(gram: FloatArray) -> Invariants:
 
 
 def gram_of(rigid: RigidInertia, found: Invariants, modal_mass: FloatArray) -> FloatArray:
-    """The Gram matrix (4 + 3 n, 4 + 3 n) of groups 9, 12 and 14 to 18; what is not there is completed.
+    """The Gram matrix (4 + 3 n, 4 + 3 n) of groups 9, 12 and 14 to 18; missing groups are completed.
 
     Args:
         rigid: group 12.
@@ -138,7 +138,7 @@ def gram_of(rigid: RigidInertia, found: Invariants, modal_mass: FloatArray) -> F
 
 
 def stiffening_loads(interfaces: Sequence[str]) -> list[str]:
-    """What a record calls the loads of group 19, in its order.
+    """The record's names of the loads of group 19, in its order.
 
     Products of angular velocities, angular accelerations, accelerations, then force and moment on each interface.
     """

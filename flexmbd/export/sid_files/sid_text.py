@@ -36,7 +36,7 @@ NODE_BLOCKS = ("origin", "phi", "psi", "AP")
 
 
 class Structure(IntEnum):
-    """What a block says of its matrix before its entries."""
+    """The head of a block, before the entries of its matrix."""
 
     ZERO = 0
     DIAGONAL = 1
@@ -60,7 +60,7 @@ class SidNode:
 
 @dataclass(frozen=True, eq=False)
 class SidModal:
-    """What a file says of a body.
+    """The contents of a SID file.
 
     Attributes:
         title: the free text of its first line.

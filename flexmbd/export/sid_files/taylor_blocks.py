@@ -100,7 +100,7 @@ class Integrals:
 
 
 def taylor_blocks(body: ReducedBody) -> dict[str, Taylor]:
-    """The blocks of a body by name, with what its `geometric` group says of stiffening by its frame's motion."""
+    """The blocks of a body by name, with the stiffening by its frame's motion of its `geometric` group."""
     n, gram = body.n_modes, body.gram
     f, sf = gram[0, 4:].reshape(n, 3), gram[1:4, 4:].reshape(3, n, 3)
     ff = gram[4:, 4:].reshape(n, 3, n, 3)

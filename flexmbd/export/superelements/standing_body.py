@@ -26,7 +26,7 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """What a structure stands on.
+    """The foundation of a structure.
 
     Attributes:
         foundation: name of the interface that is to be fixed.

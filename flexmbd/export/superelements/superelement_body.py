@@ -112,7 +112,7 @@ def _body_frame(element: Superelement, M: FloatArray) -> tuple[FloatArray, Float
 
 
 def resistance(matrix: FloatArray, motions: FloatArray) -> float:
-    """The largest force of a rigid motion, as a share of what would come without cancellation.
+    """The largest force of a rigid motion, as a share of the sum of its terms' magnitudes.
 
     Args:
         matrix: (N, N) stiffness or damping, dense or sparse.

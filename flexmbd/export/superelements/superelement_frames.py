@@ -1,4 +1,4 @@
-"""Interfaces in the files of superelements: what they are called, where they are, and how files say it.
+"""Interfaces in the files of superelements: their names, positions and axes, and comments about them.
 
 Programs know numbers of nodes and positions. Names, axes and the body frame stand in comments, one JSON object an
 interface, so that a file of ours comes back with them and other programs pass over them.
@@ -49,7 +49,7 @@ class InterfaceNode:
 
 @dataclass(frozen=True, eq=False)
 class ReadMatrices:
-    """What a file holds of a superelement: its rows are those of `interfaces` in order, then the modes.
+    """The matrices of a superelement in a file: rows of `interfaces` in order, then of the modes.
 
     `units` is what the file itself says of them, None where it says nothing.
     """
@@ -65,7 +65,7 @@ class ReadMatrices:
 
 @dataclass(frozen=True, eq=False)
 class FileComments:
-    """What comments of ours say; of other files: nothing.
+    """The contents of flexmbd's own comments; empty of other programs' files.
 
     Attributes:
         interfaces: by name, in the file's units.

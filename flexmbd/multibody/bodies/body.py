@@ -72,7 +72,7 @@ class Body(Protocol):
 
     @property
     def shape(self) -> Shape | None:
-        """What pictures show of it, in body axes; None: what it has of its own, or symbols."""
+        """Its shape in pictures, in body axes; None: its own surface, or symbols."""
 
     def reduced(self) -> ReducedBody | None:
         """The flexible part, or None for a rigid body."""
@@ -111,7 +111,7 @@ def refuse_change(body: object, name: str, fixed: tuple[str, ...]) -> None:
 
 @dataclass(eq=False)
 class Ground:
-    """The inertial frame, as a body that does not move; its ``shape`` is what pictures show of it, as a floor."""
+    """The inertial frame, as a body that does not move; its ``shape`` is drawn in pictures, as a floor."""
 
     name: str = "ground"
     mass: float = 0.0
@@ -344,7 +344,7 @@ class FlexibleBody:
         size: tuple[int, int] = (1280, 720),
         view: ArrayLike | None = None,
     ) -> Path | None:
-        """Show the body or one of its modes; see ``ReducedBody.show``, also for what is raised."""
+        """Show the body or one of its modes; see ``ReducedBody.show``, with the same errors."""
         return self.record.show(mode=mode, amplitude=amplitude, path=path, size=size, view=view)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:

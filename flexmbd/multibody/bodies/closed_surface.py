@@ -28,7 +28,7 @@ class Moments(NamedTuple):
 
 
 def outward(points: ArrayLike, triangles: ArrayLike) -> tuple[FloatArray, IntArray]:
-    """A closed surface with every triangle facing out of what it encloses: points (k, 3) m and triangles (s, 3).
+    """A closed surface with every triangle facing outwards: points (k, 3) m and triangles (s, 3).
 
     The surface may be of several pieces: bodies side by side, cavities in them.  A piece that is inside out is
     turned; a cavity may face either way.  Points at the same place count as one, as in files that list the corners of
@@ -50,7 +50,7 @@ def outward(points: ArrayLike, triangles: ArrayLike) -> tuple[FloatArray, IntArr
 
 
 def enclosed_moments(x: FloatArray, corners: IntArray) -> Moments:
-    """Integrals over what a surface of ``outward`` encloses, exact for its flat triangles.
+    """Integrals over the volume inside a surface of ``outward``, exact for its flat triangles.
 
     Args:
         x: (n, 3) m.

@@ -1,4 +1,4 @@
-"""Bodies with history: what lies between rigid interface frames, and the body that the machine sees.
+"""Bodies with history: interiors between rigid interface frames, and the body that the machine sees.
 
 To the machine each interface frame is a rigid body (the rigid part and the lumped mass of the nodes bonded to it:
 Ambrosio & Nikravesh 1992, eq. 47-53), which joints and forces take hold of as of any other.  What lies between the
@@ -253,7 +253,7 @@ class ImplicitInterior(Interior, Protocol):
 
 
 class InteriorIteration(NamedTuple):
-    """What one of Newton's iterations of an interior tells the machine.
+    """The result of one of Newton's iterations of an interior.
 
     Attributes:
         wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its

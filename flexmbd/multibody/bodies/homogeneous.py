@@ -71,7 +71,7 @@ class HomogeneousEnergy(Protocol):
 
     @property
     def address(self) -> int:
-        """Of a C function that adds to the record's energy what it does not have; 0 where that has all."""
+        """Address of a C function that adds the energy that the record lacks; 0 where it lacks none."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class DistributedLoad(OffJoints):
     factor: TimeFunction = 1.0
 
     def __post_init__(self) -> None:
-        """Raise SceneError for what has no record, or a load's name that is no text."""
+        """Raise SceneError for a body without a record, or a load's name that is no text."""
         refuse_other(self.body, FlexibleBody, "what a DistributedLoad acts on", wanted="a FlexibleBody")
         refuse_no_name(self.name, "the name of a load")
 
@@ -47,7 +47,7 @@ class DistributedLoad(OffJoints):
         return f"DistributedLoad {self.name!r} on {self.body.name or 'flexible body'}"
 
     def check(self) -> None:
-        """Raise SceneError if the record has no such load."""
+        """Raise SceneError if the record has no load of that name."""
         loads = self.body.record.loads
         names = () if loads is None else loads.names
         if self.name not in names:

@@ -25,7 +25,7 @@ class Axes(Enum):
 
     @property
     def element(self) -> ElementKind:
-        """What kernels know such a force as."""
+        """The kernels' element of this force."""
         return GIVEN_IN_F if self is Axes.WORLD else GIVEN_IN_G
 
 

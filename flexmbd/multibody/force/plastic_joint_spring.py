@@ -42,7 +42,7 @@ class PlasticJointSpring(OnCoordinate):
     coordinate: int = 0
 
     def check(self) -> None:
-        """Raise SceneError for a joint without that coordinate, or points that are no such curve."""
+        """Raise SceneError for a joint without that coordinate, or points that are no yield curve."""
         super().check()
         check_numbers(self.what, least={"|rest|": abs(self.rest)})
         yield_curve(self.deformation, self.force, self.kinematic, self.what)

@@ -32,7 +32,7 @@ class PlasticSpring(BetweenFrames):
     kinematic: float = 1.0
 
     def check(self) -> None:
-        """Raise SceneError for points that are no such curve, or a length that no spring has."""
+        """Raise SceneError for points that are no yield curve, or a wrong rest length."""
         check_numbers(self.what, positive={"length": self.length})
         yield_curve(self.deformation, self.force, self.kinematic, self.what)
 

@@ -162,7 +162,7 @@ class ElementTable(Protocol):
         """
 
     def memory(self, names: Mapping[str, float]) -> int:
-        """Place in x of a memory that begins with these values, behind what every element with memory notes."""
+        """Place in x of a memory that begins with these values, behind those that every element with memory has."""
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """Place in x of the side of a switch, whose number is ``value``."""

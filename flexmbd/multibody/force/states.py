@@ -232,7 +232,7 @@ class _PythonEquations:
         self._machine = machine
 
     def __call__(self, t: float, z: FloatArray, u: FloatArray) -> FloatArray:
-        """Rates and outputs in one, by states z (n,) and what they follow, u (m,)."""
+        """Rates and outputs in one array, by states z (n,) and followed quantities u (m,)."""
         n, k = self._states.count, len(self._states.inputs)
         rates = self._asked(0, t, z, u, n)
         if not k or self._functions[1] is None:

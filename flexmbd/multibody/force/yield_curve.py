@@ -46,7 +46,7 @@ class YieldCurve:
         return np.array([kinematic, n, self.stiffness, *side_by_side, self.slopes[-1], *growing, last])
 
     def memory(self) -> dict[str, float]:
-        """Names of what the law remembers, with the zeros that it begins with."""
+        """Names of the law's memory, with the zeros that it begins with."""
         own = N_MEMORY_BEFORE - len(PLASTIC_NAMES) + len(self.yields)
         return dict.fromkeys([*PLASTIC_NAMES, *(f"_{k}" for k in range(own))], 0.0)
 

@@ -62,7 +62,7 @@ def is_polynomial(function: Any) -> TypeGuard[PPoly]:
 
 
 def spline(table: Table, what: str) -> PPoly:
-    """A table as a piecewise cubic whose end pieces go on as the table is to.
+    """A table as a piecewise cubic whose end pieces extend it as the table's `beyond` says.
 
     Warns with a TableWarning where cubics would leave the range of the points by more than that range, and takes
     monotone ones there.

@@ -95,7 +95,7 @@ def at_side(switched: Switched, side: float) -> Any:
 
 
 def switch_number(switched: Switched, side: float, *arguments: Any) -> Any:
-    """What ``when`` gives for a side and the law's other arguments."""
+    """The value of ``when`` for a side and the law's other arguments."""
     when = switched.when
     if not isinstance(when, Compiled):
         return when(*arguments, side) if switched.follows_side else when(*arguments)

@@ -119,7 +119,7 @@ class TimeRow:
 
 
 def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
-    """Translate what a user gave into a ``TimeRow``.
+    """Translate a user's function of time into a ``TimeRow``.
 
     Args:
         function: the user's function of time.
@@ -147,7 +147,7 @@ def as_row(function: TimeFunction, what: str, *, motion: bool) -> TimeRow:
 
 
 def load_row(function: TimeFunction, what: str, *, rate: bool) -> TimeRow:
-    """`as_row` of what loads a machine and moves none of its coordinates, with its derivatives where ``rate``."""
+    """`as_row` of a load, which moves no coordinate, with its derivatives where ``rate``."""
     return replace(as_row(function, what, motion=rate), motion=False)
 
 

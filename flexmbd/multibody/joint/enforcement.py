@@ -1,4 +1,4 @@
-"""Choices of how a joint is carried: by coordinates or constraints, and what enforces the latter."""
+"""Choices for a joint: coordinates or constraints, and how the constraints are enforced."""
 
 from __future__ import annotations
 

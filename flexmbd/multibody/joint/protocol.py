@@ -142,7 +142,7 @@ class AlongAxis:
 
 
 class CarriedBySteps:
-    """Base of joints that a tree can carry: what their steps say of their coordinates."""
+    """Base of joints that a tree can carry: coordinates follow from their steps."""
 
     @property
     def start(self: Joint) -> tuple[float, ...]:

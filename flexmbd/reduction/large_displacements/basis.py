@@ -1,4 +1,4 @@
-"""What a body that bends a lot has in its basis and its record: modal derivatives, and `NonlinearStiffness`."""
+"""Basis and record of a body with large displacements: modal derivatives, and `NonlinearStiffness`."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class NonlinearShapes:
 
 @dataclass(frozen=True, eq=False)
 class LargeDisplacements:
-    """What is kept of them for the record.
+    """Large displacements as the record keeps them.
 
     Attributes:
         faces: by the coordinates of the basis.
@@ -83,7 +83,7 @@ class LargeDisplacements:
 
     @property
     def stiffness(self) -> FloatArray:
-        """(n, n) N/m and so on: what keeps rigid faces rigid, beside the stiffness of the model."""
+        """(n, n) N/m and so on: the membranes' stiffness, which keeps rigid faces rigid."""
         return self.faces.products(self.faces)
 
     def group(self, modes: FloatArray, change: FloatArray) -> tuple[NonlinearStiffness, str]:

@@ -1,4 +1,4 @@
-"""What keeps the face of a rigid interface rigid where shapes of a basis strain it: a stiff membrane on the face.
+"""A stiff membrane on the face of a rigid interface, which keeps it rigid where shapes of a basis strain it.
 
 The displacement of a face is affine, d + A X, and linear in the coordinates. Turned by a finite angle it is rigid only
 where the coordinates of the further shapes follow the turn; left alone they give way to the body's stress, which would
@@ -49,7 +49,7 @@ class FaceMembranes:
         return np.stack([A[:, a, a] if a == b else A[:, a, b] + A[:, b, a] for a, b in _VOIGT], axis=1)
 
     def products(self, other: FaceMembranes) -> FloatArray:
-        """(n, m) J: what the membranes add to the stiffness between these fields and others."""
+        """(n, m) J: the membranes' stiffness between these fields and others."""
         return np.asarray(np.einsum("bin,bij,bjm->nm", self.strains, self.stiffness, other.strains, optimize=True))
 
     def higher_products(self) -> tuple[FloatArray, FloatArray]:

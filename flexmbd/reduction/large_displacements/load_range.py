@@ -1,4 +1,4 @@
-"""The loads between which a body that bends a lot is to be right: what of them is sampled."""
+"""The range of loads for which a body with large displacements is to be accurate, and its samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a body that bends a lot is reduced: what a user says of it, and which bodies may be."""
+"""Choices for the reduction of bodies with large displacements, and which bodies can be reduced so."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def refuse_other_nonlinear(value: object) -> None:
 
 
 def check_nonlinear(model: LinearModel) -> None:
-    """Refuse a body that modal derivatives do not know. Collective.
+    """Refuse a body for which there are no modal derivatives. Collective.
 
     Raises:
         ReductionError: on all ranks.

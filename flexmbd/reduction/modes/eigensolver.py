@@ -1,4 +1,4 @@
-"""By which method the modes of a reduction are found, and what a search for modes offers to the rest."""
+"""The eigensolvers of a reduction, and the protocol of a search for modes."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class ModeSearch(Protocol):
         """
 
     def search_again(self) -> None:
-        """Go on from generic directions until two more modes are found, and with them what had been missed below.
+        """Go on from generic directions until two more modes are found, and with them any that were missed below.
 
         Raises:
             ConvergenceError: as `find`.

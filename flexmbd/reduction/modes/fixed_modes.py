@@ -128,7 +128,7 @@ def fixed_interface_modes(
 def truncation_errors(
     model: LinearModel, modes: Sequence[int], *, frame: str | None, count: int = LOWEST, held: bool = False
 ) -> TruncationErrors:
-    """Estimate what several numbers of modes do to a body's frequencies. Collective.
+    """Estimate the errors of a body's frequencies by several numbers of modes. Collective.
 
     Costs about as much as one reduction to the largest of them. An estimate is not below the true error against the
     unreduced body, and at most about twice that (`flexmbd.reduction.modes.spectrum_error`).

@@ -19,7 +19,7 @@ _DEPENDENT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """What may be kept of s static shapes.
+    """Candidates among s static shapes.
 
     Attributes:
         following: (s, k) motions of what is kept, and those of the rest by statics.
@@ -45,7 +45,7 @@ def interface_candidates(
     joint: NDArray[np.bool_],
     local: bool,
 ) -> Candidates:
-    """What follows the kept motions, and the modes of the rest; not collective.
+    """The shapes that follow the kept motions, and the modes of the rest; not collective.
 
     Args:
         statics: of the body.

@@ -109,7 +109,7 @@ def kept_interfaces(statics: Statics, choice: InterfaceModes | None) -> tuple[Fo
 
 
 def check_interface_modes(choice: InterfaceModes, model: LinearModel, *, frame: str | None) -> None:
-    """Refuse what is not well formed; not collective.
+    """Refuse wrong choices of interface modes; not collective.
 
     Raises:
         ReductionError: another object, unknown or repeated joints, or nothing that is reduced.
@@ -132,7 +132,7 @@ def check_interface_modes(choice: InterfaceModes, model: LinearModel, *, frame: 
 
 
 def interface_shapes(statics: Statics, fixed: Modes, choice: InterfaceModes) -> InterfaceShapes:
-    """What is kept and the characteristic constraint modes of the rest. Collective.
+    """The kept static shapes and the characteristic constraint modes of the rest. Collective.
 
     Args:
         statics: of the body.

@@ -54,7 +54,7 @@ class StaticPart:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """What is known of a body's eigenvalues once k fixed-interface modes are known; of one rank.
+    """Bounds of a body's eigenvalues by k fixed-interface modes; of one rank.
 
     Attributes:
         eigenvalues: (k,) of these modes, ascending, 1/s^2.
@@ -119,7 +119,7 @@ def static_part(statics: Statics) -> StaticPart:
 
 
 def compute_spectrum(static: StaticPart, process: ModeSearch) -> Spectrum:
-    """What the modes that have converged tell of the body; at least one, or all there are. Collective."""
+    """The bounds by the modes that have converged; at least one, or all there are. Collective."""
     k = len(process.eigenvalues) - (0 if process.exhausted else 1)
     eigenvalues = process.eigenvalues[:k]
     following = np.inf if process.exhausted else float(process.eigenvalues[k])

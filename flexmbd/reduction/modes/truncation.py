@@ -60,7 +60,7 @@ class Truncation:
 
 
 def chosen_truncation(choice: object) -> Truncation:
-    """What was asked for, a number of modes or a `Truncation`, checked; not collective.
+    """A number of modes or a `Truncation` as a checked `Truncation`; not collective.
 
     Raises:
         ReductionError: not exactly one way, apart from a frequency beside a tolerance; or a value out of range.

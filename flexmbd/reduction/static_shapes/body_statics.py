@@ -1,4 +1,4 @@
-"""Makes the statics of a body: what holds it, where its frame is, and the factor of its stiffness."""
+"""The statics of a body: its supports, its frame, and the factor of its stiffness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What interfaces do to a body that moves them: which dofs they bind, by what motions, and what they average."""
+"""Motions of interfaces: the dofs that they bind, by which motions, and their averages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Memory: what this computer has left for a rank, and what a reduction needs beside the inverse of the stiffness."""
+"""Memory: the share of this computer's that a rank may take, and the needs of a reduction."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class RigidModes:
     mass: FloatArray
 
     def coordinates(self, displacement: FloatArray) -> FloatArray:
-        """(6, k) what displacements (owned dofs, k) have of the rigid modes. Collective.
+        """(6, k) the rigid modes' coordinates of displacements (owned dofs, k). Collective.
 
         The rest, u - R c, fulfils the mean-axis conditions: integral rho u = 0 and
         integral rho x cross u = 0 (Tisserand; Canavin & Likins 1977, doi:10.2514/3.57261).

@@ -157,7 +157,7 @@ class Statics:
 
     @cached_property
     def frame_motions(self) -> FrameMotions:
-        """What supports leave to the frames of all interfaces but the first. Collective at the first call."""
+        """The motions of all interfaces' frames but the first that supports allow. Collective at the first call."""
         return frame_motions(self.model, self.interfaces[1:], axes=self.R)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What round-off does to a stiffness: bounds in proportion to what was added up, not to what came out.
+"""Round-off of a stiffness: bounds in proportion to the terms of each sum, not to the sum.
 
 The forces K u are sums of terms as large as |K| |u|, entry by entry, and each is known to a few units of its last
 digit; where a body is thin, slender or nearly incompressible the sums are smaller than their terms by many orders.

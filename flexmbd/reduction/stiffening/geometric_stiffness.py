@@ -152,7 +152,7 @@ class Stiffening:
 
     @property
     def note(self) -> str:
-        """What the record's provenance says of them."""
+        """The record's provenance of geometric stiffness."""
         said = f"{len(self.geometric.loads)} loads, {len(self.stretch.strain)} membrane strains"
         if self.resolved is None:
             return said

@@ -1,4 +1,4 @@
-"""What the stress of a static displacement adds to the modal stiffness.
+"""The modal stiffness by the stress of a static displacement.
 
 With E = sym H + H^T H / 2, H = grad u, the strain energy about rest is W = W2 + W3 + ..., where
 

@@ -1,4 +1,4 @@
-"""Further modes for what the loads of a body's own motion stretch.
+"""Further modes for membrane strains by the loads of a body's own motion.
 
 A spinning beam is stretched by forces that grow along it, and its tension stiffens its bending.  Interface shapes have
 the tension of a force at the tip, and the modes that would mend it are far above the range of frequencies that modes

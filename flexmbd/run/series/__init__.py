@@ -1,1 +1,1 @@
-"""What a trajectory is asked for: the motion between its steps, forces, and columns of tables."""
+"""Series of a trajectory: the motion between its steps, forces, and columns of tables."""

@@ -32,7 +32,7 @@ _ENERGIES = ("kinetic", "elastic", "gravitational", "spring", "total")
 
 
 class Answers(Protocol):
-    """What is asked of a trajectory."""
+    """The questions that a trajectory answers for tables."""
 
     @property
     def t(self) -> FloatArray:
@@ -86,7 +86,7 @@ class Answers(Protocol):
         """(nt, n) values of state equations."""
 
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
-        """What a force element remembers, by name."""
+        """The memory of a force element, by name."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class ResultColumns:
 
 @dataclass(frozen=True)
 class FrameSeries:
-    """What can be asked of a frame."""
+    """The series of a frame."""
 
     endings: tuple[str, ...]
     unit: str
@@ -292,7 +292,7 @@ def modal_columns(body: FlexibleBody) -> ResultColumns:
 
 
 def reaction_columns(joint: Connection) -> ResultColumns:
-    """What a joint passes on, as ``Trajectory.reaction``, at the ends of steps alone."""
+    """The reaction of a joint, as ``Trajectory.reaction``, at the ends of steps alone."""
 
     def values(run: Answers, t: FloatArray | None) -> FloatArray:
         if t is not None:
@@ -304,7 +304,7 @@ def reaction_columns(joint: Connection) -> ResultColumns:
 
 
 def memory_columns(label: str, force: Force, names: Sequence[str], units: Sequence[str]) -> ResultColumns:
-    """What a force element remembers under these names."""
+    """The memory of a force element under these names."""
 
     def values(run: Answers, t: FloatArray | None) -> FloatArray:
         found = run.remembered(force, t=t)

@@ -1,4 +1,4 @@
-"""What acts in a machine over its rows: reactions, drives, energies, what bodies with history exert."""
+"""Forces in a machine over its rows: reactions, drives, energies, wrenches of bodies with history."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class ForceSeries(MotionSeries):
         return finite_answer(f"the reaction of joint {connection.name!r}", self.t, np.vstack(found))
 
     def drive(self, connection: Connection) -> FloatArray:
-        """(nt,) N m or N: what drives a joint: prescribed motion, joint torques and forces, users' functions.
+        """(nt,) N m or N: the drive of a joint by prescribed motion, joint torques and forces, users' functions.
 
         Springs, dampers, stops, friction and forces on frames are no drive.  Given forces are evaluated anew, which
         is collective over the team where they are Python callables.  Of a joint held by constraints it is what
@@ -173,7 +173,7 @@ class ForceSeries(MotionSeries):
 
     @checked("t")
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
-        """What a force element with memory remembers, by name, each (nt,); or of the step's beginning at times ``t``.
+        """The memory of a force element, by name, each (nt,); or of the step's beginning at times ``t``.
 
         Of elasto-plastic springs ``deformation`` (m or rad), ``plastic_deformation``, ``plastic_way``, the sum of its
         changes, and ``dissipated`` (J); of a law of one's own what it has named.

@@ -1,4 +1,4 @@
-"""What follows from a machine's rows by kinematics: frames, joint and modal coordinates, momenta, at any time."""
+"""Kinematics of a machine over its rows: frames, joint and modal coordinates, momenta, at any time."""
 
 from __future__ import annotations
 

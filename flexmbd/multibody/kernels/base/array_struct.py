@@ -1,4 +1,4 @@
-"""Structures of arrays that kernels take by one pointer: ``Plan``, work arrays, what a method works with.
+"""Structures of arrays that kernels take by one pointer: ``Plan``, work arrays, arrays of methods.
 
 numba would hand a tuple of n arrays from kernel to kernel as 7 n words or so, written by the caller and read by the
 callee, and would compile them so at every call.  A structure is a pointer to a block of words instead (an array's data
@@ -107,7 +107,7 @@ _WORD, _NUMBER = struct.Struct("q"), struct.Struct("d")
 
 
 def words(value: Any) -> list[int]:
-    """Return what of a field stands in its structure's block: 64-bit words."""
+    """Return the 64-bit words that encode a field in its structure's block."""
     if isinstance(value, np.ndarray):
         return [address_of_data(value), *value.shape]
     if isinstance(value, ArrayStruct):

@@ -1,4 +1,4 @@
-"""What stands in the block of a structure of arrays (`array_struct`): 64-bit words."""
+"""The layout of the block of a structure of arrays (`array_struct`): 64-bit words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Layout:
-    """What stands in a structure's block of 64-bit words.
+    """The layout of a structure's block of 64-bit words.
 
     Attributes:
         qualified: the structure's name, with its module.
