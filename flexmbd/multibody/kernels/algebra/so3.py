@@ -219,7 +219,11 @@ def left_jacobian_rate(v, u):
 
 @entry_kernel
 def rotation_vector(m):
-    """The rotation vector of a rotation matrix, its angle at most pi (Shepperd 1978)."""
+    """The rotation vector of a rotation matrix, its angle at most pi (Shepperd 1978).
+
+    Args:
+        m: nine float64, the matrix by rows.
+    """
     trace = m[0] + m[4] + m[8]
     if trace >= max(m[0], m[4], m[8]):
         w, v = 1.0 + trace, (m[7] - m[5], m[2] - m[6], m[3] - m[1])
@@ -298,7 +302,11 @@ def quaternion_matrix(q):
 
 @entry_kernel
 def quaternion_exp(v):
-    """Unit quaternion of the rotation vector v (rad)."""
+    """Unit quaternion of the rotation vector v (rad).
+
+    Args:
+        v: three float64, rad.
+    """
     x = 0.25 * dot3(v, v)
     half, _, _ = exp_coefficients(x)
     return (math.cos(math.sqrt(x)), 0.5 * half * v[0], 0.5 * half * v[1], 0.5 * half * v[2])
@@ -306,7 +314,12 @@ def quaternion_exp(v):
 
 @entry_kernel
 def quaternion_product(p, q):
-    """Hamilton's product, scaled back to unit length."""
+    """Hamilton's product, scaled back to unit length.
+
+    Args:
+        p: four float64, scalar part first.
+        q: four float64, scalar part first.
+    """
     w = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
     x = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
     y = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]

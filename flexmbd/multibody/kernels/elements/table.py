@@ -140,7 +140,14 @@ _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
 
 @entry_kernel
 def coordinate_law(plan, row, x, rate):
-    """Force on a coordinate x (rad or m) and its derivatives by x and its rate, of a row that `is_coordinate_law`."""
+    """Force on a coordinate x (rad or m) and its derivatives by x and its rate, of a row that `is_coordinate_law`.
+
+    Args:
+        plan: Plan, the compiled scene.
+        row: (N_ELEMENT,) int64, row of Plan.elements.
+        x: float64, rad or m.
+        rate: float64, rad/s or m/s.
+    """
     return _law(row[at.EL_KIND], (plan, row, x, rate))
 
 
@@ -158,13 +165,38 @@ def law_piece(plan, row, x):
 
 @entry_kernel
 def element_wrench(plan, work, row, d, R, rate, spin):
-    """Force on G at G's origin and torque on G, in F's axes, of a row that `is_between_frames`."""
+    """Force on G at G's origin and torque on G, in F's axes, of a row that `is_between_frames`.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        row: (N_ELEMENT,) int64, row of Plan.elements.
+        d: three float64, m, p_FG_F.
+        R: nine float64, R_FG by rows.
+        rate: three float64, m/s, rate of d in F's axes.
+        spin: three float64, rad/s, w_FG in F's axes.
+    """
     return _wrench(row[at.EL_KIND], (plan, work, row, d, R, rate, spin))
 
 
 @entry_kernel
 def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
-    """Its variation for d + dd, exp(dtheta) R, rate + drate, spin + dspin."""
+    """Variation of `element_wrench` for d + dd, exp(dtheta) R, rate + drate, spin + dspin.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        row: (N_ELEMENT,) int64, row of Plan.elements.
+        d: three float64, m, p_FG_F.
+        R: nine float64, R_FG by rows.
+        rate: three float64, m/s, rate of d in F's axes.
+        spin: three float64, rad/s, w_FG in F's axes.
+        dd: three float64, m, change of d.
+        dtheta: three float64, rad, rotation of R, in F's axes.
+        drate: three float64, m/s, change of rate.
+        dspin: three float64, rad/s, change of spin.
+        step: float64, share of the variation that a difference quotient takes, of laws without derivatives.
+    """
     return _variation(row[at.EL_KIND], (plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step))
 
 

@@ -105,6 +105,13 @@ def solve_mass(plan, work, aw, rhs, out):
     """Write M^-1 times each row of ``rhs`` (k, nv) into ``out`` (k, nv), with the factors at hand.
 
     Prescribed coordinates stay: their entries of ``rhs`` play no part and those of ``out`` are zero.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        aw: ArticulatedWork of the plan.
+        rhs: (k, nv) float64.
+        out: (k, nv) float64, output.
     """
     for k in range(rhs.shape[0]):
         for i in range(plan.driven.shape[0]):

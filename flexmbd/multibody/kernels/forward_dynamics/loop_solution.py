@@ -23,6 +23,14 @@ def solve_loops(plan, loops, rank, rows, motion, multipliers):
     """motion (nv,) = M^-1 C^T nu, 0 of prescribed velocities, and nu (m,), so that C motion = ``rows`` (m,).
 
     With the factors of `factor_loops` and the ranks that it wrote.
+
+    Args:
+        plan: Plan, the compiled scene.
+        loops: LoopRecursion of the plan.
+        rank: (groups,) int64, number of pivots that count, of each node.
+        rows: (m,) float64.
+        motion: (nv,) float64, output.
+        multipliers: (m,) float64, output.
     """
     ground = plan.tree.shape[0]
     loops.bias[:, :] = 0.0
@@ -142,7 +150,14 @@ def _spread_joint(plan, loops, b, motion):
 
 @entry_kernel
 def rows_times(plan, loops, vector, out):
-    """out (m,) = C times a vector (nv,), of the poses at which `factor_loops` was called last."""
+    """out (m,) = C times a vector (nv,), of the poses at which `factor_loops` was called last.
+
+    Args:
+        plan: Plan, the compiled scene.
+        loops: LoopRecursion of the plan.
+        vector: (nv,) float64.
+        out: (m,) float64, output.
+    """
     ground = plan.tree.shape[0]
     loops.moved[ground:, :] = 0.0
     for b in range(ground):

@@ -117,6 +117,13 @@ def solve_rows(plan, work, aw, paths, small):
     """Write C, U, Y into ``paths`` and the lower triangles of the blocks of C M^-1 C^T into ``small`` (m, m).
 
     Of the forward dynamics at hand, whose factors are in ``aw``, and of the kinematics in ``work``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        aw: ArticulatedWork of the plan.
+        paths: RowPaths, output.
+        small: (m, m) float64, output.
     """
     for c in range(paths.block.shape[0] - 1):
         for i in range(paths.block[c], paths.block[c + 1]):

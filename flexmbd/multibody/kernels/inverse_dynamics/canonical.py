@@ -88,7 +88,16 @@ def _modal_momentum(plan, work, i, x, v, none, row, out):
 
 @entry_kernel
 def momenta(plan, work, x, v, none, out):
-    """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``."""
+    """out = M(x) v; ``none`` is (nv,) zeros.  Leaves the kinematics of (x, v) in ``work``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+        v: (nv,) float64, velocities.
+        none: (nv,) float64, zeros.
+        out: (nv,) float64, output.
+    """
     forward_kinematics(plan, work, x, v, none)
     for i in range(plan.tree.shape[0]):
         body_momentum(plan, work, i, x, v, none, work.body[i], out)
@@ -109,7 +118,13 @@ def first_moment_of(plan, i, x):
 
 @entry_kernel
 def potential_energy(plan, work, x):
-    """Gravitational, strain and springs' energy (J) at x, whose kinematics ``work`` must hold."""
+    """Gravitational, strain and springs' energy (J) at x, whose kinematics ``work`` must hold.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+    """
     g = load3(plan.gravity, 0)
     energy = 0.0
     for i in range(plan.tree.shape[0]):
@@ -128,7 +143,14 @@ def potential_energy(plan, work, x):
 
 @entry_kernel
 def write_potential(plan, work, x, out):
-    """out[0] = `potential_energy`."""
+    """out[0] = `potential_energy`.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+        out: (1,) float64, output.
+    """
     out[0] = potential_energy(plan, work, x)
 
 

@@ -36,7 +36,14 @@ def _transpose(m):
 
 @entry_kernel
 def relative_motion(plan, work, f, g):
-    """p_FG_F, R_FG and the velocity and acceleration of G against F, all in F's axes."""
+    """p_FG_F, R_FG and the velocity and acceleration of G against F, all in F's axes.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        f: int64, row of Plan.frames, frame F.
+        g: int64, row of Plan.frames, frame G.
+    """
     p_F, R_F, v_F, w_F, a_F, dw_F = frame_motion(plan, work, f)
     p_G, R_G, v_G, w_G, a_G, dw_G = frame_motion(plan, work, g)
     d = rotate_back(R_F, sub3(p_G, p_F))
@@ -104,6 +111,13 @@ def constraints(plan, work, position, velocity, acceleration):
     """Write every row's residual (m or rad) and its first two time derivatives.
 
     The residual of a row that holds velocities alone is 0.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        position: (m,) float64, output.
+        velocity: (m,) float64, output.
+        acceleration: (m,) float64, output.
     """
     for i in range(plan.rows.shape[0]):
         row = plan.rows[i]

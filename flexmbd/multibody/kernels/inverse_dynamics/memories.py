@@ -33,6 +33,13 @@ def remember(plan, work, x, v, t):
     """Write into x (nx,) what all elements remember at t (s), having come to x, v from what they remembered there.
 
     Leaves the kinematics of (x, v) in ``work``, where any remembers between frames; accelerations are not known there.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration; its memories are written.
+        v: (nv,) float64, velocities.
+        t: float64, s.
     """
     _remember(plan, work, x, v, t)
 

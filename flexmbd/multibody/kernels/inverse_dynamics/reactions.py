@@ -41,6 +41,19 @@ def tree_reactions(plan, work, i, f, t, x, v, a, multipliers, scratch, out):
 
     The moment is about the origin of frame f, both in f's axes: the wrench that the motion of all
     outboard of the joint requires, less that of other forces.  ``scratch`` is (nv,).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        i: int64, row of Plan.tree.
+        f: int64, row of Plan.frames.
+        t: (nt,) float64, s.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        a: (nt, nv) float64, accelerations.
+        multipliers: (nt, m) float64, N or N m, of the constraint rows.
+        scratch: (nv,) float64.
+        out: (nt, 6) float64, output.
     """
     for k in range(x.shape[0]):
         evaluate_times(plan, t[k], work.time)
@@ -55,6 +68,19 @@ def row_reactions(plan, work, f, g, t, x, v, a, multipliers, scratch, out):
     """out[k] = force and moment on frame g, about its origin and in its axes, that rows from f to g give.
 
     Elements between the same two frames count with them.  ``scratch`` is (nv,).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        f: int64, row of Plan.frames.
+        g: int64, row of Plan.frames.
+        t: (nt,) float64, s.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        a: (nt, nv) float64, accelerations.
+        multipliers: (nt, m) float64, N or N m, of the constraint rows.
+        scratch: (nv,) float64.
+        out: (nt, 6) float64, output.
     """
     for k in range(x.shape[0]):
         evaluate_times(plan, t[k], work.time)

@@ -158,6 +158,11 @@ def _motion(frame_of, gravity, frames, bodies, f):
 def frame_motion(plan, work, f):
     """World pose of frame f and its motion in its own axes.
 
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        f: int64, row of Plan.frames.
+
     Returns:
         p_WF_W, R_WF, velocity of F's origin, w_WF_F, acceleration of the origin minus gravity,
         angular acceleration; the last four in F's axes.
@@ -167,7 +172,15 @@ def frame_motion(plan, work, f):
 
 @entry_kernel
 def forward_kinematics(plan, work, x, v, a):
-    """Fill the work rows with the pose and motion of all frames and bodies."""
+    """Fill the work rows with the pose and motion of all frames and bodies.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+        v: (nv,) float64, velocities.
+        a: (nv,) float64, accelerations.
+    """
     for k in range(work.memory.shape[0]):
         work.memory[k] = x[k]
     for f in range(plan.frames.shape[0]):
@@ -273,6 +286,14 @@ def load_frame(plan, work, f, force_F, torque_F, out):
     """Add (force, torque about F's origin; in F's axes) to the wrench required of frame f's body.
 
     ``out`` gets the modal part; a wrench on the ground is dropped.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        f: int64, row of Plan.frames.
+        force_F: three float64, N.
+        torque_F: three float64, N m.
+        out: (nv,) float64, generalised forces, added to.
     """
     b = plan.frame_of[f, at.FRAME_BODY]
     if b < 0:
@@ -334,6 +355,12 @@ def propagate_wrench(plan, work, i, out):
 
 @entry_kernel
 def backward_forces(plan, work, out):
-    """Carry the wrenches inwards and write the joints' generalised forces into ``out``."""
+    """Carry the wrenches inwards and write the joints' generalised forces into ``out``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        out: (nv,) float64, N or N m, output.
+    """
     for i in range(plan.tree.shape[0] - 1, -1, -1):
         propagate_wrench(plan, work, i, out)

@@ -16,7 +16,15 @@ from flexmbd.multibody.kernels.physics.one_dimensional_inertia import add_shaft_
 
 @entry_kernel
 def drive(plan, work, x, v, a):
-    """Set the prescribed coordinates, their rates and accelerations from ``work.time``."""
+    """Set the prescribed coordinates, their rates and accelerations from ``work.time``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+        v: (nv,) float64, velocities.
+        a: (nv,) float64, accelerations.
+    """
     for i in range(plan.driven.shape[0]):
         row = plan.driven[i]
         f = row[at.DRIVEN_TIME]
@@ -31,6 +39,15 @@ def residual(plan, work, x, v, a, multipliers, out):
 
     ``work.time`` must be up to date.  In the rows of prescribed coordinates ``out`` is the force
     that drives them.  Leaves the kinematics of (x, v, a) in ``work``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+        v: (nv,) float64, velocities.
+        a: (nv,) float64, accelerations.
+        multipliers: (m,) float64, N or N m, of the constraint rows.
+        out: (nv,) float64, N or N m, output.
     """
     for k in range(out.shape[0]):
         out[k] = 0.0

@@ -18,6 +18,13 @@ def energy_slopes(plan, work, i, step, out):
 
     out[1, :6], out[2, :6]: the energy's slopes by d (N) and by turns of G (N m), from ``step`` (m; rad) before to here,
     and from here to as far behind.  out[3, 0]: the energy (J).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        i: int64, row of Plan.elements.
+        step: (2,) float64, m and rad.
+        out: (4, 6) float64, output.
     """
     row = plan.elements[i]
     d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])

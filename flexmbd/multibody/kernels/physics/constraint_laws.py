@@ -141,7 +141,14 @@ def _rise_variation(n, dn):
 
 @entry_kernel
 def row_value(data, row, d, R):
-    """Value (m or rad) of a row that holds positions; 0 for one that holds velocities alone."""
+    """Value (m or rad) of a row that holds positions; 0 for one that holds velocities alone.
+
+    Args:
+        data: (k,) float64, Plan.data.
+        row: (N_ROW,) int64, row of Plan.rows.
+        d: three float64, m, p_FG_F.
+        R: nine float64, R_FG by rows.
+    """
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
     value = 0.0
@@ -167,7 +174,14 @@ def row_value(data, row, d, R):
 
 @entry_kernel
 def row_wrench(data, row, d, R):
-    """(force on G at G's origin, torque on G) of a unit multiplier, in F's axes."""
+    """(force on G at G's origin, torque on G) of a unit multiplier, in F's axes.
+
+    Args:
+        data: (k,) float64, Plan.data.
+        row: (N_ROW,) int64, row of Plan.rows.
+        d: three float64, m, p_FG_F.
+        R: nine float64, R_FG by rows.
+    """
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
     force = _ZERO
@@ -199,7 +213,16 @@ def row_wrench(data, row, d, R):
 
 @entry_kernel
 def row_wrench_variation(data, row, d, R, dd, dtheta):
-    """Change of ``row_wrench`` as d moves by dd (m) and R turns by dtheta (rad, F's axes)."""
+    """Change of ``row_wrench`` as d moves by dd (m) and R turns by dtheta (rad, F's axes).
+
+    Args:
+        data: (k,) float64, Plan.data.
+        row: (N_ROW,) int64, row of Plan.rows.
+        d: three float64, m, p_FG_F.
+        R: nine float64, R_FG by rows.
+        dd: three float64, m, change of d.
+        dtheta: three float64, rad, rotation of R, in F's axes.
+    """
     kind = row[at.ROW_KIND]
     k = row[at.ROW_INDEX]
     force = _ZERO

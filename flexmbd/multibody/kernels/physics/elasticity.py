@@ -61,7 +61,16 @@ def _add_forces(modal, flex, q, qd, scratch, out):
 
 @entry_kernel
 def add_elastic_forces(plan, flex, q, qd, scratch, out):
-    """`elastic_forces`, for Python."""
+    """`elastic_forces`, for Python.
+
+    Args:
+        plan: Plan, the compiled scene.
+        flex: (N_FLEX,) int64, the body's row of Plan.flex.
+        q: (n,) float64, modal coordinates.
+        qd: (n,) float64, their rates.
+        scratch: (n,) float64.
+        out: (n,) float64, modal forces, added to.
+    """
     elastic_forces(plan.modal, flex, q, qd, scratch, out)
 
 
@@ -83,14 +92,32 @@ def elastic_energy(plan, flex, q):
 
 @entry_kernel
 def strain_energies(plan, flex, rows, o, out):
-    """out[k] = `elastic_energy` (J) of the body whose modal coordinates stand from ``o`` in row k of ``rows``."""
+    """out[k] = `elastic_energy` (J) of the body whose modal coordinates stand from ``o`` in row k of ``rows``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        flex: (N_FLEX,) int64, the body's row of Plan.flex.
+        rows: (k, nx) float64, configurations.
+        o: int64, place of the modal coordinates.
+        out: (k,) float64, J, output.
+    """
     for k in range(rows.shape[0]):
         out[k] = elastic_energy(plan, flex, rows[k, o : o + flex[at.N_MODES]])
 
 
 @entry_kernel
 def strain_forces(plan, flex, rows, o, rest, scratch, out):
-    """Add to out[k] (n,) the elastic forces in row k, as `strain_energies`; ``rest``: (n,) zeros, ``scratch``: (n,)."""
+    """Add to out[k] (n,) the elastic forces in row k, as `strain_energies`; ``rest``: (n,) zeros, ``scratch``: (n,).
+
+    Args:
+        plan: Plan, the compiled scene.
+        flex: (N_FLEX,) int64, the body's row of Plan.flex.
+        rows: (k, nx) float64, configurations.
+        o: int64, place of the modal coordinates.
+        rest: (n,) float64, zeros.
+        scratch: (n,) float64.
+        out: (k, n) float64, added to.
+    """
     for k in range(rows.shape[0]):
         elastic_forces(plan.modal, flex, rows[k, o : o + flex[at.N_MODES]], rest, scratch, out[k])
 

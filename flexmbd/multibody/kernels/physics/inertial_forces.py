@@ -9,14 +9,23 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 @entry_kernel
 def rigid_second_moment(row):
-    """(xx, xy, xz, yy, yz, zz), integral of rho x x^T about B."""
+    """(xx, xy, xz, yy, yz, zz), integral of rho x x^T about B.
+
+    Args:
+        row: (N_RIGID,) float64, row of Plan.rigid.
+    """
     o = at.SECOND_MOMENT
     return (row[o], row[o + 1], row[o + 2], row[o + 3], row[o + 4], row[o + 5])
 
 
 @entry_kernel
 def inertia_times(second, w):
-    """(trace(J) - J) w: the inertia tensor of the second moment J, times w."""
+    """(trace(J) - J) w: the inertia tensor of the second moment J, times w.
+
+    Args:
+        second: six float64, kg m^2, as of `rigid_second_moment`.
+        w: three float64.
+    """
     xx, xy, xz, yy, yz, zz = second
     return (
         (yy + zz) * w[0] - xy * w[1] - xz * w[2],

@@ -66,7 +66,16 @@ def _sum_of_coordinates(adds, data, o, values, first):
 
 @entry_kernel
 def joint_pose(turn, adds, data, o, x, first):
-    """p_FG_F and R_FG from the joint's coordinates x[first:]."""
+    """p_FG_F and R_FG from the joint's coordinates x[first:].
+
+    Args:
+        turn: int64, kinds.TURN_NONE to TURN_BALL.
+        adds: int64, number of coordinates that add.
+        data: (k,) float64, Plan.data.
+        o: int64, place of the joint's parameters in data.
+        x: (nx,) float64, configuration.
+        first: int64, place of the joint's coordinates in x.
+    """
     angle, p = _sum_of_coordinates(adds, data, o, x, first)
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     if turn == kinds.TURN_ABOUT_Z:
@@ -81,7 +90,16 @@ def joint_pose(turn, adds, data, o, x, first):
 
 @entry_kernel
 def joint_motion(turn, adds, data, o, v, first):
-    """Rate of p_FG_F and w_FG_G from the joint's entries v[first:]; for accelerations alike."""
+    """Rate of p_FG_F and w_FG_G from the joint's entries v[first:]; for accelerations alike.
+
+    Args:
+        turn: int64, kinds.TURN_NONE to TURN_BALL.
+        adds: int64, number of coordinates that add.
+        data: (k,) float64, Plan.data.
+        o: int64, place of the joint's parameters in data.
+        v: (nv,) float64, velocities or accelerations.
+        first: int64, place of the joint's entries in v.
+    """
     rate, linear = _sum_of_coordinates(adds, data, o, v, first)
     if turn == kinds.TURN_BALL:
         return linear, load3(v, first + adds)
@@ -145,6 +163,12 @@ def retract(plan, x, step, out):
 
     Quaternions by the exponential map (Zienkiewicz, Taylor & Fox, eq. 8.26); other coordinates add, and what elements
     remember behind them stays.
+
+    Args:
+        plan: Plan, the compiled scene.
+        x: (nx,) float64, configuration.
+        step: (nv,) float64.
+        out: (nx,) float64, output.
     """
     for i in range(plan.tree.shape[0]):
         row = plan.tree[i]

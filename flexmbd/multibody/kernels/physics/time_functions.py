@@ -77,6 +77,11 @@ def evaluate_times(plan, t, out):
     """Write value, rate and acceleration of every function of time at t.
 
     The last row of ``out`` gets t.  Where a user's function fails or gives no finite number, ``plan.flag`` says so.
+
+    Args:
+        plan: Plan, the compiled scene.
+        t: float64, s.
+        out: (times + 1, 3) float64, output: Work.time.
     """
     out[plan.times.shape[0], 0] = t
     for i in range(plan.times.shape[0]):

@@ -29,6 +29,14 @@ def beam_strains(plan, work, x, v, rest, out):
     """Fill ``out`` (2, k, 6) with the strains of each element, m and rad, and their rates.
 
     ``plan`` is of ``beam_elements_alone``; ``rest`` (nv,) are zeros.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nx,) float64, configuration.
+        v: (nv,) float64, velocities.
+        rest: (nv,) float64, zeros.
+        out: (2, k, 6) float64, output.
     """
     forward_kinematics(plan, work, x, v, rest)
     for i in range(plan.elements.shape[0]):

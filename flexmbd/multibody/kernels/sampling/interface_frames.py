@@ -27,7 +27,17 @@ def store_motions(plan, work, rows, x, v, a, out):
 
 @entry_kernel
 def frame_motions(plan, work, rows, x, v, a, out):
-    """``store_motions`` from Python: out (k, N_MOTION)."""
+    """``store_motions`` from Python: out (k, N_MOTION).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        rows: (k,) int64, rows of Plan.frames.
+        x: (nx,) float64, configuration.
+        v: (nv,) float64, velocities.
+        a: (nv,) float64, accelerations.
+        out: (k, N_MOTION) float64, output.
+    """
     store_motions(plan, work, rows, x, v, a, out)
 
 
@@ -36,6 +46,15 @@ def frame_twists(plan, work, rows, x, unit, rest, out):
     """out (6 k, nv): velocity and angular velocity of each frame per unit of each generalised velocity.
 
     ``unit`` and ``rest`` are (nv,) zeros.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        rows: (k,) int64, rows of Plan.frames.
+        x: (nx,) float64, configuration.
+        unit: (nv,) float64, zeros.
+        rest: (nv,) float64, zeros.
+        out: (6 k, nv) float64, output.
     """
     for j in range(unit.shape[0]):
         unit[j] = 1.0

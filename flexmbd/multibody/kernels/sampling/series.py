@@ -31,6 +31,15 @@ def frame_series(plan, work, f, x, v, a, out):
     """out[k] = p_WF_W (3), R_WF (9), velocity (3), angular velocity (3), acceleration (3).
 
     The last three are those of the frame's origin or axes, in world axes.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        f: int64, row of Plan.frames.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        a: (nt, nv) float64, accelerations.
+        out: (nt, 21) float64, output.
     """
     g = load3(plan.gravity, 0)
     for k in range(x.shape[0]):
@@ -46,7 +55,16 @@ def frame_series(plan, work, f, x, v, a, out):
 
 @entry_kernel
 def body_series(plan, work, x, v, a, out):
-    """out[k, i] of the axes of link i as ``frame_series`` has it of a frame; all links in one pass."""
+    """out[k, i] of the axes of link i as ``frame_series`` has it of a frame; all links in one pass.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        a: (nt, nv) float64, accelerations.
+        out: (nt, links, 21) float64, output.
+    """
     g = load3(plan.gravity, 0)
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], a[k])
@@ -89,6 +107,15 @@ def energy_series(plan, work, x, v, none, scratch, out):
     """out[k] = kinetic, elastic, gravitational energy of the machine, and its springs' (J).
 
     ``none`` is (nv,) zeros, ``scratch`` (nv,).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        none: (nv,) float64, zeros.
+        scratch: (nv,) float64.
+        out: (nt, 4) float64, J, output.
     """
     g = load3(plan.gravity, 0)
     for k in range(x.shape[0]):
@@ -111,6 +138,15 @@ def momentum_series(plan, work, x, v, none, scratch, out):
     """out[k] = first moment of mass (kg m), momentum (N s) and angular momentum (N m s) of the machine.
 
     All about the inertial origin, in inertial axes.  ``none`` is (nv,) zeros, ``scratch`` (nv,).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        none: (nv,) float64, zeros.
+        scratch: (nv,) float64.
+        out: (nt, 9) float64, output.
     """
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], none)
@@ -138,6 +174,16 @@ def force_series(plan, work, t, x, v, a, multipliers, out):
     """out[k] = generalised forces that the motion requires beyond the loops' reactions.
 
     ``plan.forces`` must be empty: what remains is what applied and driving forces supply.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        t: (nt,) float64, s.
+        x: (nt, nx) float64, configurations.
+        v: (nt, nv) float64, velocities.
+        a: (nt, nv) float64, accelerations.
+        multipliers: (nt, m) float64, N or N m, of the constraint rows.
+        out: (nt, nv) float64, output.
     """
     for k in range(x.shape[0]):
         if plan.times.shape[0] > 0:
@@ -150,6 +196,15 @@ def row_residuals(plan, work, t, x, rest, scratch, out):
     """out (nt, rows), m or rad: the residual of each row, its magnitude, at each configuration x (nt, nx) at t (nt,).
 
     ``rest`` is (nv,) zeros, ``scratch`` (3, rows).
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        t: (nt,) float64, s.
+        x: (nt, nx) float64, configurations.
+        rest: (nv,) float64, zeros.
+        scratch: (3, rows) float64.
+        out: (nt, rows) float64, output.
     """
     timed = False
     for i in range(plan.rows.shape[0]):
@@ -168,6 +223,15 @@ def constraint_rates(plan, work, x, velocities, rest, scratch, out):
     """out (nt, k, m): rates of the rows by each of the velocities (k, nv), at each configuration x (nt, nx).
 
     ``rest`` is (nv,) zeros, ``scratch`` (4, m).  What prescribed motions add is left out.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        x: (nt, nx) float64, configurations.
+        velocities: (k, nv) float64.
+        rest: (nv,) float64, zeros.
+        scratch: (4, m) float64.
+        out: (nt, k, m) float64, output.
     """
     for n in range(x.shape[0]):
         forward_kinematics(plan, work, x[n], rest, rest)
