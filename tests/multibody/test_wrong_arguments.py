@@ -15,6 +15,7 @@ from public_calls import Public, public_calls
 from public_examples import left_out
 from public_trials import faults
 
+import flexmbd as fm
 from flexmbd import SceneError
 from flexmbd.given import checked
 
@@ -60,3 +61,9 @@ def test_a_number_given_for_a_real_one_is_a_float():
     assert shown(np.float32(0.5)) == (0.5, None, (), 3, 1)
     with pytest.raises(SceneError, match="a must be a finite number, got True"):
         shown(True)
+
+
+def test_a_method_is_named_by_its_object_s_class():
+    """Also where the class has inherited it."""
+    with pytest.raises(SceneError, match=r"^System\.show: frames must be True or False, got 1$"):
+        fm.System().show(frames=1)

@@ -541,6 +541,17 @@ def test_loops_that_a_motion_tears_are_told():
         ten_steps()
 
 
+def test_a_system_has_no_parameters_to_step_with():
+    scene, *_ = cart(stiffness=STIFFNESS)
+    with pytest.raises(fm.SceneError, match=r"no parameter 'm'; it has none: compile\(parameters="):
+        scene.stepper(h=1e-2, values={"m": 9.0})
+
+
+def test_system_and_compiled_machine_have_one_stepper():
+    """Its arguments stand once."""
+    assert fm.System.stepper is fm.CompiledMachine.stepper
+
+
 def test_steppers_and_runs_of_one_machine_do_not_meet():
     """Nor do their inputs, which one of them holds while another one's change."""
     scene, _, push = cart(stiffness=STIFFNESS)
