@@ -80,7 +80,7 @@ class PathError(ConvergenceError):
     Remedy: the message says where it stopped and why; shorter steps, or another start.
 
     Attributes:
-        path: what was found: an ``EquilibriumPath`` of a machine, of a body a ``StaticPath`` or a ``BodyPath``.
+        path: the path found so far: an ``EquilibriumPath`` of a machine, of a body a ``StaticPath`` or a ``BodyPath``.
     """
 
     def __init__(self, message: str, path: Any = None) -> None:
@@ -110,7 +110,7 @@ class SceneError(FlexmbdError):
 
 
 class OutOfMemoryError(FlexmbdError, MemoryError):
-    """What was asked for needs more memory than there is, or than the process may have (ulimit -v).
+    """The request needs more memory than there is, or than the process may have (ulimit -v).
 
     Remedy: fewer modes, rows or bodies; an explicit method, which keeps no matrix; several ranks for a large part.
     """
@@ -138,7 +138,7 @@ class PictureError(FlexmbdError):
 
 
 class StartWarning(UserWarning):
-    """A machine's start is consistent, but hardly what was meant: closing loops bends bodies or changes velocities.
+    """A machine's start is consistent, but not the given one: closing loops bends bodies or changes velocities.
 
     Remedy: place the bodies so that the loops close, or mend the lengths of parts that do not meet; set no more
     velocities than the machine has freedoms.
@@ -146,7 +146,7 @@ class StartWarning(UserWarning):
 
 
 class PathWarning(UserWarning):
-    """A path of equilibria ended before the load factor that was asked for; what was found is kept.
+    """A path of equilibria ended before the load factor that was asked for; the path up to there is kept.
 
     Remedy: the message says whether the load has a maximum below it, or the path was broken off.
     """
@@ -198,12 +198,12 @@ class EventWarning(UserWarning):
 class MeshWarning(UserWarning):
     """A file holds more than the mesh that was made of it: elements beside the solids, sets that overlap.
 
-    Remedy: name what is meant, by ``solids``, ``cell_groups`` and ``facet_groups``.
+    Remedy: name the parts that are meant, by ``solids``, ``cell_groups`` and ``facet_groups``.
     """
 
 
 class RangeWarning(UserWarning):
-    """A reduced body is used beyond what its shapes are good for: bent further than compared, or spun without modes.
+    """A reduced body is used beyond the range of its shapes: bent further than compared, or spun without modes.
 
     Remedy: reduce it for the range of loads that it sees, cut it in several pieces, or give it a mode or more.
     """

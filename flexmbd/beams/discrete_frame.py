@@ -35,9 +35,9 @@ class DiscreteFrame:
     Attributes:
         points: by name, (3,) m.
         beams: by group, the beams between points (`flexmbd.beams.frame_mesh`), straight or arcs.
-        sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or what has the same attributes.
+        sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or an object with the same attributes.
         divisions: elements a beam; one number, or one by group.
-        lumping: what the nodes carry.
+        lumping: how mass is lumped at the nodes.
         coordinates: of each node, among `FRAME_DOFS`, along and about the frame's axes; the others are held.
 
     Raises:
@@ -152,7 +152,7 @@ class DiscreteFrame:
             clamped: nodes that are held, by name or place.
 
         Raises:
-            SceneError: what is held leaves the frame free to move, a place is not a node, or the loads do not fit.
+            SceneError: the clamped nodes leave the frame free to move, a place is not a node, or the loads do not fit.
         """
         import scipy.linalg  # on need: few scenes have beams
 

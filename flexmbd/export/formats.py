@@ -53,8 +53,8 @@ class Format:
     Attributes:
         name: as the command line says it, and the writer's name in `flexmbd.export`.
         programs: who reads it.
-        suffix: what such a file's name usually ends with.
-        capabilities: what it can carry.
+        suffix: the usual suffix of a file's name.
+        capabilities: the parts of a body that it can carry.
         write: the writer, callable as ``write(body, path, lossy=False)``.
         read: the reader, or None where the format does not hold a whole body.
         digits: significant digits that a body keeps which is written and read back.

@@ -62,13 +62,13 @@ def check_losses(body: ReducedBody, capabilities: Capabilities, *, kind: str, lo
     """The parts of this body that a file of this kind leaves out.
 
     Args:
-        body: what shall be written.
-        capabilities: what the format can carry.
+        body: to be written.
+        capabilities: of the format.
         kind: the format, for messages.
         lossy: write although the body itself becomes another.
 
     Returns:
-        What is not in the file, a phrase each, for whoever asked for it.
+        The parts that are not in the file, a phrase each.
 
     Raises:
         ExportError: it is not a reduced body; the body itself would become another, and ``lossy`` does not say that it

@@ -27,10 +27,10 @@ def npz(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[st
     Args:
         body: any reduced body.
         path: destination.
-        lossy: as of all formats; nothing is lost here, named loads neither.
+        lossy: as of all formats; this one loses nothing.
 
     Returns:
-        What is not in the file: nothing.
+        The parts that are not in the file: none.
 
     Raises:
         ExportError: the destination cannot be written.

@@ -51,10 +51,10 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
     Args:
         body: with `surface`, or else `modes`.
         path: destination.
-        lossy: as of all formats; a picture is not taken for a body, so that nothing is refused.
+        lossy: as of all formats; for pictures nothing is refused.
 
     Returns:
-        What is not in the file, a phrase each: all but the shapes.
+        The parts that are not in the file, a phrase each: all but the shapes.
 
     Raises:
         ExportError: the record has neither group, or the destination cannot be written.
@@ -98,7 +98,7 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         t: (k,) s, ascending instants; by default those of the recording, or without one those of the steps.
 
     Returns:
-        What is not in the file, a phrase each: bodies that are shown by symbols alone.
+        The parts that are not in the file, a phrase each: bodies that are shown by symbols alone.
 
     Raises:
         ExportError: the instants do not ascend, the machine has no body, or the destination cannot be written.

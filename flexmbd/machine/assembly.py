@@ -249,7 +249,7 @@ class MachineAssembly:
                 modal coordinates), a signal, or a function of the machine's fm.Instant.
             inputs: u, the signals that it sets, (nu,); one alone may be a number.
             offset: s from the start of the simulation to the first sample.
-            state: what the law remembers at first, an array of any shape; it goes to checkpoints.
+            state: the law's first state, an array of any shape; it goes to checkpoints.
             name: unique; by default "controller 1", "controller 2", ...
 
         Raises:

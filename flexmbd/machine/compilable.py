@@ -152,7 +152,7 @@ class CompilableMachine(MachineAssembly):
     ) -> Start:
         """As ``start``, with further forces, and without those of ``instead_of`` that the scene holds.
 
-        It begins at ``about``, of ``equilibrium``, or with what joints and bodies are given.
+        It begins at ``about``, of ``equilibrium``, or with the initial values of joints and bodies.
 
         Raises:
             SceneError, AssemblyError: as ``start``; or a force does not fit.

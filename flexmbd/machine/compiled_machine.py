@@ -57,7 +57,7 @@ class CompiledMachine(VariableScene, Steppable):
         scene: its flat arrays, and where its bodies, joints and forces stand in them.
         connections: its joints.
         bodies: its bodies.
-        parameters: what each name means.
+        parameters: the quantities of each name.
         team: the processes that run it side by side.
         controllers: its sampled controllers.
 
@@ -115,7 +115,7 @@ class CompiledMachine(VariableScene, Steppable):
             t_start: start time (s).
             about: where to begin.
             integrator: the method.
-            events: what to look for.
+            events: to look for.
             checkpoints: times (s) of checkpoints to keep.
             checkpoint_file: of regular checkpoints.
             checkpoint_every: s between them.
@@ -125,8 +125,8 @@ class CompiledMachine(VariableScene, Steppable):
             max_steps: steps after which the run is broken off.
             max_rows: rows after which it is.
             max_seconds: s of the wall's clock after which it is.
-            recording: as there.
-            stream: as there.
+            recording: as of ``System.simulate``.
+            stream: as of ``System.simulate``.
             values: of the parameters, by their names.
 
         Raises:

@@ -293,7 +293,7 @@ class LinearizedMachine:
     def mode_motion(self, k: int, *, amplitude: float = 0.1, periods: float = 1.0, instants: int = 120) -> Trajectory:
         """Eigenvalue k's motion added to the steady one, to be filmed, plotted or asked as any trajectory.
 
-        A vibration is drawn at constant size; what does not swing from ``amplitude`` down, or up to it.
+        A vibration is drawn at constant size; a real mode decays from ``amplitude``, or grows to it.
 
         Args:
             k: which of ``eigenvalues``.

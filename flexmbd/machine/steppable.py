@@ -76,7 +76,7 @@ class Steppable(ABC):
             horizon: about how long (s) it will run: steps under error control are those of a ``simulate`` of that
                 length.  By default they are those of a chain of restarts, each up to the end of a step.
             t_start: start time (s).
-            about: where to begin, of ``equilibrium``, instead of what joints and bodies are given.
+            about: where to begin, of ``equilibrium``, instead of the initial values of joints and bodies.
             integrator: the method, as of ``simulate``.
             max_step: longest step (s) of error control.
             values: of a compiled machine's parameters, by their names.

@@ -80,35 +80,35 @@ class System(CompilableMachine, Steppable):
     ) -> WorkingPoint | EquilibriumPath:
         """Find an equilibrium near the start, or with the start's velocities a steady motion.
 
-        By Newton's method, and where that leads astray along a path on which the forces that the start lacks are let
-        go.  Whether what is found is stable its ``unstable`` tells; a start that is in equilibrium is kept.  What
-        nothing resists stays where it is, and is named by ``neutral``.  Bodies with history find their own balance in
-        each step; the equilibrium keeps their state.  In a steady motion the whole turns at one rate about one line, or
-        moves straight on, and inside symmetric rotors turn.
+        By Newton's method, and where that fails by homotopy: along a path on which the residual forces of the start
+        are released.  ``unstable`` of the equilibrium tells whether it is stable; a start that is in equilibrium is
+        kept.  A coordinate that nothing resists stays where it is, and is named by ``neutral``.  Bodies with history
+        find their own balance in each step; the equilibrium keeps their state.  In a steady motion the whole turns at
+        one rate about one line, or moves straight on, and inside symmetric rotors turn.
 
         Args:
             t: s, at which forces and motions are taken.
-            about: an equilibrium found before to begin from, as one under a part of the load, instead of what joints
-                and bodies are given.
+            about: an equilibrium to begin from, as one under a part of the load, instead of the initial
+                values of joints and bodies.
             path: follow the equilibria from there on, with the time as the factor of the loads, through limit points
                 and past bifurcations (``fm.Continuation``).  The path begins at ``about`` under its own factor, or at
                 the equilibrium at ``t``; from a bifurcation of another path it is the one that crosses.
-            stable: search downhill for one that the machine would settle in, and leave what is unstable.
+            stable: search downhill for one that the machine would settle in, and leave unstable ones.
 
         Returns:
             The equilibrium; with ``path`` an ``EquilibriumPath``.
 
         Raises:
-            SceneError, AssemblyError: as ``start``; or nothing balances, with the coordinate where most is lacking; or
-                nothing stable is found; or the motion is not steady, with the coordinate that would accelerate; or a
-                body with history has no balance, can only be stepped, or turns.  Of a path: the loads do nothing, the
-                machine is a mechanism, moves, or holds bodies with history.
-            PathError: a path cannot be followed to its end; the error has what was found.
+            SceneError, AssemblyError: as ``start``; or there is no equilibrium, with the coordinate of the largest
+                residual; or no stable one is found; or the motion is not steady, with the coordinate that would
+                accelerate; or a body with history has no balance, can only be stepped, or turns.  Of a path: the loads
+                do not change, the machine is a mechanism, moves, or holds bodies with history.
+            PathError: a path cannot be followed to its end; the error has the path up to there.
 
         Warns:
-            EquilibriumWarning: what was found is unstable, or lies beyond a place where paths of equilibria turn or
+            EquilibriumWarning: the equilibrium is unstable, or lies beyond a place where paths of equilibria turn or
                 cross.
-            RangeWarning: a reduced body is bent or spins beyond what its record knows (docs/limits.md).
+            RangeWarning: a reduced body is bent or spins beyond the range of its record (docs/limits.md).
         """
         refuse_other(about, (WorkingPoint, NoneType), "about", wanted="what scene.equilibrium() gives")
         refuse_other(path, (Continuation, NoneType), "path", wanted="fm.Continuation(to=...)")
@@ -272,12 +272,12 @@ class System(CompilableMachine, Steppable):
                 deformations, the largest met or a thousandth of that extent, whichever is more.
             h: fixed step (s) instead of error control; then ``rtol`` rules Newton alone.
             t_start: start time (s).
-            about: where to begin, of ``equilibrium``, instead of what joints and bodies are given.
-            integrator: the method, as fm.RadauIIA(); "auto" chooses by what the scene holds, as
+            about: where to begin, of ``equilibrium``, instead of the initial values of joints and bodies.
+            integrator: the method, as fm.RadauIIA(); "auto" chooses by the scene's parts, as
                 ``explain`` says.
-            events: what to look for; each is located to the method's own accuracy and listed in the
+            events: to look for; each is located to the method's own accuracy and listed in the
                 trajectory's ``events``.  One that never takes place is not listed.
-            checkpoints: times (s) to stop at and keep what a restart needs, in the trajectory's
+            checkpoints: times (s) at which the state for a restart is kept, in the trajectory's
                 ``checkpoints``.
             checkpoint_file: where the last of regular checkpoints is kept for ``Checkpoint.load``, so that a simulation
                 that was killed can go on; the file is whole at any instant.
@@ -286,7 +286,7 @@ class System(CompilableMachine, Steppable):
                 numbers are those of going on without a stop, to the bit.
             progress: show a progress bar.
             max_step: longest step (s) of error control, so that an event's function is asked as often.
-            max_steps: accepted steps of this run after which it is broken off, with what was computed up to then.
+            max_steps: accepted steps of this run after which it is broken off; the trajectory up to then is kept.
             max_rows: rows of its trajectory after which it is broken off.
             max_seconds: s of the wall's clock after which it is broken off.
             recording: a file that the fields of bodies with history go to at a rate of one's own, for the trajectory's
@@ -299,7 +299,7 @@ class System(CompilableMachine, Steppable):
             RecordError: the recording or the stream cannot be written.
             SceneError, AssemblyError: as ``start``; or a bad argument.
             SimulationError: a step failed however short it was, or a fixed step did; impacts followed each other ever
-                faster; or a limit was reached.  Its ``trajectory`` holds what was computed up to then.
+                faster; or a limit was reached.  Its ``trajectory`` holds the motion up to then.
         """
         settings = partial(
             RunSettings,

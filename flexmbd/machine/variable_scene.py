@@ -49,7 +49,7 @@ class VariableScene:
         scene: its flat arrays, and where its bodies, joints and forces stand in them.
         connections: its joints.
         bodies: its bodies.
-        parameters: what each name means.
+        parameters: the quantities of each name.
         team: the processes that run it side by side.
         controllers: its sampled controllers.
 

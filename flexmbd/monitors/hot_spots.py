@@ -55,7 +55,7 @@ class HotSpot:
         node: its number, as in the record's stress modes.
         x: (3,) m, undeformed, in the mesh's axes.
         stress: Pa, of the measure that was asked for; a least principal stress is mostly below zero.
-        measure: what it is.
+        measure: of the stress.
     """
 
     t: float

@@ -74,7 +74,7 @@ def yielding_slabs(
     axis: Sequence[float] | None = None,
     depth: float | None = None,
 ) -> tuple[Slab, ...]:
-    """The slabs of a part in which it may yield, each one section depth wider than what does on either side.
+    """The slabs of a part in which it may yield, each one section depth wider on either side.
 
     The disturbance of the stress by a rigid or averaged cut decays within about a section's depth (Saint-Venant), so
     that farther off it changes neither what yields nor the way the part bends.  Slabs closer than a depth are

@@ -49,11 +49,11 @@ class ExactBeam:
     Attributes:
         points: by name, (3,) m.
         beams: by group, the beams between points, straight or arcs (`flexmbd.beams.frame_mesh`).
-        sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or what has the same attributes.  With infinite
-            shear factors ky and kz sections stay normal to the axis (Kirchhoff's beam).
+        sections: by group; `flexmbd.forms.beam_timoshenko.Parameters` or an object with the same attributes.  With
+            infinite shear factors ky and kz sections stay normal to the axis (Kirchhoff's beam).
         divisions: elements a beam; one number, or one by group.
         viscosity: s, Kelvin and Voigt's: stresses E eps + E viscosity eps', one number or one by group.
-        rotary_inertia: (rho Iy, rho Iz), kg m, by group, instead of what E's own Iy and Iz give.
+        rotary_inertia: (rho Iy, rho Iz), kg m, by group, instead of rho times the sections' Iy and Iz.
         strain: by group, that at which beams are slack, beside their shape: (6,) or one for each element (n, 6);
             stretch and shears along y and z (1), twist and curvatures about y and z (rad/m), in the section's axes.
             Each is a number or a function of time with its rate, as a prescribed motion of a joint.
@@ -116,7 +116,7 @@ class ExactBeam:
 
     @cached_property
     def elements(self) -> tuple[ElementAtRest, ...]:
-        """What lies between the sections, in the order of ``mesh.elements``."""
+        """The elements between the sections, in the order of ``mesh.elements``."""
         plain = elements_at_rest(self.mesh, self.sections)
         names = [self.mesh.groups[one.group] for one in plain]
         each = zip(plain, self._given.fixed, names, strict=True)
@@ -186,7 +186,7 @@ class ExactBeam:
         )
 
     def forces(self) -> list[Force]:
-        """The elements, and what acts in them by strains that are functions of time."""
+        """The elements, and their forces by strains that are functions of time."""
         strains = [
             BeamStrain(
                 [self.bonds[row] for row in one.rows],

@@ -40,7 +40,7 @@ class Team(Protocol):
         """Raise on every rank if any rank brings an error.  Collective."""
 
     def on_root(self, function: Callable[[], T]) -> T:
-        """What ``function`` gives on rank 0 (it must pickle), or its error, on every rank.  Collective.
+        """The result of ``function`` on rank 0 (it must pickle), or its error, on every rank.  Collective.
 
         The others leave their processors to others meanwhile.
         """

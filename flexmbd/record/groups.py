@@ -89,7 +89,7 @@ class NodalInterfaces:
 class FurtherUnknowns:
     """Optional group ``unknowns/``: unknowns of the modes beside displacements, as rotations of sections or pressures.
 
-    For stress and fields from the model, whose form alone knows what they mean; beside ``modes/``.
+    For stress and fields from the model, whose form defines them; beside ``modes/``.
 
     Attributes:
         dof: (m,) numbers of the dofs, ascending (`flexmbd.continuum.finite_elements.nodes.dof_numbers`), so that no

@@ -70,9 +70,9 @@ def craig_bampton(
         loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
             modes miss of the static response to each is in the record's provenance.
         damping: of the deformation; none by default.
-        keep: what the record holds of the modes on the mesh; nothing by default.
-        solver: by what the stiffness is inverted; None: the quickest that fits in the memory there is.
-        eigensolver: by what the modes are found: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
+        keep: fields of the modes on the mesh that the record keeps; none by default.
+        solver: of the stiffness; None: the quickest that fits in the available memory.
+        eigensolver: of the modes: `BlockMethod()`, the default, or SLEPc's `KrylovSchur()` or
             `SpectrumSlicing()`.
         interface_modes: which interfaces keep their static shapes, and how many characteristic modes stand for
             those of the others, nodal ones among them; None: all keep them.

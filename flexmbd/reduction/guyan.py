@@ -43,8 +43,8 @@ def guyan(
         geometric_stiffness: as for `craig_bampton`, and so are the others.
         loads: distributed loads of unit size.
         damping: of the deformation.
-        keep: what the record holds of the modes on the mesh.
-        solver: by what the stiffness is inverted.
+        keep: fields of the modes on the mesh that the record keeps.
+        solver: of the stiffness.
         progress: whether the first rank shows a bar with the stages.
         stream: a file that the record goes to, and what `keep` names to that alone.
 

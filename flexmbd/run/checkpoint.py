@@ -38,7 +38,7 @@ class Checkpoint:
         method: the integrator's name with its options.
         scene: digest of the compiled scene.
         t_start: start time (s) of the simulation.
-        snapshot: what the method remembers; factors were dropped, in the simulation that went on too.
+        snapshot: the state and the method's memory; factors were dropped, in the simulation that went on too.
     """
 
     method: str

@@ -33,10 +33,10 @@ class Controller:
     Attributes:
         step: the law.
         period: s between two samples.
-        measurements: what it gets; of a mapping by its names.
+        measurements: quantities that its law gets; of a mapping by its names.
         inputs: the signals that it sets.
         offset: s from the start of the simulation to the first sample.
-        state: what it remembers at first, an array of any shape; None: nothing.
+        state: its first state, an array of any shape; None: it has none.
         name: in messages and results.
 
     Raises:

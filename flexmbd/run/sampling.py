@@ -42,9 +42,9 @@ class ControllerSamples:
     Attributes:
         name: the controller's.
         t: (k,) s, its samples.
-        measurements: (k, ny) what it got.
-        inputs: (k, nu) what it gave, held until the next sample.
-        states: (k, ns) what it remembered after each sample, in one row.
+        measurements: (k, ny) of each sample.
+        inputs: (k, nu) set at each sample, held until the next.
+        states: (k, ns) its state after each sample, in one row.
         before: (nu,) the inputs before the first of these samples.
         rows: of each input the rows of ``Plan.times`` that have it.
     """

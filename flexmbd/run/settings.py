@@ -41,7 +41,7 @@ class RunSettings:
         t_start: start time (s).
         about: where to begin.
         integrator: the method.
-        events: what to look for.
+        events: to look for.
         checkpoints: times (s) of checkpoints to keep.
         checkpoint_file: of regular checkpoints.
         checkpoint_every: s between them.

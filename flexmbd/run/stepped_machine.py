@@ -30,8 +30,8 @@ class SteppedState:
 
     Attributes:
         t: time (s).
-        machine: tells the machine, its method and its steps from others.
-        memory: copies of the state, and of what the method, controllers and inputs remember.
+        machine: a key of the machine, its method and its steps.
+        memory: copies of the state and of the memories of method, controllers and inputs.
     """
 
     t: float

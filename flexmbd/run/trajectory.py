@@ -65,14 +65,14 @@ class Trajectory(ForceSeries):
         stats: cost and residuals.
         bodies: name to body.
         team: who writes files.
-        events: what took place, in order.
+        events: those that took place, in order.
         checkpoints: states to restart from, at the times asked for.
         interior_rows: records of bodies with history at each instant; empty without any.
         departures: with what the machine goes on from breaks of functions of time, at which the rows hold what was
             just before.
         recordings: fields of bodies with history, where the simulation was given a recording.
         kept_rows: the independent rows, of which ``row_multipliers`` holds the reactions; None: there are no others.
-        samples: what each controller measured and gave.
+        samples: measurements and inputs of each controller.
     """
 
     scene: CompiledScene
@@ -218,7 +218,7 @@ class Trajectory(ForceSeries):
 
         Args:
             path: of the file.
-            machine: the System, or what its ``compile`` gave, with the same bodies, joints and forces.
+            machine: the System, or its compiled machine, with the same bodies, joints and forces.
             values: of the parameters with which it ran, of a compiled machine.
 
         Raises:
@@ -248,7 +248,7 @@ class Trajectory(ForceSeries):
         ends the label, "speed [m/s]".  All but values are drawn between the steps as well, from the dense output.
         Events are marked.
 
-        See ``flexmbd.visual.plot_series``, also for what is raised.
+        See ``flexmbd.visual.plot_series``, with the same errors.
         """
         import flexmbd.visual as visual  # matplotlib loads only here
 
@@ -272,7 +272,7 @@ class Trajectory(ForceSeries):
     ) -> Path:
         """Film the machine off-screen to .mp4 or .gif; bodies with history as they were recorded.
 
-        See ``flexmbd.visual.animate`` for the arguments and for what is raised.
+        See ``flexmbd.visual.animate`` for the arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -307,7 +307,7 @@ class Trajectory(ForceSeries):
     ) -> Path | None:
         """Show the machine in a window or a notebook, over all times or at ``t`` (s); or write it to ``path``, a .png.
 
-        See ``flexmbd.visual.show`` for the arguments and for what is raised.
+        See ``flexmbd.visual.show`` for the arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 

@@ -52,7 +52,7 @@ class Built:
         bodies: by their names, the ground too.
         joints: by their names.
         forces: by their places in the file.
-        events: what to look for while it moves, in the file's order.
+        events: to look for while it moves, in the file's order.
         signals: by their names.
         states: the state equations, by their names.
     """

@@ -57,7 +57,7 @@ class SceneSweep:
         path: of the scene file.
         changes: values that all variants have, by dotted paths.
         patterns: names of columns, with * for any letters; none for all.
-        takes: what is taken of each.
+        takes: the values taken of each.
     """
 
     path: Path

@@ -39,7 +39,7 @@ def plot_campbell(
             to the lowest vibration.
 
     Raises:
-        PictureError: nothing swings, ``highest`` is not positive, or the file cannot be written.
+        PictureError: there is no vibration, ``highest`` is not positive, or the file cannot be written.
     """
     target = None if path is None else checked_path(path, SUFFIXES)
     frequencies = diagram.frequencies

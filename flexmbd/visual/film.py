@@ -60,7 +60,7 @@ def animate(
     ``models`` are given it is collective over their communicators.
 
     Args:
-        trajectory: what to film.
+        trajectory: to film.
         path: .mp4 or .gif; an existing file survives a failure.
         between: first and last time (s); by default the whole trajectory.
         slow_motion: seconds of film for a second of motion; by default 1 for a motion of 3 s or

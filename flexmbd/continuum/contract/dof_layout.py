@@ -54,7 +54,7 @@ class DofLayout:
     Attributes:
         space: of the unknown.
         node_space: of the displacement alone, whose blocks of three are the displacement's nodes; the
-            same as `space` where that holds nothing else.
+            same as `space` where there are no other unknowns.
         displacement_dofs: (local nodes including ghosts, 3) dof of `space` of each of its components.
         fields: the sub-elements of `space` in their order; a blocked space is one field.
         rigid_motion: of the formulation.

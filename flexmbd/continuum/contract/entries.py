@@ -65,7 +65,7 @@ class OptionalEntries:
             residual, update, stress and local_residual take the length of the step as the keyword `dt`, s, at least
             0: at 0 no time passes, and nothing flows or relaxes.
         update: (u, state, p) the history after a step, (n,).
-        local_unknowns: (p) with `local_residual`: what is solved for at a quadrature point, its initial values; None:
+        local_unknowns: (p) with `local_residual`: initial values of the unknowns at a quadrature point; None:
             these parameters have none. Any number, () or (n,), dimensionless and of the size of strains. residual,
             update and stress then take the solution as `z`, which follows u: its derivative is that of the exact
             one, by the theorem on implicit functions.

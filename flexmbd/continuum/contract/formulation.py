@@ -68,7 +68,7 @@ class Reference(Protocol):
     def body_force(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
         """Force at the point x per unit of the body's measure (N/m^3; for lines N/m), (3,).
 
-        Or of the unknown's shape: then what does work on each component of the unknown.
+        Or of the unknown's shape: then the load on each component of the unknown.
         """
 
 
@@ -80,7 +80,7 @@ class Formulation(Protocol):
     be numbers, or constants whose values change without a new compilation (`symbols`).
 
     The first three components of the unknown are the displacement; of a mixed element the first
-    sub-element. What a form file may have besides: `entries.OptionalEntries`.
+    sub-element. Optional functions of a form file: `entries.OptionalEntries`.
     """
 
     @property

@@ -23,7 +23,7 @@ class CutMesh:
 
     Attributes:
         pieces: by name the meshes: the regions by the names they were given, the connected remainders "rest 1",
-            "rest 2" and on.  Groups of the whole mesh are there with what lies in the piece.
+            "rest 2" and on.  Groups of the whole mesh are kept as far as they lie in the piece.
         cuts: where they meet.
         summaries: of each piece.
         fragments: cells that a cut separated from their piece, and that were given to the neighbouring one.

@@ -38,7 +38,7 @@ class DiscreteForms:
             None where the whole body has the same.
         degree: of the elements.
         space: the unknown's function space.
-        layout: where the displacement, and what else the unknown holds, lies in it.
+        layout: of the displacement and the other parts of the unknown.
         interfaces: the frames found on the mesh.
         surfaces: facet groups with springs or mass.
     """

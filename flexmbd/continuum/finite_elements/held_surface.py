@@ -68,7 +68,7 @@ class HeldSurface:
         nodes: (k,) of the group, local to this rank, ghosts included.
         axis: of the mesh, along which they are held.
         symmetric: whether the part goes on beyond, as its mirror image.
-        text: what it is.
+        text: the support in words, for messages.
     """
 
     nodes: NDArray[np.int32]

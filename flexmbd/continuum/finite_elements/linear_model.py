@@ -43,8 +43,8 @@ class StaticState:
         balance: (owned dofs,) N, internal forces less those on the nodes from outside; what is left of it are
             the forces that rigid interfaces hold together, and those of the interfaces' own loads.
         rigid_error: of the static shapes at rest; see `flexmbd.reduction.static_shapes.statics`.
-        loads: what the body is loaded with, as text.
-        note: what became of it.
+        loads: the loads of the body, as text.
+        note: on the iteration that found it, for provenance.
         spin: (3,) rad/s of the body, along the mesh's axes.
     """
 
@@ -69,7 +69,7 @@ class LinearModel(PicturedModel):
         forms: the formulations on the mesh, and the interfaces at rest.
         parameters: as they were given: one instance of the formulation's `Parameters`, or a
             dictionary of them by cell group.
-        layout: where the displacement, and what else the unknown holds, lies in the unknown's space.
+        layout: of the displacement and the other parts of the unknown in its space.
         interfaces: the frames found on the mesh, in the state.
         K: stiffness in the state (N/m, N, N m), over all dofs, PETSc AIJ matrix spread by rows.
         M: consistent mass (kg, kg m, kg m^2), the same layout.

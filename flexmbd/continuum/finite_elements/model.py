@@ -47,7 +47,7 @@ class ContinuumModel(LinearModel):
                 several as {cell group: (formulation, parameters)}, whose elements are the same.
             parameters: an instance of the formulation's `Parameters`, SI units; left out with several.
             degree: of the elements, at least that of the mesh's geometry.
-            interfaces: groups of the mesh that carry frames; and such whose nodes keep their own dofs.
+            interfaces: groups of the mesh that carry frames, and groups whose nodes keep their own dofs.
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken.
             supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.

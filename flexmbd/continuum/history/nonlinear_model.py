@@ -48,7 +48,7 @@ class HistorySnapshot:
     Attributes:
         displacement: (local dofs including ghosts,) m, from the undeformed mesh.
         history: of each group, flat.
-        viscous_work: J, what the formulations' dissipation has taken; of the whole body.
+        viscous_work: J, dissipated by the formulations' dissipation in the whole body.
     """
 
     displacement: FloatArray
@@ -134,7 +134,7 @@ class NonlinearModel(TrialBody):
                 forces. None: of no matter, as where `needs_step` is false.
 
         Returns:
-            (owned dofs,) N: what holds the body in that shape.
+            (owned dofs,) N: the forces that hold the body in that shape.
 
         Raises:
             FormulationError: on all ranks: `needs_step`, and dt is None; no displacement of this body, or no dt.
@@ -164,7 +164,7 @@ class NonlinearModel(TrialBody):
             after: the same, of the next iterate.
 
         Returns:
-            (owned dofs,) N, forces by what is predicted beside the stresses there.
+            (owned dofs,) N, forces of the difference between predicted and present stresses.
         """
         self._refuse(before=before, after=after)
         self._evaluated = None
@@ -200,7 +200,7 @@ class NonlinearModel(TrialBody):
         return matrix
 
     def unloading_tangent(self) -> PETSc.Mat:
-        """The tangent at the last accepted step where what has yielded unloads, so that it is elastic. Collective.
+        """The elastic tangent at the last accepted step, at which all points unload. Collective.
 
         There the stress lies on the yield surface, and round-off would choose the side: with the yield limits of
         ``scaled_yield`` it lies inside, and nothing else changes.  As of `tangent`.
@@ -306,7 +306,7 @@ class NonlinearModel(TrialBody):
     def energies(self) -> dict[str, float]:
         """Energies, J, of the last accepted step by name: "elastic", "plastic", "viscous", "springs". Collective.
 
-        The sums of what the formulations compute, what their dissipation has taken, and what springs on facets store;
+        The sums of the formulations' energies, of the work that their dissipation took, and of springs on facets;
         the same on every rank.
         """
         self._set_trial(np.zeros(self.layout.n_local), 0.0)

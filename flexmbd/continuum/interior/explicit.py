@@ -64,11 +64,11 @@ class ExplicitContinuum:
             body: at rest and undeformed, with at least one interface; all of them rigid.
             rigid_parts: by interface, the rigid part bonded there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
-            planes: what the nodes that are not bonded may meet.
+            planes: rigid planes that the nodes that are not bonded may touch.
             supports: components of nodes that are not bonded held at zero.
             damping: 1/s, of those nodes: force per mass and velocity, against inertial axes.
             bulk_viscosity: pressure by the rate of volume change, for shocks; a shorter stable step.
-            loads: on all nodes; what acts on bonded ones acts on their frames.
+            loads: on all nodes; those on bonded nodes act on their frames.
 
         Raises:
             InterfaceError: no interface, an averaged one, or none of the name of a rigid part.

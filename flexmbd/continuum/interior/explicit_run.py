@@ -99,7 +99,7 @@ class ExplicitRun:
         Args:
             body: at rest and undeformed.
             velocity: (3,) m/s of all nodes, or a function of places (n, 3) that returns (n, 3).
-            planes: what nodes may meet.
+            planes: rigid planes that nodes may touch.
             supports: components of nodes held at zero.
             gravity: (3,) m/s^2.
             damping: 1/s, force per mass and velocity.

@@ -87,7 +87,7 @@ class ImplicitContinuum:
     """An `ImplicitInterior` and `SteadyInterior` of the machine on a body with history.
 
     Attributes:
-        body: what is between the frames.
+        body: the body with history between the frames.
         frames: of its interfaces.
         mass: kg, of the nodes that are not bonded (lumped).
     """
@@ -106,7 +106,7 @@ class ImplicitContinuum:
             body: undeformed, with interfaces, not used elsewhere.
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
-            loads: on all nodes; what acts on bonded ones acts on their frames.
+            loads: on all nodes; those on bonded nodes act on their frames.
             solver: of the linear systems.
 
         Raises:

@@ -61,7 +61,7 @@ def law_form(
         law: (step, p) -> stress (6,) Pa, tangent (6, 6) Pa, state (n,), in what numba compiles.  ``step`` is a
             `PointStep`: strain and stress at the step's begin, the increment of the strain, the state, dt.  ``p`` has
             the parameters by name.  The tangent is the derivative of the stress by the increment.  Strains are xx, yy,
-            zz, yz, xz, xy with twice the tensor's shears.  It must not change what is not its own.
+            zz, yz, xz, xy with twice the tensor's shears.  It must not change its arguments.
         parameters: frozen dataclass of floats, among them the density ``rho`` of the undeformed body, kg/m^3.
         trial: parameters that the checks try.
         state: parts of the state by name, with their values at rest.

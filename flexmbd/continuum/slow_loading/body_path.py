@@ -68,7 +68,7 @@ class BodyCriticalPoint:
         mode: (owned dofs,) in which the body gives way; the largest is 1 rad or the body's extent.
         tangent: (owned dofs + 1,) of the path that it was found on: changes of the dofs, last that of the factor.
         unstable: how many motions are unstable behind it.
-        state: what the body remembers there, for ``NonlinearModel.restore``.
+        state: the body's state there, for ``NonlinearModel.restore``.
         typical: of the extent, what counted as much on the path as its range of factors.
     """
 
@@ -138,7 +138,7 @@ def equilibrium_path(
     Raises:
         FormulationError: on all ranks: as `SlowLoads`; forces depend on rates.
         SceneError, MeshError: on all ranks: as `AppliedLoads`; a factor is not finite; the bounds have no sense; the
-            loads do nothing; the body is not held; no other path was found.
+            loads do not change; the body is not held; no other path was found.
         PathError: on all ranks: no equilibrium at the start, or the path cannot be followed to its end; it has what was
             found, and the body stands at the last point of it.
 

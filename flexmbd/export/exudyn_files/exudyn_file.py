@@ -52,7 +52,7 @@ def exudyn(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple
         lossy: write although the damping is not a M + b K, which is all that Exudyn's loader applies.
 
     Returns:
-        What Exudyn does not get from the file, a phrase each.
+        The parts that are not in the file, a phrase each.
 
     Raises:
         ExportError: the body has no modes or no mass; its damping would be lost; the destination cannot be written.

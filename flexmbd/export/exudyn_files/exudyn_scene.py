@@ -72,7 +72,7 @@ def add_to_exudyn(
         name: of the object.
 
     Returns:
-        The numbers of what was added.
+        Exudyn's indices of the added items.
 
     Raises:
         ExportError: Exudyn is not installed; the body cannot be written for it, or the file not be read; ``mbs`` is no

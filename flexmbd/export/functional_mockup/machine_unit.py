@@ -94,7 +94,7 @@ def fmu_machine(
         fmi: version of the interface, 2 or 3.
         step: communication step that is proposed to importers (s), by default ten of the integrator's.
         windows: compile for 64-bit Windows as well, with mingw-w64.
-        about: where to begin, of ``scene.equilibrium()``, instead of what joints and bodies are given. It is an
+        about: where to begin, of ``scene.equilibrium()``, instead of the initial values given. It is an
             equilibrium with the forces that the scene holds, and for as long as inputs keep their start values.
         binary: compile with gcc for this computer; else the sources alone.
         sources: put C99 of all of it into the unit as well, kernels included, some megabytes; always where there is

@@ -72,7 +72,7 @@ def fmu(
         lossy: as of all formats.
 
     Returns:
-        What is not in the file.
+        The parts that are not in the file.
 
     Raises:
         ExportError: a body whose frame floats or that does not deform; names that FMI does not carry; no compiler; the

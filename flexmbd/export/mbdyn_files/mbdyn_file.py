@@ -48,10 +48,10 @@ def mbdyn(
         invariants: write the rigid inertia and the inertia invariants (groups 12, 14 to 18) in the place of nodes with
             masses, and the stiffening by loads that the record has (group 19): for MBDyn's development version; that of
             1.7.3 and before knows no groups beyond 13.
-        lossy: as of all formats; nothing grave is lost here.
+        lossy: as of all formats; this one loses little.
 
     Returns:
-        What is not in the file, a phrase each.
+        The parts that are not in the file, a phrase each.
 
     Raises:
         ExportError: the body has no modes; a frame's name is none for MBDyn; with invariants, it has no interface; the

@@ -44,7 +44,7 @@ def read_mbdyn(
     """Read a data file of MBDyn's modal joint. Not collective.
 
     The Gram matrix follows from the nodes' masses, moments of inertia and shapes (group 11) or from the invariants
-    (groups 14 to 18); group 12, the rigid inertia, goes before what the nodes have of it.  With group 12 alone the
+    (groups 14 to 18); group 12, the rigid inertia, goes before the nodes' inertia.  With group 12 alone the
     modes have no momentum, as MBDyn takes them: those of a free body have none.  RecordGroups 3 and 4 are passed over.
     Frames are nodes, with the axes of B where the file does not tell others.  Modes that are not in normal form are
     brought to it; the partition tells how.  The part of a damping matrix that is not symmetric takes no power and is

@@ -57,7 +57,7 @@ def sid(
 ) -> tuple[str, ...]:
     """Write a body's SID_FEM file. Not collective.
 
-    Nodes 1, 2, ... are the interface frames in the record's order, the first line tells their names. Numbers have 17
+    Nodes 1, 2, ... are the interface frames in the record's order, the first line has their names. Numbers have 17
     digits; the units are those of the body. Stiffening by load (the record's `geometric` group) stands in m1 of Ct,
     Cr, Oe and of phi and psi of the interfaces.
 
@@ -66,10 +66,10 @@ def sid(
         path: destination.
         nodes: numbers of mesh nodes (`NodalModes.node`) that are written as nodes too, after the interfaces.
         columns: the order of the columns of Gr and Ge.
-        lossy: as of all formats; nothing that matters is lost here.
+        lossy: as of all formats; this one loses little.
 
     Returns:
-        What is not in the file, a phrase each.
+        The parts that are not in the file, a phrase each.
 
     Raises:
         ExportError: the destination cannot be written, or a node is not in the record.

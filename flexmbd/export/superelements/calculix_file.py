@@ -78,7 +78,7 @@ def calculix(
         lossy: as of all formats.
 
     Returns:
-        What is not in the files.
+        The parts that are not in the files.
 
     Raises:
         ExportError: the body has no superelement or too many nodes, the name does not fit, or the destination cannot

@@ -57,7 +57,7 @@ def dmig(
         lossy: as of all formats.
 
     Returns:
-        What is not in the file.
+        The parts that are not in the file.
 
     Raises:
         ExportError: the body has no superelement, the numbers would have more than eight digits, or the destination

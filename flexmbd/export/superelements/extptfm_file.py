@@ -184,7 +184,7 @@ def read_openfast(
     along z loads it as the file's constant weight says; what changes of that with the platform's motion is left out.
 
     Args:
-        path: what Red_FileName names.
+        path: the file that Red_FileName names.
         interfaces: name of the one interface; default: as a file of ours says, else "platform", at the origin.
         frame: "" for a body frame that floats; default: as a file of ours says, else on the interface.
         foundation: name of the interface that a structure on its foundation stands on.

@@ -60,7 +60,7 @@ def op4(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tuple[st
         lossy: as of all formats.
 
     Returns:
-        What is not in the file.
+        The parts that are not in the file.
 
     Raises:
         ExportError: the body has no superelement, or the destination cannot be written.
@@ -113,7 +113,7 @@ def read_op4(
     """Read a body from real matrices, in text or binary form, names beginning with K, M, B and K4. Not collective.
 
     Args:
-        path: what OUTPUT4 wrote, dense, sparse or BIGMAT; matrices that are not taken may be of any kind.
+        path: the file that OUTPUT4 wrote, dense, sparse or BIGMAT; matrices that are not taken may be of any kind.
         deck: the .pch or .asm that EXTSEOUT wrote beside it, which says what the rows are (EXTRN, SECONCT) and where
             the GRIDs lie; default: the one of the same name, where it is there.
         interfaces: with a deck as of `read_dmig`; without: names and positions, in the order of the rows, six each,

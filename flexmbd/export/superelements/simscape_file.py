@@ -48,7 +48,7 @@ def simscape(body: ReducedBody, path: str | Path, *, lossy: bool = False) -> tup
         lossy: as of all formats.
 
     Returns:
-        What is not in the file.
+        The parts that are not in the file.
 
     Raises:
         ExportError: the body has no superelement, or the destination cannot be written.

@@ -159,7 +159,7 @@ class RigidBody:
         inertia: (3, 3) or its diagonal (3,), kg m^2, about the centre of mass, in body axes.
         com: (3,) m, centre of mass from the body frame, in body axes.
         name: given by ``System.add``.
-        shape: what pictures show of it, in body axes; without one they show symbols.
+        shape: drawn in pictures, in body axes; without one they show symbols.
         as_measured: take an inertia that no distribution of mass has, one principal inertia above the sum of the other
             two, as identified from a machine's motions.  It must be positive all the same.
 
@@ -267,7 +267,7 @@ class FlexibleBody:
     Attributes:
         record: the reduced body.
         name: given by ``System.add``.
-        shape: what pictures show moving with the body frame, in place of the record's surface.
+        shape: drawn in pictures with the body frame, in place of the record's surface.
     """
 
     record: ReducedBody

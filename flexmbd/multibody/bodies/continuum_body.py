@@ -258,7 +258,7 @@ class InteriorIteration(NamedTuple):
     Attributes:
         wrenches, slopes: as of ``ImplicitInterior.trial``, but of the interior's equations linearised: where its
             unknowns would go with these frames, and with frames a little beside.
-        correction: how far its unknowns are from that: the energy norm of their correction over what the body holds.
+        correction: the energy norm of its unknowns' correction over that of the body's state.
         rounding: N and N m, what round-off makes of the wrenches, (k, 6) or what is broadcast to that: the machine's
             equations are not solved more closely than these tell.
     """
@@ -302,7 +302,7 @@ class ContinuumBody:
     ``scene.add(body)`` puts a rigid body for each interface frame into the scene, called "name.frame".
 
     Attributes:
-        interior: what lies between the frames.
+        interior: the body between the frames.
         name: given by ``System.add``.
 
     Raises:

@@ -136,7 +136,7 @@ class CompiledEnergy:
     Attributes:
         address: of the function.
         name: in messages.
-        keep: what must live as long as the function does.
+        keep: objects that must live as long as the function does.
 
     Raises:
         SceneError: the values at F = 1 are not finite, or W changes as the body turns.

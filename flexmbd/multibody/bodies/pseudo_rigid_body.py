@@ -37,7 +37,7 @@ class PseudoRigidBody:
         stretch: (3, 3) U at the start, in body axes.
         stretch_rate: (3, 3) 1/s, its rate at the start, symmetric.
         name: given by ``System.add``.
-        shape: what pictures show, deforming as the body does, in place of the solid's outline.
+        shape: drawn in pictures, deforming as the body does, in place of the solid's outline.
 
     Raises:
         SceneError: a stretch that is not symmetric and positive definite, a rate that is not symmetric, either of them

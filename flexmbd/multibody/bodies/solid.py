@@ -54,7 +54,7 @@ class Solid:
         volume: m^3, positive.
         com: (3,) m, centre of mass, in the axes that the solid was given in.
         second: (3, 3) kg m^2, integral of density times (x - com)(x - com)^T (Euler's tensor), in those axes.
-        outline: what pictures show of it, in those axes; None where it is not known.
+        outline: its surface in pictures, in those axes; None where it is not known.
 
     Raises:
         SceneError: numbers that no solid has, each named.

@@ -23,7 +23,7 @@ class BearingFriction(OnJoint):
     bearings is solved for together, once each evaluation of the equations, which then takes several times as long.
 
     Attributes:
-        connection: a revolute or prismatic joint that goes by coordinates.
+        connection: a revolute or prismatic joint that is carried by coordinates.
         coefficient: of friction.
         regularisation: rad/s or m/s; below this speed it is a stiff damper.
         radius: m, of the pin of a revolute joint.

@@ -21,7 +21,7 @@ class ShaftInertia(OnCoordinate):
     one coordinate add.
 
     Attributes:
-        connection: a joint that goes by coordinates.
+        connection: a joint that is carried by coordinates.
         inertia: kg m^2, positive.
         ratio: turns (rad) of the rotor per unit (rad or m) of the coordinate.
         coordinate: which of the joint's, from 0.

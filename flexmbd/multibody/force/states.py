@@ -48,7 +48,7 @@ class States:
         rates: f.
         initial: (n,) z at the start.
         scale: sizes of the states in their own units, (n,) or one for all.
-        measurements: u, what they follow.
+        measurements: u, the quantities that they follow.
         outputs: g; None: y = z.
         inputs: the signals that y sets, loads on joints' coordinates.
         name: in messages and results.

@@ -139,7 +139,7 @@ def compiled(
     of a scene, and each run of a ``System``, compares them and compiles the function anew where they changed.
 
     Args:
-        function: what to compile; where it is left out, as in ``@fm.compiled(breaks=[0.5])``, what follows.
+        function: to compile; left out in a decorator with arguments, as ``@fm.compiled(breaks=[0.5])``.
         breaks: instants (s) at which its value or slope jumps, as of ``flexmbd.Piecewise``.
 
     Raises:

@@ -45,7 +45,7 @@ class Table:
         y: (n,) values.
         monotone: stay between neighbouring points, and level between equal ones (Fritsch and Butland 1984,
             doi:10.1137/0905021); then only the first derivative is continuous, and a smooth function is met less well.
-        beyond: what it is before the first point and after the last. Held, its slope there is zero: a motion whose
+        beyond: the values before the first point and after the last. Held, its slope there is zero: a motion whose
             points do not end at rest stops dead at the last of them, and the machine takes the impulse.
     """
 

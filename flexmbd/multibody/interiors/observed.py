@@ -60,7 +60,7 @@ class InteriorFields:
 
 @runtime_checkable
 class ObservedInterior(Interior, Protocol):
-    """An interior that shows its fields; nothing that is asked here changes how it goes on."""
+    """An interior that shows its fields; asking for them does not change its state."""
 
     def outline(self) -> InteriorMesh:
         """Its mesh, the same on every rank.  Collective."""

@@ -20,7 +20,7 @@ class TimeFactor:
 
     Attributes:
         function: as it was given.
-        what: what it is for, in messages.
+        what: its purpose, for messages.
     """
 
     def __init__(self, function: TimeFunction, what: str) -> None:

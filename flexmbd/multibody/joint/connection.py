@@ -23,12 +23,12 @@ class Connection:
     """A joint in a scene; made by ``System.connect``.
 
     Attributes:
-        joint: what kind of joint.
+        joint: the kind of joint.
         parent: the frame F that the coordinates are measured from.
         child: the frame G that moves against it.
         name: unique in the scene.
         way: by coordinates or by constraints; None: as the scene's topology has it.
-        enforce: what enforces its constraints; None: multipliers, if the joint needs any.
+        enforce: how its constraints are enforced; None: by multipliers, if the joint needs any.
 
     Raises:
         SceneError: the joint cannot go that way, now or where it is changed later.

@@ -69,7 +69,7 @@ class AugmentedLagrangian:
     Attributes:
         stiffness: N/m, positive; rad rows take it times the square of the machine's extent.
         damping: N s/m, not negative, alike.
-        tol: what may stay open, over the machine's extent.
+        tol: the largest residual of the constraints, over the machine's extent.
 
     Raises:
         SceneError: values outside.

@@ -95,12 +95,12 @@ class Instant:
         return self.v[self.scene.index.modal(body).v].copy()
 
     def states(self, states: object) -> FloatArray:
-        """(n,) values of a user's state equations, what ``System.add_states`` gave."""
+        """(n,) values of a user's state equations, of ``System.add_states``."""
         places = self.scene.index.state_places(states)
         return self.v[places.v] * places.scale
 
     def remembered(self, force: object) -> dict[str, FloatArray]:
-        """What a force element with memory remembers, by name, each a number; see ``Trajectory.remembered``."""
+        """The memory of a force element, by name, each a number; see ``Trajectory.remembered``."""
         return {name: series[0] for name, series in memory_series(self.scene.index, force, self.x[None]).items()}
 
     def reaction(self, connection: Connection) -> FloatArray:

@@ -79,7 +79,7 @@ class CompiledScene:
         redundant: names of constraint rows left out as redundant.
         interiors: those of bodies with history; None where there are none.
         breaks: (k,) s, at which laws and forces of the state are declared not to be smooth.
-        parts: what it is compiled of.
+        parts: the bodies, joints and forces that it is compiled from.
         addresses: of all functions that the whole scene calls, in the order of ``_addresses``.
         sources: where the plan's numbers come from.
         varied: whether its numbers are those of a variant, not those of ``parts``.
@@ -123,7 +123,7 @@ class CompiledScene:
 
     @cached_property
     def row_structure(self) -> RowStructure:
-        """What follows of the constraint rows whatever the scene's numbers are."""
+        """The structure of the constraint rows, which does not depend on the scene's numbers."""
         known = self.known_structure
         return known if known is not None and known.rows is self.plan.rows else RowStructure(self.plan)
 
