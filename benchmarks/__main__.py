@@ -48,7 +48,7 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="which (default: all), or files of your own")
     parser.add_argument("--quick", action="store_true", help="short runs")
-    parser.add_argument("--busy", action="store_true", help="measure beside other work on the machine, and keep nothing")
+    parser.add_argument("--busy", action="store_true", help="measure beside other work, and keep nothing")
     parser.add_argument("--list", action="store_true", help="names and times, and stop")
     parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md from what is kept, and stop")
     parser.add_argument("--one", type=Path, metavar="FILE", help=argparse.SUPPRESS)  # in the process of one of them

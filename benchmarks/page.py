@@ -51,10 +51,10 @@ def headline() -> str:
     times = [one.times for one in beside]
     won = sum(one > 1.0 for one in times)
     return (
-        f"In {len(times)} comparisons with other programs, each at equal error, flexmbd takes less time in {won} and more "
-        f"in {len(times) - won}: another program's time is {_two_digits(np.median(times))} times flexmbd's in the median, "
-        f"{_two_digits(min(times))} times where flexmbd loses most ({beside[0].scene}) and {_two_digits(max(times))} times "
-        f"where it wins most ({beside[-1].scene})."
+        f"In {len(times)} comparisons with other programs, each at equal error, flexmbd takes less time in {won} and "
+        f"more in {len(times) - won}: another program's time is {_two_digits(np.median(times))} times flexmbd's in the "
+        f"median, {_two_digits(min(times))} times where flexmbd loses most ({beside[0].scene}) and "
+        f"{_two_digits(max(times))} times where it wins most ({beside[-1].scene})."
     )
 
 
@@ -83,8 +83,9 @@ def _beside() -> Iterator[str]:
     )
     rows = ["| scene | what is timed | other program | its time over flexmbd's | section |", "|---|---|---|---|---|"]
     for result, one in beside:
-        ends = "" if one.least is None or one.most is None else f" ({_two_digits(one.least)} to {_two_digits(one.most)})"
-        times = f"{_two_digits(one.times)}{ends}"
+        times = _two_digits(one.times)
+        if one.least is not None and one.most is not None:
+            times += f" ({_two_digits(one.least)} to {_two_digits(one.most)})"
         shown = f"**{times}**" if one.times < 1.0 else times
         rows.append(f"| {one.scene} | {one.task} | {one.peer} | {shown} | [{result.name}](#{result.name}) |")
     yield "\n".join(rows)
