@@ -10,13 +10,14 @@
 Each runs in a process of its own; one that fails is reported, and the rest go on. What was found lies in
 out_benchmarks/NAME, the page of this run in out_benchmarks/page.md. A whole run (not --quick) of a benchmark of this
 folder that passed is kept in benchmarks/results, its pictures in docs/pictures. Times mean something on a machine
-that does nothing else; its load stands with each result.
+that does nothing else: above a load of 0.3 at its start a whole run is refused (--busy: it runs, and keeps nothing).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -30,9 +31,11 @@ sys.path.insert(0, str(HERE))
 import page  # noqa: E402
 import results  # noqa: E402
 from benchmark import Report  # noqa: E402
-from discovery import benchmarks, is_benchmark, load, minutes_of, text_of  # noqa: E402
+from discovery import benchmarks, is_benchmark, is_timed, load, minutes_of, text_of  # noqa: E402
 
 OUT = Path("out_benchmarks")
+#: Processes that want to run, the mean of a minute, above which times are not kept.
+MOST_LOAD = 0.3
 PICTURES = results.ROOT / "docs" / "pictures"
 #: As long as no benchmark takes unless it hangs: of the short run, and times what a whole one should take.
 _LONGEST_QUICK, _PATIENCE = 300.0, 5.0
@@ -45,6 +48,7 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="which (default: all), or files of your own")
     parser.add_argument("--quick", action="store_true", help="short runs")
+    parser.add_argument("--busy", action="store_true", help="measure beside other work, and keep nothing")
     parser.add_argument("--list", action="store_true", help="names and times, and stop")
     parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md from what is kept, and stop")
     parser.add_argument("--one", type=Path, metavar="FILE", help=argparse.SUPPRESS)  # in the process of one of them
@@ -60,11 +64,17 @@ def main() -> int:
         for file in files:
             print(f"{file.stem:20} {minutes[file]:5.1f} min   {text_of(file).splitlines()[0]}")
         return 0
+    keep = not (asked.quick or asked.busy)
+    if keep and os.getloadavg()[0] > MOST_LOAD and any(map(is_timed, files)):
+        parser.error(
+            f"the machine's load is {os.getloadavg()[0]:.1f}; times mean something below {MOST_LOAD}. Wait until it "
+            "does nothing else, or measure with --busy, which keeps no result"
+        )
     if not asked.quick:
         print(f"{len(files)} benchmarks, about {sum(minutes.values()):.0f} minutes", flush=True)
-    found = [_run(file, minutes[file], quick=asked.quick) for file in files]
+    found = [_run(file, minutes[file], quick=asked.quick, keep=keep) for file in files]
     (OUT / "page.md").write_text(page.of_run(found, OUT), encoding="utf-8")
-    if not asked.quick:
+    if keep:
         page.write()
     return _summary(found)
 
@@ -76,7 +86,7 @@ def _file(name: str, parser: argparse.ArgumentParser) -> Path:
     return own
 
 
-def _run(file: Path, minutes: float, *, quick: bool) -> results.Result:
+def _run(file: Path, minutes: float, *, quick: bool, keep: bool) -> results.Result:
     """One, in a process of its own, which writes its result; or what became of it."""
     folder = OUT / file.stem
     folder.mkdir(parents=True, exist_ok=True)
@@ -95,7 +105,7 @@ def _run(file: Path, minutes: float, *, quick: bool) -> results.Result:
     else:
         failure = f"stopped after {limit:.0f} s" if code is None else f"ended with {code}"
         result = results.Result(file.stem, quick, time.monotonic() - began, results.setting(()), [], [], failure)
-    if not (quick or result.failure) and file.parent == HERE:
+    if keep and not result.failure and file.parent == HERE:
         for picture in result.pictures:
             shutil.copy(folder / picture, PICTURES)
         results.save(result, results.RESULTS / f"{file.stem}.json")
@@ -119,7 +129,8 @@ def _one(file: Path, *, quick: bool) -> int:
     pictures = [path.name for path in report.pictures]
     taken = round(time.monotonic() - began, 1)
     results.save(
-        results.Result(file.stem, quick, taken, where, report.lines, pictures, failure), report.folder / "result.json"
+        results.Result(file.stem, quick, taken, where, report.lines, pictures, failure, report.comparisons),
+        report.folder / "result.json",
     )
     return 1 if failure else 0
 

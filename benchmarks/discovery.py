@@ -35,6 +35,12 @@ def minutes_of(file: Path) -> float:
     raise LookupError(f"{file} has no MINUTES: see benchmarks/benchmark.py")
 
 
+def is_timed(file: Path) -> bool:
+    """Whether a file measures times, so that other work on the machine spoils it: unless it says `TIMED = False`."""
+    given = (node for node in _tree(file).body if isinstance(node, ast.Assign))
+    return not any(getattr(node.targets[0], "id", "") == "TIMED" and not ast.literal_eval(node.value) for node in given)
+
+
 def text_of(file: Path) -> str:
     """Its docstring."""
     return ast.get_docstring(_tree(file)) or ""

@@ -35,6 +35,7 @@ import flexmbd as fm
 from flexmbd.ensemble import Sampled
 
 MINUTES = 6.0
+_SCENE, _TASK = "chain of ten, 1 s", "a variant of an ensemble"
 PEERS: tuple[str, ...] = ("exudyn", "mujoco")
 FOLDER = Path("out_simulation")
 RTOL = 1e-6
@@ -125,7 +126,8 @@ def tell_share(report: Report, machine: fm.CompiledMachine, one: list[Timed], co
     report.say(f"A variant: {stepping:.3f} ms stepping and {beside:.3f} ms beside it, {whole / stepping:.2f} times.")
 
 
-def tell(report: Report, name: str, one: list[Timed], two: list[Timed], count: int) -> None:
+def tell(report: Report, name: str, one: list[Timed], two: list[Timed], count: int) -> float:
+    """A line; the median processor time of a variant on one worker (s)."""
     (walls, busy), (others, _) = np.array(one).T, np.array(two).T
     ratios = walls / others
     low, middle, high = 1e3 * np.percentile(busy, [0.0, 50.0, 100.0]) / count
@@ -134,6 +136,7 @@ def tell(report: Report, name: str, one: list[Timed], two: list[Timed], count: i
         f"{np.median(ratios):.2f} times as fast ({ratios.min():.2f} to {ratios.max():.2f}); processor time on one "
         f"{middle:.2f} ms ({low:.2f} to {high:.2f})"
     )
+    return 1e-3 * float(middle)
 
 
 def exudyn_chain(given: dict[str, Any]) -> list[float]:
@@ -166,16 +169,16 @@ def exudyn_chain(given: dict[str, Any]) -> list[float]:
     return [float(part) for part in found]
 
 
-def beside_exudyn(report: Report, count: int, exact: np.ndarray, error: float) -> None:
+def beside_exudyn(report: Report, count: int, exact: np.ndarray, error: float, variant: float) -> None:
     """ParameterVariation on one process and on two, with a tip (3,) m as near the exact one, for the first mass."""
     from exudyn.processing import ParameterVariation
 
     for rtol in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
         told = exudyn_chain({"mass": MASSES[0], "functionData": {"rtol": rtol}})
-        theirs = float(np.linalg.norm(np.array(told) - exact))
-        if theirs <= error:
+        off = float(np.linalg.norm(np.array(told) - exact))
+        if off <= error:
             break
-    report.say(f"Errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {theirs:.1e} m in exudyn with {rtol:g}.")
+    report.say(f"Errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {off:.1e} m in exudyn with {rtol:g}.")
 
     def study(workers: int) -> None:
         ParameterVariation(
@@ -183,10 +186,11 @@ def beside_exudyn(report: Report, count: int, exact: np.ndarray, error: float) -
             showProgress=False, parameterFunctionData={"rtol": rtol},
         )  # fmt: skip
 
-    tell(report, "exudyn, chain of ten", *turns(study, 2), count)
+    theirs = tell(report, "exudyn, chain of ten", *turns(study, 2), count)
+    report.beside(_SCENE, task=_TASK, peer="exudyn, ParameterVariation", theirs=theirs, ours=variant)
 
 
-def beside_mujoco(report: Report, count: int, exact: np.ndarray, error: float) -> None:
+def beside_mujoco(report: Report, count: int, exact: np.ndarray, error: float, variant: float) -> None:
     """MuJoCo's rollout on one thread and on two, with a tip (3,) m as near the exact one, for the first mass."""
     try:
         from ensemble_mujoco import Batch
@@ -194,14 +198,15 @@ def beside_mujoco(report: Report, count: int, exact: np.ndarray, error: float) -
         print('MuJoCo is not installed: pip install "mujoco<4"')
         return
     for steps in (round(250 * 2.0 ** (k / 4)) for k in range(24)):  # its error falls with the fourth power
-        theirs = float(np.linalg.norm(Batch([MASSES[0]], 1.0 / steps).tips(1)[0] - exact))
-        if theirs <= error:
+        off = float(np.linalg.norm(Batch([MASSES[0]], 1.0 / steps).tips(1)[0] - exact))
+        if off <= error:
             break
-    there = f"{theirs:.1e} m in MuJoCo with {steps} steps"
+    there = f"{off:.1e} m in MuJoCo with {steps} steps"
     report.say(f"Errors of the tip: {error:.1e} m here with rtol = {RTOL:g}, {there}.")
     batch = Batch(np.linspace(*MASSES, count), 1.0 / steps)
     batch.tips(2)
-    tell(report, "MuJoCo, chain of ten", *turns(batch.tips, TURNS), count)
+    theirs = tell(report, "MuJoCo, chain of ten", *turns(batch.tips, TURNS), count)
+    report.beside(_SCENE, task=_TASK, peer="MuJoCo, rollout", theirs=theirs, ours=variant)
 
 
 def main() -> None:
@@ -211,9 +216,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="the chain alone, without other programs")
     given = parser.parse_args()
     report = Report(given.folder)
-    chain(report, given.variants)
+    variant = chain(report, given.variants)
     if not given.quick:
-        others(report, given.variants, given.folder)
+        others(report, given.variants, given.folder, variant)
 
 
 def quick(report: Report) -> None:
@@ -223,37 +228,38 @@ def quick(report: Report) -> None:
 
 def full(report: Report) -> None:
     """A thousand variants of the chain, the slider-crank, and other programs."""
-    chain(report, 1000)
-    others(report, 1000, FOLDER)
+    variant = chain(report, 1000)
+    others(report, 1000, FOLDER, variant)
 
 
-def chain(report: Report, count: int) -> None:
-    """The chain's variants, its tip sampled and asked of trajectories."""
+def chain(report: Report, count: int) -> float:
+    """The chain's variants, its tip sampled and asked of trajectories; what a sampled one takes (s)."""
     machine, tip = chain_machine()
     masses = {"mass": np.linspace(*MASSES, count)}
     sampled = Sampled(fm.output.Position(tip), t=1.0)
     one, two = in_turns(machine, masses, sampled, 1.0, _PAIR)
-    tell(report, "chain of ten, 1 s, its tip sampled", one, two, count)
+    variant = tell(report, "chain of ten, 1 s, its tip sampled", one, two, count)
     tell_share(report, machine, one, count)
     by_run = in_turns(machine, masses, lambda run: run.position(tip)[-1], 1.0, _PAIR)
     tell(report, "chain of ten, 1 s, by trajectories", *by_run, count)
+    return variant
 
 
-def others(report: Report, count: int, folder: Path) -> None:
+def others(report: Report, count: int, folder: Path, variant: float) -> None:
     """What two threads could give, a slider-crank, and the chain in other programs."""
     machine, tip = chain_machine()
     ceiling(report, machine)
     exact = chain_tip(MASSES[0])
     run = machine.simulate(1.0, rtol=RTOL, integrator=_PAIR, mass=MASSES[0])
     error = float(np.linalg.norm(run.position(tip)[-1] - exact))
-    beside_mujoco(report, max(4, count // 5), exact, error)
+    beside_mujoco(report, max(4, count // 5), exact, error, variant)
     machine, slider = crank_machine(folder)
     few = max(4, count // 50)
     torques = {"torque": np.linspace(15.0, 25.0, few)}
     end = Sampled(fm.output.Position(slider), t=0.5)
     tell(report, "slider-crank of 20 modes, 0.5 s", *in_turns(machine, torques, end, 0.5, fm.RadauIIA()), few)
     if importlib.util.find_spec("exudyn") is not None:
-        beside_exudyn(report, few, exact, error)
+        beside_exudyn(report, few, exact, error, variant)
 
 
 if __name__ == "__main__":

@@ -121,6 +121,14 @@ def table(name: str, own: Sequence[Row], peers: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
+def compare(report: Report, name: str, own: Sequence[Row], peers: Sequence[Row]) -> None:
+    """Keep the best method of ours that is as near as a peer's against it."""
+    for peer in peers:
+        as_near = [row.time for row in own if row.error <= 1.1 * peer.error]
+        if as_near:
+            report.beside(name, task="a simulated millisecond", peer=peer.method, theirs=peer.time, ours=min(as_near))
+
+
 def quick(report: Report) -> None:
     """The pendulum alone, without exudyn, whose small steps take a minute."""
     case = cases(FOLDER)[0]
@@ -138,7 +146,9 @@ def measure(report: Report, some: Sequence[Case]) -> None:
     """Ours and exudyn's rows of some scenes."""
     report.table(*HEADS)
     for case in some:
-        report.say(table(case.name, own_rows(case), peer_rows(case)))
+        own, peers = own_rows(case), peer_rows(case)
+        report.say(table(case.name, own, peers))
+        compare(report, case.name, own, peers)
 
 
 def cases(folder: Path, *, meshes: Path | None = None, large: bool = False) -> list[Case]:

@@ -255,6 +255,9 @@ def chains(report: Report, counts: tuple[int, ...]) -> None:
             f"| {count} | {dynamics:.2f} | {dynamics / count * 1e3:.0f} | {pin / dynamics:.1f} | {step:.2f} | "
             f"{peer:.1f} | {peer / step:.1f} | {error:.1e}, {peer_error:.1e} |"
         )
+        name = f"rigid chain, {count}"
+        report.beside(name, task="forward dynamics", peer="Pinocchio, ABA from Python", theirs=pin, ours=dynamics)
+        report.beside(name, task="a step of RK4", peer="exudyn, kinematic tree", theirs=peer, ours=step)
     report.say()
 
 

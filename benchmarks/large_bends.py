@@ -126,6 +126,13 @@ def tell(report: Report, name: str, size: float, exact: np.ndarray, against: str
         told = f"{one.way} | {one.elements} | {error:.1e} | {1e3 * one.seconds:.1f}"
         report.say(f"| {name} | {against} | {one.program} | {told} |")
         rows.append([name, one.program, error, 1e3 * one.seconds])
+    for peer in (EXACT, CABLE):
+        level = max(min((row[2] for row in rows if row[1] == program), default=np.nan) for program in (OURS, peer))
+        ours, theirs = (
+            min((row[3] for row in rows if row[1] == program and row[2] <= level), default=np.nan)
+            for program in (OURS, peer)
+        )
+        report.beside(name, task=f"to {level:.0e}", peer=peer, theirs=theirs, ours=ours)
     return rows
 
 

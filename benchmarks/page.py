@@ -1,8 +1,8 @@
 """docs/benchmarks.md, written from the results that are kept; nobody copies a number.
 
-`benchmarks/page/head.md` stands first. Each benchmark follows with its own text (the docstring of its file), the
-tables and pictures of its last whole run with what it was measured on, and `benchmarks/page/NAME.md` where there are
-figures of earlier states that were measured by hand and have not been run again by the command.
+`benchmarks/page/head.md` stands first, then one table of all comparisons with other programs, those that another
+program wins before the others. Each benchmark follows with its own text (the docstring of its file), and the tables and
+pictures of its last whole run with what it was measured on.
 """
 
 from __future__ import annotations
@@ -11,23 +11,89 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import results
+from benchmark import Comparison
 from discovery import benchmarks, text_of
 
 HERE = Path(__file__).resolve().parent
 TARGET = results.ROOT / "docs" / "benchmarks.md"
-BY_HAND = HERE / "page"
+HEAD = HERE / "page" / "head.md"
+README = results.ROOT / "README.md"
+_BEGIN, _END = "<!-- beside other programs -->", "<!-- end -->"
 
 
 def write() -> None:
-    """Write docs/benchmarks.md."""
+    """Write docs/benchmarks.md, and the sentence of README that quotes it."""
     TARGET.write_text(text(), encoding="utf-8")
+    README.write_text(readme(), encoding="utf-8")
+
+
+def readme() -> str:
+    """README with the sentence on other programs between its two marks as the kept results give it."""
+    before, mark, rest = README.read_text(encoding="utf-8").partition(_BEGIN)
+    _, end, after = rest.partition(_END)
+    if not (mark and end):
+        raise LookupError(f"README.md lacks the marks {_BEGIN} and {_END}")
+    sentence = "\n".join(textwrap.wrap(headline(), 128, break_long_words=False, break_on_hyphens=False))
+    return f"{before}{mark}\n{sentence}\n{end}{after}"
 
 
 def text() -> str:
     """The page, from what is kept in this checkout."""
-    head = (BY_HAND / "head.md").read_text(encoding="utf-8").strip()
-    return "\n\n".join([head, *_kept()]) + "\n"
+    head = HEAD.read_text(encoding="utf-8").strip()
+    return "\n\n".join([head, *_beside(), *_kept()]) + "\n"
+
+
+def headline() -> str:
+    """All comparisons in a sentence: how many are won and lost, the median ratio and both ends.  README quotes it."""
+    beside = [one for _, one in _comparisons()]
+    times = [one.times for one in beside]
+    won = sum(one > 1.0 for one in times)
+    return (
+        f"In {len(times)} comparisons with other programs, each at equal error, flexmbd takes less time in {won} and "
+        f"more in {len(times) - won}: another program's time is {_two_digits(np.median(times))} times flexmbd's in the "
+        f"median, {_two_digits(min(times))} times where flexmbd loses most ({beside[0].scene}) and "
+        f"{_two_digits(max(times))} times where it wins most ({beside[-1].scene})."
+    )
+
+
+def _two_digits(ratio: float) -> str:
+    return f"{float(f'{ratio:.2g}'):g}"
+
+
+def _comparisons() -> list[tuple[results.Result, Comparison]]:
+    """Of all kept results, those that flexmbd loses first."""
+    kept = (results.load(path) for path in sorted(results.RESULTS.glob("*.json")))
+    beside = [(result, one) for result in kept for one in result.comparisons]
+    return sorted(beside, key=lambda one: (one[1].times, one[1].scene, one[1].peer))
+
+
+def _beside() -> Iterator[str]:
+    """The first table, and what it was measured on."""
+    beside = _comparisons()
+    if not beside:
+        return
+    yield "## Beside other programs"
+    yield headline()
+    yield (
+        "Another program's processor time over flexmbd's at equal error, both by their best method of those tried: "
+        "below 1 the other program is faster. The range is that of the turns, where they were kept apart. Each row's "
+        "section says how it was measured."
+    )
+    rows = ["| scene | what is timed | other program | its time over flexmbd's | section |", "|---|---|---|---|---|"]
+    for result, one in beside:
+        times = _two_digits(one.times)
+        if one.least is not None and one.most is not None:
+            times += f" ({_two_digits(one.least)} to {_two_digits(one.most)})"
+        shown = f"**{times}**" if one.times < 1.0 else times
+        rows.append(f"| {one.scene} | {one.task} | {one.peer} | {shown} | [{result.name}](#{result.name}) |")
+    yield "\n".join(rows)
+    states = dict.fromkeys(
+        f"{on.machine}, load {on.load:.1f}, state {on.commit}, {on.date}" for on in (one.setting for one, _ in beside)
+    )
+    if len(states) > 1:
+        yield "These ratios are not all of one machine and state: " + "; ".join(states) + "."
 
 
 def of_run(found: Sequence[results.Result], folder: Path) -> str:
@@ -41,16 +107,13 @@ def of_run(found: Sequence[results.Result], folder: Path) -> str:
 def _kept() -> Iterator[str]:
     """Benchmarks in the order of their names."""
     for source in benchmarks():
-        kept, by_hand = results.RESULTS / f"{source.stem}.json", BY_HAND / f"{source.stem}.md"
+        kept = results.RESULTS / f"{source.stem}.json"
         yield f"## {source.stem}"
         yield _about(source)
         if kept.exists():
             yield from _shown(results.load(kept), "pictures/")
         else:
             yield "Not yet run as a whole by the command."
-        if by_hand.exists():
-            yield "### Measured by hand"
-            yield by_hand.read_text(encoding="utf-8").strip()
 
 
 def _about(source: Path) -> str:

@@ -114,6 +114,10 @@ def _tell(rows: list[Row], report: Report) -> None:
     report.say()
     for claim in (*kept_rows.claims(rows), *kept_rows.growth(rows)):
         report.say(f"- {claim}")
+    for row, mine in kept_rows.beside(rows):
+        name = f"beam of {row['dofs']} dofs, {row['mesher']}"
+        theirs, ours = (one["seconds"]["total"] for one in (row, mine))
+        report.beside(name, task="Craig-Bampton reduction, 20 modes", peer=row["code"], theirs=theirs, ours=ours)
     report.picture("reduction_benchmark.png", partial(reduction_picture.draw, rows))
     faults = list(kept_rows.disagreements(rows))
     if faults:

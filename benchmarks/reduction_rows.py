@@ -79,15 +79,15 @@ def _stage(row: Row, column: str) -> float | None:
 
 def claims(rows: Sequence[Row]) -> Iterator[str]:
     """What the figures say, in ratios; whole seconds and megabytes are the machine's affair."""
+    for row, mine in beside(rows):
+        time = row["seconds"]["total"] / mine["seconds"]["total"]
+        memory = mine["memory"]["peak"] / row["memory"]["peak"]
+        where = f"{row['mesher']}'s mesh of {row['dofs']} dofs"
+        yield f"{where}: {row['code']} takes {time:.1f} times as long; flexmbd's memory is {memory:.0%}"
     ours = {_mesh(row): row for row in rows if row["code"] == OURS and row["ranks"] == 1}
     both = {_mesh(row): row for row in rows if row["code"] == OURS and row["ranks"] == 2}
     for row in rows:
         where = f"{row['mesher']}'s mesh of {row['dofs']} dofs"
-        if row["code"] in CODES and _mesh(row) in ours:
-            mine = ours[_mesh(row)]
-            time = row["seconds"]["total"] / mine["seconds"]["total"]
-            memory = mine["memory"]["peak"] / row["memory"]["peak"]
-            yield f"{where}: {row['code']} takes {time:.1f} times as long; flexmbd's memory is {memory:.0%}"
         if row["code"] == ITERATIVE and _mesh(row) in both:
             mine = both[_mesh(row)]
             time = row["seconds"]["total"] / mine["seconds"]["total"]
@@ -100,6 +100,12 @@ def claims(rows: Sequence[Row]) -> Iterator[str]:
         if "geometric" in row["seconds"]:
             share = row["seconds"]["geometric"] / row["seconds"]["total"]
             yield f"{mesh[0]}'s mesh of {row['dofs']} dofs: geometric stiffness takes {share:.0%} of the rest"
+
+
+def beside(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
+    """Each row of another program, and ours on one rank of the same mesh."""
+    ours = {_mesh(row): row for row in rows if row["code"] == OURS and row["ranks"] == 1}
+    return ((row, ours[_mesh(row)]) for row in rows if row["code"] in CODES and _mesh(row) in ours)
 
 
 def growth(rows: Sequence[Row]) -> Iterator[str]:

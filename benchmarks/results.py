@@ -9,8 +9,10 @@ import os
 import platform
 import subprocess
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+
+from benchmark import Comparison
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -56,6 +58,7 @@ class Result:
         lines: of markdown.
         pictures: names of files.
         failure: why it ended early; "" where it did not.
+        comparisons: with other programs.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Result:
     lines: list[str]
     pictures: list[str]
     failure: str = ""
+    comparisons: list[Comparison] = field(default_factory=list)
 
 
 def save(result: Result, path: Path) -> None:
@@ -76,7 +80,8 @@ def save(result: Result, path: Path) -> None:
 def load(path: Path) -> Result:
     """Read a result."""
     kept = json.loads(path.read_text(encoding="utf-8"))
-    return Result(**{**kept, "setting": Setting(**kept["setting"])})
+    beside = [Comparison(**one) for one in kept.get("comparisons", ())]
+    return Result(**{**kept, "setting": Setting(**kept["setting"]), "comparisons": beside})
 
 
 def setting(peers: Iterable[str]) -> Setting:

@@ -64,16 +64,17 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=FOLDER, metavar="FOLDER")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    parts = _parts(arguments.output, arguments.meshes, quick=arguments.quick)
     report = Report(arguments.output)
+    parts = _parts(report, arguments.meshes, quick=arguments.quick)
     tell(report, {name: part for name, part in parts.items() if arguments.part is None or arguments.part in name})
     (arguments.output / "table.md").write_text("\n".join(report.lines) + "\n")
     return 0
 
 
-def _parts(folder: Path, meshes: Path | None, *, quick: bool) -> dict[str, Callable[[], Iterator[Row]]]:
+def _parts(report: Report, meshes: Path | None, *, quick: bool) -> dict[str, Callable[[], Iterator[Row]]]:
+    folder = report.folder
     return {
-        "bodies": lambda: bodies(quick=quick),
+        "bodies": lambda: bodies(report, quick=quick),
         "loops": lambda: loops(quick=quick),
         "ladder": lambda: ladder(quick=quick),
         "implicit": lambda: implicit(quick=quick),
@@ -90,7 +91,7 @@ def quick(report: Report) -> None:
 
 def full(report: Report) -> None:
     """All parts."""
-    tell(report, _parts(report.folder, None, quick=False))
+    tell(report, _parts(report, None, quick=False))
 
 
 def tell(report: Report, parts: Mapping[str, Callable[[], Iterator[Row]]]) -> None:
@@ -120,7 +121,7 @@ def step_time(
     return min(spent(count) for _ in range(5))
 
 
-def bodies(*, quick: bool) -> Iterator[Row]:
+def bodies(report: Report, *, quick: bool) -> Iterator[Row]:
     sizes = (10, 50, 200) if quick else (10, 20, 50, 100, 200, 500, 1000, 3000)
     found = {}
     for links in sizes:
@@ -138,6 +139,9 @@ def bodies(*, quick: bool) -> Iterator[Row]:
                 scene = scenes.Scene("", "rigid chain", 1.0, 1.0, partial(scenes.rigid_chain, links), None, links)
                 theirs = min(peer.solve(peer.build(scene), peer.RK44, 0.2, h=H)[0] for _ in range(3)) / 200.0 * 1e6
                 damped = min(peer.solve(peer.build(scene), peer.ALPHA, 0.1, h=H)[0] for _ in range(3)) / 100.0 * 1e6
+                for kind, our, their in (("RK4", explicit, theirs), ("generalized-alpha", implicit, damped)):
+                    task = f"a step of {kind}, h = 1e-3 s"
+                    report.beside(f"rigid chain, {links}", task=task, peer="exudyn", theirs=their, ours=our)
                 text += f"; exudyn RK4 {theirs:.1f} ({theirs / explicit:.1f} times)"
                 text += f", generalized-alpha {damped:.1f} ({damped / implicit:.1f} times)"
         yield "bodies", str(links), text

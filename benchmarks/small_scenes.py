@@ -315,6 +315,10 @@ def measure(report: Report, small: Small, *, turns: int, variants: int, others: 
             taken[name].append(call())
     cells = [told(taken.get(name)) for name in ("build", "first", "again", "variant", "sampled", "MuJoCo", "exudyn")]
     theirs = [float(np.median(taken[name])) for name in ("MuJoCo", "exudyn") if name in taken]
+    for name in ("MuJoCo", "exudyn"):
+        if name in taken:
+            task = "from the model to the result"
+            report.beside(small.name, task=task, peer=name, theirs=taken[name], ours=taken["first"])
     ratio = f"{float(np.median(taken['first'])) / min(theirs):.2g}" if theirs else "-"
     report.say(f"| {small.name} | {' | '.join(cells)} | {ratio} | {', '.join(errors)} |")
 

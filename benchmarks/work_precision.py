@@ -101,6 +101,10 @@ def _tell(rows: list[Row], report: Report) -> None:
     """Times to the target, as a table and a picture; all points as CSV."""
     _write_csv(rows, report.folder / "work_precision.csv")
     report.say("\n".join(_claims(rows)))
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        (_, *ours), (peer, *theirs) = (_best(rows, scene, code) for code in ("flexmbd", "exudyn"))
+        for what, our, their in zip(("stepping", "start and stepping"), ours, theirs, strict=True):
+            report.beside(scene, task=f"{what} to {TARGET:.0e}", peer=f"exudyn, {peer}", theirs=their, ours=our)
     report.picture("work_precision.png", partial(picture.draw, rows))
 
 

@@ -127,6 +127,7 @@ def _tell(report: Report, parts: Sequence[str], *, short: bool) -> None:
     for part in parts:
         found = PARTS[part](short, 1 if short else 3)
         report.say(table(found))
+        compare(report, found)
         rows += found
     report.picture("yielding.png", partial(draw, rows))
 
@@ -331,6 +332,17 @@ def least(task: Callable[[], object], *, repeats: int = 7) -> float:
         task()
         spent.append(time.process_time() - begin)
     return min(spent)
+
+
+def compare(report: Report, rows: Sequence[Row]) -> None:
+    """Keep other programs beside flexmbd on the finest level that both have of a scene."""
+    for scene, series in dict.fromkeys((row.scene, row.series) for row in rows):
+        own = {row.level: row for row in rows if (row.scene, row.series) == (scene, "flexmbd")}
+        both = [row for row in rows if (row.scene, row.series) == (scene, series) and row.level in own]
+        if series != "flexmbd" and both:
+            last = both[-1]
+            task = f"{last.cells} cells"
+            report.beside(scene, task=task, peer=series, theirs=last.seconds, ours=own[last.level].seconds)
 
 
 def table(rows: Sequence[Row]) -> str:

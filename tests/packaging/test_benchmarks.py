@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +43,45 @@ def test_the_page_is_written_from_the_results():
     assert (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8") == page.text(), (
         "write it anew: ./run python -m benchmarks --page"
     )
+
+
+def test_readme_quotes_the_comparisons_as_they_are_kept():
+    assert (ROOT / "README.md").read_text(encoding="utf-8") == page.readme(), (
+        "write it anew: ./run python -m benchmarks --page"
+    )
+
+
+def test_the_first_table_has_every_comparison_and_those_that_are_lost_first():
+    kept = [one for path in results.RESULTS.glob("*.json") for one in results.load(path).comparisons]
+    table = page.text().partition("## Beside other programs")[2].partition("\n## ")[0]
+    rows = [line.split(" | ") for line in table.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) == len(kept)
+    lost = [row[3].startswith("**") for row in rows]
+    assert lost == sorted(lost, reverse=True)
+    assert sum(lost) == sum(one.times < 1.0 for one in kept) > 0
+    assert f"in {len(kept) - sum(lost)} and more in {sum(lost)}" in page.headline()
+
+
+def test_a_comparison_of_turns_is_of_medians_and_has_the_range_of_the_turns(tmp_path):
+    report = Report(tmp_path)
+    report.beside("s", task="t", peer="p", theirs=[2.0, 9.0, 3.0], ours=[1.0, 3.0, 2.0])
+    report.beside("s", task="t", peer="never there", theirs=float("nan"), ours=1.0)
+    report.beside("s", task="t", peer="q", theirs=1.0, ours=4.0)
+    first, second = report.comparisons
+    assert (first.times, first.least, first.most) == (1.5, 1.5, 3.0)
+    assert (second.times, second.least, second.most) == (0.25, None, None)
+
+
+def test_a_whole_run_is_refused_on_a_machine_that_does_other_work(tmp_path, monkeypatch):
+    command = runpy.run_path(str(ROOT / "benchmarks" / "__main__.py"), run_name="command")
+    own = tmp_path / "squares.py"
+    own.write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.4, 0.0, 0.0))
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "squares.py"])
+    with pytest.raises(SystemExit, match="2"):
+        command["main"]()
+    assert not (tmp_path / "out_benchmarks").exists()
 
 
 def test_kept_results_are_of_whole_runs_that_passed():
