@@ -18,7 +18,7 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, Rig
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.contact.contact import Contact
-from flexmbd.multibody.contact.laws import Friction, NormalLaw
+from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.touch import Touching, contacts
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
@@ -234,7 +234,7 @@ class MachineAssembly:
         Args:
             one: a shape of ``flexmbd.contact``, or a list of them.
             other: likewise.
-            law: of the normal force: fm.contact.Hertz(...) or fm.contact.Penalty(...).
+            law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...).
             friction: fm.contact.Friction(...); None: smooth.
 
         Returns:

@@ -41,7 +41,6 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 ORDER = 2
 
 
-
 @dataclass(frozen=True)
 class CentralDifference:
     """Explicit central differences, order 2: the cheapest step there is.
@@ -79,8 +78,8 @@ class CentralDifference:
         refuse_implicit_only(scene, self.name)
         if any(one.lets_go for one in behaviours(scene.plan)):
             raise SceneError(
-                f"{self.name}: bodies of this scene touch, and their stiffness is not that of the start, by which stable "
-                "steps are known; take fm.ExplicitRungeKutta() or an implicit method"
+                f"{self.name}: bodies of this scene touch, and what is stiff then is not seen at the start, by which "
+                "stable steps are known; take fm.ExplicitRungeKutta() or an implicit method"
             )
 
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.contact.laws import Friction, NormalLaw
+from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
 
@@ -53,6 +53,6 @@ class Contact(BetweenFrames, WithStates):
         rough = self.friction is not None and self.friction.stretch() > 0.0
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
-        numbers = np.array([*self.shape.numbers(), *normal, *(self.friction.numbers() if rough else [0.0] * 5)])
+        numbers = np.array([*self.shape.numbers(), *normal, *(self.friction.numbers() if rough else [0.0] * 6)])
         bristle = self.friction.stretch() if rough else None
         table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)

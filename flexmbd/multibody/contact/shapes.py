@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.kernels.contact import distance as kinds
+from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.rotation import Axis, z_onto
 
 FloatArray = NDArray[np.float64]
@@ -25,7 +25,7 @@ class TouchedShape(Protocol):
         """Where it is."""
 
     def numbers(self) -> FloatArray:
-        """(4,) its kind and sizes (``kernels.contact.distance``)."""
+        """(4,) its kind and sizes (``kernels.contact.signed_distance``)."""
 
     def curvatures(self) -> tuple[float, float]:
         """Its two principal curvatures (1/m) where a sphere touches it, positive where it is convex."""
@@ -108,7 +108,7 @@ class HollowCylinder(_Round):
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Vertex:
     """A point, as a corner or the end of a rod; it touches what is no point.
 
     Attributes:
@@ -199,8 +199,8 @@ class HalfSpace:
         return 0.0, 0.0
 
 
-TouchShape: TypeAlias = Sphere | HollowSphere | Cylinder | HollowCylinder | Point | Capsule | Box | HalfSpace
-SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Point, Capsule, Box, HalfSpace)
+TouchShape: TypeAlias = Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace
+SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace)
 
 
 def corners(box: Box) -> list[Frame]:
@@ -225,7 +225,7 @@ def _shifted(frame: Frame, by: FloatArray) -> Frame:
     if frame.modes is not None:
         raise SceneError(
             f"the frame {frame.label} deforms with its body, so that places beside it are not known: take Sphere or "
-            "Point on frames of their own"
+            "Vertex on frames of their own"
         )
     p = frame.p_BF_B + frame.R_BF @ by
     place = ", ".join(f"{value:.6g}" for value in p)

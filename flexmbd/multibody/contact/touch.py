@@ -8,13 +8,13 @@ from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.contact.contact import Contact
-from flexmbd.multibody.contact.laws import Friction, NormalLaw
+from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.shapes import (
     SHAPES,
     Box,
     Capsule,
     HalfSpace,
-    Point,
+    Vertex,
     Sphere,
     TouchedShape,
     TouchShape,
@@ -41,7 +41,7 @@ def contacts(
     Raises:
         SceneError: what is no shape; a pair of one body; a pair that does not touch by spheres or points.
     """
-    refuse_other(law, NormalLaw, "the law of a contact", wanted="fm.contact.Hertz(...) or fm.contact.Penalty(...)")
+    refuse_other(law, NormalLaw, "the law of a contact", wanted="fm.contact.Hertz(...) or fm.contact.PowerLaw(...)")
     if friction is not None:
         refuse_other(friction, Friction, "friction", wanted="fm.contact.Friction(...)")
     first, second = _group(one), _group(other)
@@ -74,18 +74,18 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | Non
         SceneError: neither touches the other by spheres or points.
     """
     for touched, touching in ((a, b), (b, a)):
-        spheres = None if isinstance(touched, Point) else _spheres(touching, touched)
-        if spheres is not None and not isinstance(touched, Point):
+        spheres = None if isinstance(touched, Vertex) else _spheres(touching, touched)
+        if spheres is not None and not isinstance(touched, Vertex):
             return [Contact(touched, frame, radius, law, friction) for frame, radius in spheres]
     raise SceneError(
-        f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Point touches each other shape, a "
+        f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "
         "Capsule and a Box touch a HalfSpace"
     )
 
 
 def _spheres(touching: TouchShape, touched: TouchedShape) -> list[tuple[Frame, float]] | None:
     """The spheres, as centres and radii, by which one shape touches another; None: it does not."""
-    if isinstance(touching, Point):
+    if isinstance(touching, Vertex):
         return [(touching.frame, 0.0)]
     if type(touching) is Sphere:
         return [(touching.frame, touching.radius)]

@@ -186,7 +186,9 @@ class ForceSeries(MotionSeries):
         return memory_series(self.scene.index, force, self.x if t is None else self.motion(t)[0])
 
     @checked("t")
-    def contacts(self, touching: Contact | Sequence[Contact], *, t: ArrayLike | None = None) -> tuple[ContactSeries, ...]:
+    def contacts(
+        self, touching: Contact | Sequence[Contact], *, t: ArrayLike | None = None
+    ) -> tuple[ContactSeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
         Raises:

@@ -26,9 +26,9 @@ class Plan(ArrayStruct):
     ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
     ``wrenches`` (k, 6) is what the interiors of bodies with history exert on their k frames now: force (N) and moment
     (N m) on each frame in inertial axes.  ``Interiors.apply_wrenches`` writes it; copies of the plan by ``replace``
-    share it.  ``horizon`` (1,) is the longest next step (s) in which what is about to touch cannot pass through: contacts
-    lower it as they are evaluated, the step-size controller takes it and puts it back to infinity.  Python code cannot
-    write to ``data``.
+    share it.  ``horizon`` (1,) is the longest next step (s) in which what is about to touch cannot pass through:
+    contacts lower it as they are evaluated, the step-size controller takes it and puts it back to infinity.  Python
+    code cannot write to ``data``.
     """
 
     tree: IntArray

@@ -8,13 +8,15 @@ Friction: a bristle z (m) in the tangent plane, which sticks elastically and sli
 Hayward, Armstrong & Altpeter 2002: the share alpha of the sliding is zero up to `_STICKS` of that stretch, so that a
 load which oscillates below it does not creep):
 
-    z' = v_t - alpha (v_t . e)+ e - (k_t / c_t) (|z| - mu N / k_t)+ e,    e = z / |z|
-    T = k_t z + c_t z',  at most mu N in size.
+    u = v_t - alpha (v_t . e)+ e - (k_t / c_t) (|z| - s)+ e,    e = z / |z|,  s = mu N / k_t + floor
+    z' = w u - (1 - w) (k_t / c_t) z,    w = min(1, mu N / (k_t floor))
+    T = k_t z + c_t u,  at most mu N in size.
 
-Where nothing touches, z' = -(k_t / c_t) z: the bristle springs back against its damper.  mu falls from its static
-value with the sliding speed (Stribeck).  All vectors are in the axes of the shape's frame F.
+Where nothing touches, w = 0: the bristle springs back against its damper.  The floor, far less than a typical stretch,
+makes z' continuous where N vanishes; it changes no force.  mu falls from its static value with the sliding speed
+(Stribeck).  All vectors are in the axes of the shape's frame F.
 
-Numbers: the shape's (``distance``), then those whose places have names below.
+Numbers: the shape's (``signed_distance``), then those whose places have names below.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ import math
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3, sub3
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.contact.distance import (
+from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
     CYLINDER,
@@ -34,11 +36,10 @@ from flexmbd.multibody.kernels.contact.distance import (
 )
 
 #: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m); mu, the static mu, the speed (m/s) over
-#: which it falls; k_t (N/m), c_t (N s/m).
-RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING = range(
-    SHAPE_NUMBERS, SHAPE_NUMBERS + 9
+#: which it falls; k_t (N/m), c_t (N s/m), the floor (m).
+RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, FLOOR = range(
+    SHAPE_NUMBERS, SHAPE_NUMBERS + 10
 )
-CONTACT_NUMBERS = BRISTLE_DAMPING + 1
 
 _STICKS = 0.8  # of the stretch at which it slides; none of the sliding below it
 _ZERO = (0.0, 0.0, 0.0)
@@ -82,57 +83,57 @@ def _share_of_sliding(ratio):
 @kernel
 def _bristle(data, o, n, N, v, z):
     """Friction on the sphere (N) and the bristle's rate (m/s), at the sliding velocity v."""
-    k, c = data[o + BRISTLE], data[o + BRISTLE_DAMPING]
+    k, back = data[o + BRISTLE], data[o + BRISTLE] / data[o + BRISTLE_DAMPING]
     most = _coefficient(data, o, v)[0] * N
-    slides = most / k
+    slides = most / k + data[o + FLOOR]
     lifted = scale3(dot3(n, z), n)
     flat = sub3(z, lifted)
     s = math.sqrt(dot3(flat, flat))
-    rate = sub3(v, scale3(k / c, lifted))
     stretch = v
     if s > 0.0:
         e = scale3(1.0 / s, flat)
-        alpha = _share_of_sliding(s / slides)[0] if slides > 0.0 else 1.0
-        lost = alpha * max(dot3(v, e), 0.0) + k / c * max(s - slides, 0.0)
-        rate = sub3(rate, scale3(lost, e))
-        stretch = sub3(stretch, scale3(lost, e))
-    pull = add3(scale3(k, flat), scale3(c, stretch))
+        lost = _share_of_sliding(s / slides)[0] * max(dot3(v, e), 0.0) + back * max(s - slides, 0.0)
+        stretch = sub3(v, scale3(lost, e))
+    pull = add3(scale3(k, flat), scale3(data[o + BRISTLE_DAMPING], stretch))
     size = math.sqrt(dot3(pull, pull))
+    w = min(1.0, most / (k * data[o + FLOOR]))
+    rate = sub3(scale3(w, sub3(stretch, scale3(back, lifted))), scale3((1.0 - w) * back, z))
     return scale3(-1.0 if size <= most else -most / size, pull), rate
 
 
 @kernel
 def _bristle_variation(data, o, n, N, v, z, dn, dN, dv):
     """Their variation for n + dn, N + dN, v + dv."""
-    k, c = data[o + BRISTLE], data[o + BRISTLE_DAMPING]
+    k, back = data[o + BRISTLE], data[o + BRISTLE] / data[o + BRISTLE_DAMPING]
     mu, slope = _coefficient(data, o, v)
     most, dmost = mu * N, slope * dot3(v, dv) * N + mu * dN
-    slides, dslides = most / k, dmost / k
+    slides, dslides = most / k + data[o + FLOOR], dmost / k
     up, dup = dot3(n, z), dot3(dn, z)
     flat = sub3(z, scale3(up, n))
     dflat = scale3(-1.0, add3(scale3(dup, n), scale3(up, dn)))
     s = math.sqrt(dot3(flat, flat))
-    drate = add3(dv, scale3(k / c, dflat))
     stretch, dstretch = v, dv
     if s > 0.0:
         e = scale3(1.0 / s, flat)
         ds = dot3(e, dflat)
         de = scale3(1.0 / s, sub3(dflat, scale3(ds, e)))
-        alpha, dalpha = 1.0, 0.0
-        if slides > 0.0:
-            alpha, by_ratio = _share_of_sliding(s / slides)
-            dalpha = by_ratio * (ds - s * dslides / slides) / slides
+        alpha, by_ratio = _share_of_sliding(s / slides)
+        dalpha = by_ratio * (ds - s * dslides / slides) / slides
         along = dot3(v, e)
         lost, dlost = 0.0, 0.0
         if along > 0.0:
             lost, dlost = alpha * along, dalpha * along + alpha * (dot3(dv, e) + dot3(v, de))
         if s > slides:
-            lost, dlost = lost + k / c * (s - slides), dlost + k / c * (ds - dslides)
-        change = add3(scale3(dlost, e), scale3(lost, de))
-        drate = sub3(drate, change)
-        stretch, dstretch = sub3(stretch, scale3(lost, e)), sub3(dstretch, change)
-    pull = add3(scale3(k, flat), scale3(c, stretch))
-    dpull = add3(scale3(k, dflat), scale3(c, dstretch))
+            lost, dlost = lost + back * (s - slides), dlost + back * (ds - dslides)
+        stretch = sub3(v, scale3(lost, e))
+        dstretch = sub3(dv, add3(scale3(dlost, e), scale3(lost, de)))
+    pull = add3(scale3(k, flat), scale3(data[o + BRISTLE_DAMPING], stretch))
+    dpull = add3(scale3(k, dflat), scale3(data[o + BRISTLE_DAMPING], dstretch))
+    w, dw = most / (k * data[o + FLOOR]), dmost / (k * data[o + FLOOR])
+    if w >= 1.0:
+        w, dw = 1.0, 0.0
+    held = sub3(stretch, scale3(back * up, n))
+    drate = add3(scale3(w, add3(dstretch, scale3(back, dflat))), scale3(dw, add3(held, scale3(back, z))))
     size = math.sqrt(dot3(pull, pull))
     if size <= most:
         return scale3(-1.0, dpull), drate

@@ -7,8 +7,8 @@ it, controls its error and finds it in its tangent.
 
 Its numbers: how many states n and signals m; the row of ``Plan.tree`` of the first state's link; the scales (n); the
 rows of ``Plan.times`` of the signals (m); how many numbers the law has, and these.  The function behind the address:
-``user_functions.frame_states_function``.  Address 0 is the law of contact (``contact.contact_law``), whose states are the
-bristle of its friction.
+``user_functions.frame_states_function``.  Address 0 is the law of contact (``contact.contact_law``), whose states are
+the bristle of its friction.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, sc
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact.contact_law import RADIUS
-from flexmbd.multibody.kernels.contact.distance import distance
+from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.frame_states import law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates

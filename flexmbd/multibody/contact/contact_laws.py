@@ -13,7 +13,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.force.protocol import check_numbers
 
-_NO_ROUND = "Hertz's law is of round surfaces: a point has none; take Penalty"
+_FLOOR = 1e-3  # of the bristle's stretch under the typical load: below it the bristle is not told from none
+_NO_ROUND = "Hertz's law is of round surfaces: a point has none; take PowerLaw"
 
 
 @runtime_checkable
@@ -48,15 +49,15 @@ def dissipation_of(restitution: float, speed: float) -> float:
     if e == 1.0:
         return 0.0
 
-    def equation(x: float) -> float:
-        return math.log1p(x) - math.log1p(-e * x) - x * (1.0 + e)
+    def equation(t: float) -> float:  # t = ln(1 - e D v), for D v is next to 1 / e where e is small
+        x = -math.expm1(t) / e
+        return math.log1p(x) - t - x * (1.0 + e)
 
-    # near x = 0 it is (e^2 - 1) x^2 / 2 < 0; at 1 / e it is infinite
-    above = (1.0 - 1e-15) / e
-    below = min(1.0 - e, 0.5 * above)
-    while equation(below) >= 0.0:
-        below *= 0.5
-    return float(brentq(equation, below, above, xtol=1e-14 * above)) / speed
+    first = min(1.0 - e, 0.5)  # of D v; next to zero it is (e^2 - 1) (D v)^2 / 2 < 0
+    while equation(math.log1p(-e * first)) >= 0.0:
+        first *= 0.5
+    t = brentq(equation, -(1.0 + e) / e - 2.0, math.log1p(-e * first), xtol=1e-14, rtol=1e-14)
+    return -math.expm1(t) / e / speed
 
 
 @dataclass(frozen=True)
@@ -150,8 +151,8 @@ def _ellipse(ratio: float) -> float:
 
 
 @dataclass(frozen=True)
-class Penalty(_Impact):
-    """N = k delta^p: a stated stiffness, whatever the shapes; ``Penalty.bearing`` has it of a stated depth.
+class PowerLaw(_Impact):
+    """N = k delta^p: a stated stiffness, whatever the shapes; ``PowerLaw.bearing`` has it of a stated depth.
 
     Attributes:
         k: N/m^p.
@@ -165,13 +166,13 @@ class Penalty(_Impact):
     p: float = 1.0
 
     @classmethod
-    def bearing(cls, load: float, *, depth: float, restitution: float = 1.0, speed: float = 1.0) -> Penalty:
+    def bearing(cls, load: float, *, depth: float, restitution: float = 1.0, speed: float = 1.0) -> PowerLaw:
         """The linear one that bears a load (N) at a depth (m).
 
         Raises:
             SceneError: one of them is not positive.
         """
-        check_numbers("Penalty.bearing", positive={"load": load, "depth": depth})
+        check_numbers("PowerLaw.bearing", positive={"load": load, "depth": depth})
         return cls(restitution, speed, load / depth)
 
     @property
@@ -234,7 +235,8 @@ class Friction:
     def numbers(self) -> list[float]:
         """Of the law (``kernels.contact.contact_law``), from FRICTION on."""
         static = self.mu if self.static is None else self.static
-        return [self.mu, static, self.stribeck or 1.0, self.stiffness, self.damping]
+        floor = _FLOOR * self.stretch()
+        return [self.mu, static, self.stribeck or 1.0, self.stiffness, self.damping, floor]
 
     def stretch(self) -> float:
         """Of the bristle under the typical load (m)."""
