@@ -15,8 +15,8 @@ __version__ = "0.2.0"
 
 _ROOMS = frozenset(
     {
-        "beams", "continuum", "ensemble", "export", "force", "forms", "integrate", "joint", "meshes", "output",
-        "parameter", "reduction", "visual",
+        "beams", "contact", "continuum", "ensemble", "export", "force", "forms", "integrate", "joint", "meshes",
+        "output", "parameter", "reduction", "visual",
     }
 )  # fmt: skip
 
@@ -24,6 +24,7 @@ _draw_with("flexmbd.visual.portraits")
 
 if typing.TYPE_CHECKING:
     from flexmbd import beams as beams
+    from flexmbd import contact as contact
     from flexmbd import continuum as continuum
     from flexmbd import ensemble as ensemble
     from flexmbd import export as export

@@ -46,6 +46,7 @@ PAGES = {
         "Table Beyond Sine Motion Piecewise Switched Signal TimeFunction compiled Compiled",
         "force",
     ),
+    "contact": ("Contact", "", "contact"),
     "record": (
         "Reduced bodies",
         "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "

@@ -284,6 +284,9 @@ def next_step(plan, rule, knots, state, groups, record, h):
     code = st.DONE
     if h > 0.0:
         code = accept_or_reject(plan, rule, state, groups, record, h)
+    if count[st.FIXED_STEP] == 0:
+        state.numbers[st.STEP] = min(state.numbers[st.STEP], plan.horizon[0])
+    plan.horizon[0] = np.inf
     count[st.OUTCOME] = code
     if code != st.DONE or state.numbers[st.TIME] >= state.numbers[st.TIME_END] or count[st.AT_BREAK] == 1:
         return 0.0

@@ -17,6 +17,9 @@ from flexmbd.given import checked, numbers, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.touch import Touching, contacts
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.force.states import Followed, StateEquation, States, linear_equations
@@ -219,6 +222,38 @@ class MachineAssembly:
         self._check_force(force)
         self._forces.append(force)
         return force
+
+    def touch(
+        self, one: Touching, other: Touching, law: NormalLaw, *, friction: Friction | None = None
+    ) -> tuple[Contact, ...]:
+        """Let two shapes touch, or each shape of a group another one, or each of another group.
+
+        Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch.  A
+        list given as both touches within itself.
+
+        Args:
+            one: a shape of ``flexmbd.contact``, or a list of them.
+            other: likewise.
+            law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...).
+            friction: fm.contact.Friction(...); None: smooth.
+
+        Returns:
+            The contacts, force elements of the scene: one for each sphere or point that may touch a shape.
+
+        Raises:
+            SceneError: shapes of another scene, on one body, or a pair that is not known; a law that is none.
+        """
+        held = (c for c in self._connections if not isinstance(c.joint, Free))
+        joined = {frozenset((id(c.parent.body), id(c.child.body))) for c in held}
+
+        def are_joined(a: Body, b: Body) -> bool:
+            return frozenset((id(a), id(b))) in joined
+
+        found = contacts(one, other, law, friction, are_joined=are_joined)
+        for contact in found:
+            self._check_force(contact)
+        self._forces.extend(found)
+        return tuple(found)
 
     @checked("name")
     def add_controller(

@@ -21,7 +21,7 @@ from flexmbd.integrate.controller import NO_KNOTS, SAFETY, arrays_of
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
-from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, new_work
+from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, new_work, open_horizon
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.tree_accelerations import new_dense_work, tree_accelerations
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
@@ -110,7 +110,7 @@ class PreparedRuns:
         # views can be written to, which the plan's own array may refuse
         self.numbers: dict[str, NDArray[Any]] = {name: array.view() for name, array in own.items()}
         callbacks = scene.callbacks.beside()
-        plan = scene.plan.replace(**own, flag=callbacks.flag)
+        plan = scene.plan.replace(**own, flag=callbacks.flag, horizon=open_horizon())
         full, floor = scene.group_full.copy(), scene.group_floor.copy()
         self.scene = replace(scene, plan=plan, callbacks=callbacks, group_full=full, group_floor=floor)
         self.method, self._settings, self._start, self.rows = method, settings, start, start.choice.rows

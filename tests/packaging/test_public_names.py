@@ -21,7 +21,7 @@ import flexmbd as fm
 
 REPOSITORY = Path(__file__).parents[2]
 ROOMS = (
-    "beams", "continuum", "ensemble", "export", "force", "forms", "integrate", "joint", "meshes", "output",
+    "beams", "contact", "continuum", "ensemble", "export", "force", "forms", "integrate", "joint", "meshes", "output",
     "parameter", "reduction", "visual",
 )  # fmt: skip
 PUBLIC = ("flexmbd", *(f"flexmbd.{room}" for room in ROOMS))

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from flexmbd.errors import SceneError
 from flexmbd.given import refuse_no_truth
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Stepper, make_advance, no_factors
@@ -33,11 +34,11 @@ from flexmbd.integrate.explicit.step_growth import central_difference_growth
 from flexmbd.integrate.interior_support import refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.elements.table import behaviours
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 ORDER = 2
-
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,13 @@ class CentralDifference:
         return ORDER
 
     def check(self, scene: CompiledScene) -> None:
-        """Runs every scene whose bodies with history step explicitly."""
+        """Runs every scene without contacts whose bodies with history step explicitly."""
         refuse_implicit_only(scene, self.name)
+        if any(one.lets_go for one in behaviours(scene.plan)):
+            raise SceneError(
+                f"{self.name}: bodies of this scene touch, and what is stiff then is not seen at the start, by which "
+                "stable steps are known; take fm.ExplicitRungeKutta() or an implicit method"
+            )
 
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``."""

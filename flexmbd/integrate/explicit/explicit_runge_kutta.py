@@ -81,6 +81,7 @@ _RULE = Rule(
 )  # fmt: skip
 
 _LEAST = 0.3  # the least error of order 8 over that of order 3 to the power 9/4, both relative to the machine's sizes
+_SMOOTH = 4.0  # changes of accelerations at stages without weight over those at the others: more than of any motion
 
 
 class Rotations(IntEnum):
@@ -251,9 +252,37 @@ def _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, 
 
 
 @kernel
+def _unseen_blow(plan, tableau, state, groups, scratch, h, rate):
+    """The ratio to the tolerance of what a blow does that fell into stages which neither end nor estimates weigh.
+
+    Accelerations of a smooth motion differ there from the start's by no more than at the other stages.  What throws
+    the machine out of a contact again within such a stage leaves no trace in the others.
+    """
+    stages = tableau.a.shape[1]
+    largest = 0.0
+    for i in range(plan.free.shape[0]):
+        k = plan.free[i]
+        seen, unseen = 0.0, 0.0
+        for j in range(1, stages):
+            change = abs(scratch.rate_v[j, k] - scratch.rate_v[0, k])
+            weighed = tableau.a[stages, j] != 0.0 or tableau.estimates[0, j] != 0.0 or tableau.estimates[1, j] != 0.0
+            if weighed:
+                seen = max(seen, change)
+            else:
+                unseen = max(unseen, change)
+        if unseen > _SMOOTH * seen:
+            g = groups.of[k]
+            allowed = state.numbers[st.TOLERANCE] * min(1.0, h * rate) * st.group_speed(groups, g, rate)
+            largest = max(largest, h * unseen / max(allowed, st.ROUND_OFF * groups.full[g] * rate))
+    return largest
+
+
+@kernel
 def _judge(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate):
     """The ratio of the step's error to the tolerance, 1 where it passes a jump all the same (see ``jumps``)."""
     ratio = _error(plan, work, aw, loops, quaternions, tableau, state, groups, scratch, h, rate)
+    if ratio <= 1.0 and plan.elements.shape[0] > 0:
+        ratio = max(ratio, _unseen_blow(plan, tableau, state, groups, scratch, h, rate))
     if ratio <= 1.0:
         return ratio
     stages = tableau.a.shape[1]

@@ -122,6 +122,16 @@ class ElementTable(Protocol):
             SceneError: the law is no compiled function of nine arguments (`flexmbd.compiled`), or states are none.
         """
 
+    def contact(
+        self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None
+    ) -> None:
+        """Let a shape on F and a sphere about G's origin touch.
+
+        ``numbers``: of the shape and of the law (``kernels.contact.contact_law``).  ``bristle``: the size (m) to which
+        rtol is relative for the stretch of friction's bristle, or None where there is no friction; for a force that is
+        ``WithStates``.
+        """
+
     def memory_law(
         self, law: Compiled, what: str, connection: Connection, index: int, *, memory: Mapping[str, float],
         numbers: ArrayLike = (), rest: float = 0.0,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.arrays import Plan, open_horizon
 from flexmbd.multibody.kernels.base.native import lapack_addresses
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering
@@ -61,6 +61,7 @@ def fill_plan(
         elements=_int_table(table.elements, at.N_ELEMENT),
         penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),
+        horizon=open_horizon(),
     )
     return plan
 

@@ -14,7 +14,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 FloatArray = NDArray[np.float64]
 
 # What differs from process to process, as addresses, or from step to step, as wrenches.
-_LEFT_OUT = {"lapack", "flag", "times", "elements", "wrenches"}
+_LEFT_OUT = {"lapack", "flag", "times", "elements", "wrenches", "horizon"}
 
 
 def plan_digest(plan: Plan, codes: Iterable[str] | None, breaks: FloatArray, *, is_rounded: bool) -> str:

@@ -18,7 +18,12 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES, frame_states_scratch
+from flexmbd.multibody.kernels.elements.frame_states import (
+    CONTACT,
+    FRAME_STATES,
+    ROUGH_CONTACT,
+    frame_states_scratch,
+)
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.state_loads import (
@@ -95,6 +100,20 @@ class StateTable(ABC):
             FRAME_STATES, what, f=self.frame(frame_F), g=self.frame(frame_G), v=first, data=data,
             count=frame_states_scratch(n, len(times)), address=self._numbering.add_compiled(law),
         )  # fmt: skip
+
+    def contact(
+        self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None
+    ) -> None:
+        """Let a shape on F and a sphere about G's origin touch."""
+        values = flat(numbers)
+        names = () if bristle is None else ("bristle x", "bristle y", "bristle z")
+        sizes, initial = state_sizes(bristle or 1.0, dict.fromkeys(names, 0.0), what)
+        first, link = self._add_links(what, names, initial, sizes)
+        n = len(initial)
+        data = self.numbers([n, 0, link, *sizes, len(values), *values])
+        kind = CONTACT if bristle is None else ROUGH_CONTACT
+        f, g = self.frame(frame_F), self.frame(frame_G)
+        self.element(kind, what, f=f, g=g, v=first, data=data, count=frame_states_scratch(n, 0))
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

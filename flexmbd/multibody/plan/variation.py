@@ -23,7 +23,7 @@ from flexmbd.multibody.functions.time_function import TimeRow, as_row, load_row
 from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.arrays import Plan, open_horizon
 from flexmbd.multibody.kernels.reading.tree import mode_places
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.forces import ForceSpan, ForceTable
@@ -91,7 +91,7 @@ class _Variation:
         callbacks = self._scene.callbacks.beside()
         return replace(
             self._scene,
-            plan=self._plan.replace(**self._new, flag=callbacks.flag),
+            plan=self._plan.replace(**self._new, flag=callbacks.flag, horizon=open_horizon()),
             callbacks=callbacks,
             index=self._index,
             extent=self._extent,

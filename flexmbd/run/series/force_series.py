@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
 from flexmbd.multibody.force.protocol import Force
@@ -21,6 +22,7 @@ from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
+from flexmbd.multibody.results.contact_series import ContactSeries, contact_rows
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
 from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
@@ -182,6 +184,19 @@ class ForceSeries(MotionSeries):
             SceneError: the force remembers nothing, or is not in the scene.
         """
         return memory_series(self.scene.index, force, self.x if t is None else self.motion(t)[0])
+
+    @checked("t")
+    def contacts(
+        self, touching: Contact | Sequence[Contact], *, t: ArrayLike | None = None
+    ) -> tuple[ContactSeries, ...]:
+        """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
+
+        Raises:
+            SceneError: it is no contact, or of another scene.
+        """
+        some = (touching,) if isinstance(touching, Contact) else tuple(touching)
+        series = (self.x, self.v, self.a) if t is None else self.motion(t)
+        return tuple(contact_rows(self.scene, one, *series) for one in some)
 
     def _interior(self, body: ContinuumBody) -> int:
         """Which of the interiors is the body's."""

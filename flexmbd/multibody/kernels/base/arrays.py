@@ -20,13 +20,15 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Plan(ArrayStruct):
-    """The arrays of a compiled scene (SI units; ``layout`` names their columns), constant but for two things.
+    """The arrays of a compiled scene (SI units; ``layout`` names their columns), constant but for three things.
 
     ``flag`` (1,) is set by a user's function that fails, and the step stops.  FLAG_PYTHON: an exception that
     ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
     ``wrenches`` (k, 6) is what the interiors of bodies with history exert on their k frames now: force (N) and moment
     (N m) on each frame in inertial axes.  ``Interiors.apply_wrenches`` writes it; copies of the plan by ``replace``
-    share it.  Python code cannot write to ``data``.
+    share it.  ``horizon`` (1,) is the longest next step (s) in which what is about to touch cannot pass through:
+    contacts lower it as they are evaluated, the step-size controller takes it and puts it back to infinity.  Python
+    code cannot write to ``data``.
     """
 
     tree: IntArray
@@ -49,10 +51,16 @@ class Plan(ArrayStruct):
     wrenches: FloatArray
     elements: IntArray
     penalties: IntArray  # constraint rows, with the columns of ``rows``, that penalties enforce in place of multipliers
+    horizon: FloatArray
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.data.flags.writeable = False
+
+
+def open_horizon() -> FloatArray:
+    """A ``Plan.horizon`` that bounds no step."""
+    return np.full(1, np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,8 @@ class Behaviour:
         drives: whether it counts among what drives joints, as a motor does and a spring does not.
         spring: its numbers that make it elastic, the first and how many: zeros are a damper alone; none: it always is.
         damper: its numbers that make it dissipate, the first and how many: without them it stores all that it takes.
+        lets_go: whether it is no spring that lasts, as a contact is, so that what swings fast on it is a blow and no
+            vibration: all of its error counts.
         remembers: whether it has a memory, so that what it stores hangs on the way and not on where it is alone.
     """
 
@@ -56,6 +58,7 @@ class Behaviour:
     spring: tuple[int, int] = (0, 0)
     damper: tuple[int, int] = (0, 0)
     remembers: bool = False
+    lets_go: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""A user's law between two frames with states of its own: f(t, data, z, u, d, R, rate, spin, out).
+"""A law between two frames with states of its own: a user's f(t, data, z, u, d, R, rate, spin, out), or contact.
 
 It gives the wrench on G and the rates of its states z, by these, by functions of time and signals u, and by the motion
 of G against F.  Each state is the velocity of a link of its own, of unit inertia and without mass
@@ -7,7 +7,8 @@ it, controls its error and finds it in its tangent.
 
 Its numbers: how many states n and signals m; the row of ``Plan.tree`` of the first state's link; the scales (n); the
 rows of ``Plan.times`` of the signals (m); how many numbers the law has, and these.  The function behind the address:
-``user_functions.frame_states_function``.
+``user_functions.frame_states_function``.  Address 0 is the law of contact (``contact.contact_law``), whose states are
+the bristle of its friction.
 """
 
 from __future__ import annotations
@@ -19,6 +20,12 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
+from flexmbd.multibody.kernels.contact.contact_law import (
+    DISSIPATION,
+    contact,
+    contact_energy,
+    contact_variation,
+)
 from flexmbd.multibody.kernels.elements.differences import difference_step
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
 
@@ -81,8 +88,12 @@ def _ask(plan, work, row, motion, moved, along):
         out[k] = math.nan
     if plan.flag[0] != 0 or not math.isfinite(total):
         return answer
-    data = plan.data[numbers : numbers + int(plan.data[numbers - 1])]
-    call_state(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], data, given, out)
+    if row[at.EL_ADDRESS] == 0:
+        longest = contact(plan.data, numbers, given[_MOTION : _MOTION + n], d, rate, spin, out)
+        plan.horizon[0] = min(plan.horizon[0], longest)
+    else:
+        data = plan.data[numbers : numbers + int(plan.data[numbers - 1])]
+        call_state(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], data, given, out)
     total = 0.0
     for k in range(out.shape[0]):
         total += out[k]
@@ -165,4 +176,45 @@ def add_rates(plan, work, row, column, factor, matrix):
 
 FRAME_STATES = FrameElement(
     Behaviour("forces with states, which may be stiff", Stiffness.UNSEEN, calls_user=True), _wrench, _variation
+)
+
+
+@kernel
+def law_numbers(plan, row):
+    """Where in ``plan.data`` the numbers of a row's law begin."""
+    return _sizes(plan, row)[2]
+
+
+@kernel
+def _load_given(plan, work, row):
+    """The states of a row into ``work.generalized``, and where its numbers and its answer begin."""
+    n, _, numbers, answer = _sizes(plan, row)
+    for i in range(n):
+        work.generalized[_MOTION + i] = _state(plan, work, row, i)
+    return work.generalized[_MOTION : _MOTION + n], numbers, answer
+
+
+@kernel
+def _contact_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
+    z, numbers, answer = _load_given(plan, work, row)
+    out = work.generalized[answer : answer + _WRENCH + z.shape[0]]
+    contact_variation(plan.data, numbers, z, d, rate, spin, dd, drate, dspin, out)
+    return load3(work.generalized, answer), load3(work.generalized, answer + 3)
+
+
+@kernel
+def _contact_energy(plan, work, row, d, R, rate, spin):
+    z, numbers, _ = _load_given(plan, work, row)
+    return contact_energy(plan.data, numbers, z, d)
+
+
+# without states and signals the law's numbers follow the head and their count
+_CONTACT = "contacts, which are stiffer than at the start"
+CONTACT = FrameElement(
+    Behaviour(_CONTACT, Stiffness.UNSEEN, damper=(_HEAD + 1 + DISSIPATION, 1), lets_go=True),
+    _wrench, _contact_variation, _contact_energy,
+)  # fmt: skip
+#: The same with friction, whose bristle is no potential.
+ROUGH_CONTACT = FrameElement(
+    Behaviour(_CONTACT, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _contact_variation, _contact_energy
 )

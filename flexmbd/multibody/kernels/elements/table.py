@@ -27,7 +27,7 @@ from flexmbd.multibody.kernels.elements.element import (
     GeneralisedForce,
 )
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
-from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES
+from flexmbd.multibody.kernels.elements.frame_states import CONTACT, FRAME_STATES, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.friction import FRICTION
 from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
@@ -50,7 +50,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
     STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
-    HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES,
+    HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES, CONTACT, ROUGH_CONTACT,
 )  # fmt: skip
 
 
@@ -80,6 +80,7 @@ def couple_all(plan: Plan) -> NDArray[np.bool_]:
         [
             one is INTERIOR_WRENCH
             or one is FRAME_STATES
+            or one is ROUGH_CONTACT
             or (isinstance(one, GeneralisedForce) and one.subtract_tangent is not None and one.couples)
             for one in kinds
         ],

@@ -81,7 +81,7 @@ def grips(plan: Plan, loads: FloatArray) -> FloatArray:
 def can_vibrate(plan: Plan) -> bool:
     """Whether anything makes joints vibrate: springs, users' laws, rows that an augmented Lagrangian enforces.
 
-    Stops and friction do not, whose grip passes, and neither do dampers: what they hold comes to rest.
+    Stops, friction and contacts do not, whose grip passes, and neither do dampers: what they hold comes to rest.
     """
     return _has_springs(plan) or bool(constraint_rows(plan).augmented.any())
 
@@ -96,7 +96,7 @@ def _has_springs(plan: Plan) -> bool:
         first, count = one.spring
         numbers = plan.data[row[at.EL_DATA] + first : row[at.EL_DATA] + first + count]
         elastic = storing or one.stiffness is not Stiffness.NONE
-        if elastic and one.grip is None and (count == 0 or numbers.any()):
+        if elastic and one.grip is None and not one.lets_go and (count == 0 or numbers.any()):
             return True
     return False
 

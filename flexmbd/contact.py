@@ -1,0 +1,21 @@
+"""Bodies that touch: shapes, laws of the normal force, friction; docs/contact.md.
+
+A public name: users enter here.
+"""
+
+from flexmbd.multibody.contact.contact import Contact as Contact
+from flexmbd.multibody.contact.contact_laws import Friction as Friction
+from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
+from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
+from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
+from flexmbd.multibody.contact.shapes import Box as Box
+from flexmbd.multibody.contact.shapes import Capsule as Capsule
+from flexmbd.multibody.contact.shapes import Cylinder as Cylinder
+from flexmbd.multibody.contact.shapes import HalfSpace as HalfSpace
+from flexmbd.multibody.contact.shapes import HollowCylinder as HollowCylinder
+from flexmbd.multibody.contact.shapes import HollowSphere as HollowSphere
+from flexmbd.multibody.contact.shapes import Sphere as Sphere
+from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
+from flexmbd.multibody.contact.shapes import Vertex as Vertex
+from flexmbd.multibody.contact.touch import Touching as Touching
+from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries

@@ -1,0 +1,58 @@
+"""A sphere or a point that touches a shape, as a force between two frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.shapes import TouchedShape
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
+
+
+@dataclass(frozen=True, eq=False)
+class Contact(BetweenFrames, WithStates):
+    """A sphere about a frame's origin, or a point, that touches a shape; ``System.touch`` makes them.
+
+    Attributes:
+        shape: on frame F.
+        frame_G: its origin is the sphere's centre.
+        radius: m; 0 of a point.
+        law: of the normal force.
+        friction: None: smooth.
+    """
+
+    shape: TouchedShape
+    frame_G: Frame
+    radius: float
+    law: NormalLaw
+    friction: Friction | None = None
+    frame_F: Frame = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame_F", self.shape.frame)
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        touching = "sphere" if self.radius > 0.0 else "point"
+        shape = type(self.shape).__name__
+        return f"contact of {touching} {self.frame_G.label} with {shape} {self.frame_F.label}"
+
+    def check(self) -> None:
+        """Raise SceneError for a law that is none, or does not know the shapes."""
+        self.law.check(self.what)
+        self.law.stiffness(self.shape, self.radius, self.what)
+        if self.friction is not None:
+            self.friction.check(self.what)
+
+    def assemble(self, table: ElementTable) -> None:
+        """One row; with friction that slides, three states of its bristle."""
+        rough = self.friction is not None and self.friction.stretch() > 0.0
+        k = self.law.stiffness(self.shape, self.radius, self.what)
+        normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
+        numbers = np.array([*self.shape.numbers(), *normal, *(self.friction.numbers() if rough else [0.0] * 6)])
+        bristle = self.friction.stretch() if rough else None
+        table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)

@@ -1,0 +1,240 @@
+"""Shapes that touch, each on the frame of a body or of the ground; what touches them is a sphere or a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import is_number, numbers, refuse_other
+from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.kernels.contact import signed_distance as kinds
+from flexmbd.rotation import Axis, z_onto
+
+FloatArray = NDArray[np.float64]
+
+
+class TouchedShape(Protocol):
+    """A shape that spheres and points touch."""
+
+    @property
+    def frame(self) -> Frame:
+        """Where it is."""
+
+    def numbers(self) -> FloatArray:
+        """(4,) its kind and sizes (``kernels.contact.signed_distance``)."""
+
+    def curvatures(self) -> tuple[float, float]:
+        """Its two principal curvatures (1/m) where a sphere touches it, positive where it is convex."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """A shape that a radius tells."""
+
+    frame: Frame
+    radius: float
+    _kind: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        _check(self, radius=self.radius)
+
+    def numbers(self) -> FloatArray:
+        """Kind and radius."""
+        return np.array([self._kind, self.radius, 0.0, 0.0])
+
+
+class Sphere(_Round):
+    """A ball about the frame's origin.
+
+    Attributes:
+        frame: on a body or on the ground.
+        radius: m.
+    """
+
+    _kind = kinds.SPHERE
+
+    def curvatures(self) -> tuple[float, float]:
+        """Both 1 / radius."""
+        return 1.0 / self.radius, 1.0 / self.radius
+
+
+class HollowSphere(_Round):
+    """A spherical hollow about the frame's origin: what touches it is inside.
+
+    Attributes:
+        frame: on a body or on the ground.
+        radius: m.
+    """
+
+    _kind = kinds.HOLLOW_SPHERE
+
+    def curvatures(self) -> tuple[float, float]:
+        """Both -1 / radius."""
+        return -1.0 / self.radius, -1.0 / self.radius
+
+
+class Cylinder(_Round):
+    """A round cylinder without ends along the frame's z axis.
+
+    Attributes:
+        frame: on a body or on the ground.
+        radius: m.
+    """
+
+    _kind = kinds.CYLINDER
+
+    def curvatures(self) -> tuple[float, float]:
+        """Round and straight."""
+        return 1.0 / self.radius, 0.0
+
+
+class HollowCylinder(_Round):
+    """A round bore without ends along the frame's z axis: what touches it is inside.
+
+    Attributes:
+        frame: on a body or on the ground.
+        radius: m.
+    """
+
+    _kind = kinds.HOLLOW_CYLINDER
+
+    def curvatures(self) -> tuple[float, float]:
+        """Round and straight."""
+        return -1.0 / self.radius, 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """A point, as a corner or the end of a rod; it touches what is no point.
+
+    Attributes:
+        frame: its origin is the point.
+    """
+
+    frame: Frame
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """A round rod with round ends along the frame's z axis, its middle at the frame's origin.
+
+    Attributes:
+        frame: on a body or on the ground.
+        radius: m.
+        length: m, between the centres of its ends.
+    """
+
+    frame: Frame
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _check(self, radius=self.radius, length=self.length)
+
+    def numbers(self) -> FloatArray:
+        """Kind, radius, half the length."""
+        return np.array([kinds.CAPSULE, self.radius, 0.5 * self.length, 0.0])
+
+    def curvatures(self) -> tuple[float, float]:
+        """Of its side, round and straight."""
+        return 1.0 / self.radius, 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box, its middle at the frame's origin, its sides along the frame's axes.
+
+    Attributes:
+        frame: on a body or on the ground.
+        sides: (3,) m.
+    """
+
+    frame: Frame
+    sides: ArrayLike
+
+    def __post_init__(self) -> None:
+        sides = numbers(self.sides)
+        if sides.shape != (3,):
+            raise SceneError(f"a Box has three sides (m), got {self.sides!r}")
+        _check(self, **{f"sides[{k}]": side for k, side in enumerate(sides.tolist())})
+
+    def numbers(self) -> FloatArray:
+        """Kind and half the sides."""
+        return np.array([kinds.BOX, *(0.5 * numbers(self.sides))])
+
+    def curvatures(self) -> tuple[float, float]:
+        """Of its faces: none."""
+        return 0.0, 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """All that is behind a plane through the frame's origin.
+
+    Attributes:
+        frame: on a body or on the ground.
+        normal: out of it, in the frame's axes: "x", "y", "z" or a vector (3,).
+    """
+
+    frame: Frame
+    normal: Axis = "z"
+
+    def __post_init__(self) -> None:
+        _check(self)
+        z_onto(self.normal)
+
+    def numbers(self) -> FloatArray:
+        """Kind and unit normal."""
+        return np.array([kinds.HALF_SPACE, *z_onto(self.normal)[:, 2]])
+
+    def curvatures(self) -> tuple[float, float]:
+        """None."""
+        return 0.0, 0.0
+
+
+TouchShape: TypeAlias = Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace
+SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace)
+
+
+def corners(box: Box) -> list[Frame]:
+    """Its eight corners, as frames of its body."""
+    half = 0.5 * numbers(box.sides)
+    signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    return [_shifted(box.frame, half * sign) for sign in np.array(signs)]
+
+
+def ends(capsule: Capsule) -> list[Frame]:
+    """The centres of its two round ends, as frames of its body."""
+    half = 0.5 * capsule.length
+    return [_shifted(capsule.frame, np.array([0.0, 0.0, z])) for z in (-half, half)]
+
+
+def _shifted(frame: Frame, by: FloatArray) -> Frame:
+    """A frame with the same axes, its origin shifted by (3,) m in these.
+
+    Raises:
+        SceneError: the frame moves against its body, which does not say how a place beside it moves.
+    """
+    if frame.modes is not None:
+        raise SceneError(
+            f"the frame {frame.label} deforms with its body, so that places beside it are not known: take Sphere or "
+            "Vertex on frames of their own"
+        )
+    p = frame.p_BF_B + frame.R_BF @ by
+    place = ", ".join(f"{value:.6g}" for value in p)
+    return replace(frame, p_BF_B=p, label=f"{frame.body.name or 'ground'}({place})")
+
+
+def _check(shape: TouchShape | _Round, **sizes: float) -> None:
+    what = type(shape).__name__
+    refuse_other(shape.frame, Frame, f"the frame of a {what}", wanted="a frame as body.frame()")
+    for name, value in sizes.items():
+        if not (is_number(value) and 0.0 < value < np.inf):
+            raise SceneError(f"{name} of a {what} on {shape.frame.label} must be positive (m), got {value!r}")

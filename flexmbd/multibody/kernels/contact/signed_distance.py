@@ -1,0 +1,91 @@
+"""The signed distance of a point from a shape, its gradient, and how the gradient turns with the point.
+
+Of most shapes the distance is that of the point from a core, a point, a segment, a line or a box, less a radius; of a
+hollow shape it is the radius less that.  Inside a box it is that of the nearest face.  Points and gradients are in the
+axes of the shape's frame.  Numbers: the kind, then a, b, c (m), or the half space's normal.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmbd.multibody.kernels.algebra.so3 import dot3, scale3, sub3
+from flexmbd.multibody.kernels.base.compiling import kernel
+
+#: Kinds of shapes: their numbers are the radius; the radius; the radius and half the length; the radius; the radius;
+#: half the sides; the unit normal.
+SPHERE, HOLLOW_SPHERE, CAPSULE, CYLINDER, HOLLOW_CYLINDER, BOX, HALF_SPACE = range(7)
+
+#: Numbers of a shape.
+SHAPE_NUMBERS = 4
+
+
+@kernel
+def _beyond(x, half):
+    """How far x is beyond an interval of this half length, with its sign."""
+    return math.copysign(abs(x) - half, x) if abs(x) > half else 0.0
+
+
+@kernel
+def _from_core(data, o, p):
+    """The vector to p from the nearest point of the core, and the radius about the core."""
+    kind = data[o]
+    if kind == BOX:
+        return (_beyond(p[0], data[o + 1]), _beyond(p[1], data[o + 2]), _beyond(p[2], data[o + 3])), 0.0
+    if kind == CAPSULE:
+        return (p[0], p[1], _beyond(p[2], data[o + 2])), data[o + 1]
+    if kind == CYLINDER or kind == HOLLOW_CYLINDER:
+        return (p[0], p[1], 0.0), data[o + 1]
+    return p, data[o + 1]
+
+
+@kernel
+def _nearest_face(data, o, p):
+    """Inside a box: the distance (< 0) of the nearest face, and its normal."""
+    depth, axis = data[o + 1] - abs(p[0]), 0
+    for k in range(1, 3):
+        one = data[o + 1 + k] - abs(p[k])
+        if one < depth:
+            depth, axis = one, k
+    sign = math.copysign(1.0, p[axis])
+    normal = (sign if axis == 0 else 0.0, sign if axis == 1 else 0.0, sign if axis == 2 else 0.0)
+    return -depth, normal
+
+
+@kernel
+def distance(data, o, p):
+    """Signed distance (m) of p from the shape at ``data[o]``, and its gradient, a unit vector out of the shape.
+
+    NaN where p is on the core, whose gradient has no direction.
+    """
+    if data[o] == HALF_SPACE:
+        n = (data[o + 1], data[o + 2], data[o + 3])
+        return dot3(n, p), n
+    q, radius = _from_core(data, o, p)
+    length = math.sqrt(dot3(q, q))
+    if length == 0.0:
+        return _nearest_face(data, o, p) if data[o] == BOX else (math.nan, (math.nan, math.nan, math.nan))
+    hollow = data[o] == HOLLOW_SPHERE or data[o] == HOLLOW_CYLINDER
+    sign = -1.0 if hollow else 1.0
+    return sign * (length - radius), scale3(sign / length, q)
+
+
+@kernel
+def gradient_variation(data, o, p, dp):
+    """How much the gradient at p changes for p + dp."""
+    if data[o] == HALF_SPACE:
+        return (0.0, 0.0, 0.0)
+    q, _ = _from_core(data, o, p)
+    length = math.sqrt(dot3(q, q))
+    if length == 0.0:
+        return (0.0, 0.0, 0.0)
+    # the core's nearest point moves along with p in directions in which p is not beyond it
+    dq = (dp[0] if q[0] != 0.0 else 0.0, dp[1] if q[1] != 0.0 else 0.0, dp[2] if q[2] != 0.0 else 0.0)
+    if data[o] != BOX:
+        along = 0.0 if data[o] == CYLINDER or data[o] == HOLLOW_CYLINDER else dp[2]
+        if data[o] == CAPSULE and abs(p[2]) <= data[o + 2]:
+            along = 0.0
+        dq = (dp[0], dp[1], along)
+    n = scale3(1.0 / length, q)
+    hollow = data[o] == HOLLOW_SPHERE or data[o] == HOLLOW_CYLINDER
+    return scale3((-1.0 if hollow else 1.0) / length, sub3(dq, scale3(dot3(n, dq), n)))
