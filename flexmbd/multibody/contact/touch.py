@@ -14,10 +14,10 @@ from flexmbd.multibody.contact.shapes import (
     Box,
     Capsule,
     HalfSpace,
-    Vertex,
     Sphere,
     TouchedShape,
     TouchShape,
+    Vertex,
     corners,
     ends,
 )

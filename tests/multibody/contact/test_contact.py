@@ -293,7 +293,8 @@ def test_what_touches_is_told():
         ),
         (
             lambda s, f: s.touch(
-                contact.Sphere(f, 0.1), floor(s), contact.PowerLaw(k=1.0), friction=contact.Friction(-0.1, 1.0, 1.0, 1.0)
+                contact.Sphere(f, 0.1), floor(s), contact.PowerLaw(k=1.0),
+                friction=contact.Friction(-0.1, 1.0, 1.0, 1.0),
             ),
             "mu = -0.1",
         ),
