@@ -86,7 +86,7 @@ def _short(result: results.Result) -> Iterator[str]:
             long += len(block.splitlines()) - 2
     yield from (f"![{name}](pictures/{name})" for name in result.pictures)
     if long:
-        yield f"{long} more rows are on the site, and in `benchmarks/results/{result.name}.json`."
+        yield f"{long} more rows: `benchmarks/results/{result.name}.json`."
 
 
 def _about(source: Path) -> str:
