@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,9 +69,9 @@ def page_of(demo: Path, outputs: Sequence[Path]) -> str:
     if printed:
         parts += ["## What it prints", f"```text\n{printed[0].strip()}\n```"]
     parts.append("## The code" if cells[1].cell_type == "code" else "")
-    for cell in cells[1:]:
-        text = cell.source.strip()
-        parts.append(text if cell.cell_type == "markdown" else f"```python\n{text}\n```")
+    for kind, of_kind in groupby(cells[1:], key=lambda cell: cell.cell_type):
+        text = "\n\n".join(cell.source.strip() for cell in of_kind)
+        parts.append(text if kind == "markdown" else f"```python\n{text}\n```")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

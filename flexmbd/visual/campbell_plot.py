@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@checked("diagram", "title", "highest", error=PictureError)
+@checked("diagram", "title", "highest", "names", "excited", error=PictureError)
 def plot_campbell(
     diagram: Campbell,
     *,

@@ -125,6 +125,33 @@ def test_the_page_of_errors_tells_what_each_means_and_who_raises_it():
     assert raised == [[["AError", "BError"], "a b: c."], [["CError"], "d."]]
 
 
+CARDS = """
+import json
+import tempfile
+from pathlib import Path
+
+import gallery
+folder = Path(tempfile.mkdtemp()) / "gallery"
+gallery.write_pages(folder, outputs=Path("no_runs"))
+print(json.dumps({file.name: file.read_text() for file in folder.glob("*.md")}))
+"""
+
+
+def test_the_gallery_shows_a_picture_of_each_demo_and_its_result_before_its_code():
+    """Also where no demo was run."""
+    pytest.importorskip("jupytext")
+    done = subprocess.run(
+        [sys.executable, "-c", CARDS], cwd=ROOT / "tools", capture_output=True, text=True, check=True
+    )
+    pages = json.loads(done.stdout)
+    demos = {demo.stem for demo in (ROOT / "demos").glob("*.py")}
+    cards = dict(re.findall(r":link: (\w+)\n:link-type: doc\n:img-top: (\S+)", pages.pop("index.md")))
+    assert set(cards) == demos  # a demo without a card's picture: put one of its name into docs/pictures
+    for name in demos:
+        text = pages[f"{name}.md"]
+        assert text.index(f"]({name}-{cards[name]})") < text.index("```python")
+
+
 class Links(HTMLParser):
     """Places on a page, and what it points to."""
 
