@@ -72,7 +72,9 @@ def tell(report: Report, tolerances: tuple[float, ...]) -> None:
     model = flanged_plate(5, 6)
     exact = unreduced(model)
     interior = max(truncation_errors(model, [MODES], frame=FRAME, held=held).errors.max() for held in (False, True))
-    report.say(f"30 interfaces, {STATIC} static shapes, {MODES} modes; these alone leave errors of {interior:.1e} at most.")
+    report.say(
+        f"30 interfaces, {STATIC} static shapes, {MODES} modes; these alone leave errors of {interior:.1e} at most."
+    )
     report.table("tolerance", "modes of", f"coordinates of {STATIC}", "true error", "estimate", "s")
     rows = []
     for tol in tolerances:
@@ -103,13 +105,15 @@ def draw(rows: list[tuple[float, bool, int, float, float]], path: Path, interior
     left.axhline(interior, color="0.6", lw=0.8, label="fixed-interface modes alone")
     left.set(xlabel="tolerance of the interface modes", ylabel="error of the eigenvalues")
     left.legend(frameon=False, fontsize=8)
-    for local, text, style in ((False, "modes of all interfaces together", "o-"), (True, "modes of each interface", "s--")):
+    ways = (False, "modes of all interfaces together", "o-"), (True, "modes of each interface", "s--")
+    for local, text, style in ways:
         tol, _, count, _, _ = zip(*(row for row in rows if row[1] == local), strict=True)
         least = min(count)
         told = f"{text}: {'nothing is reduced' if least >= STATIC else f'down to {least}'}"
         right.semilogx(tol, count, style, label=told)
     right.axhline(STATIC, color="0.6", lw=0.8, label=f"all {STATIC} static shapes")
-    right.set(xlabel="tolerance of the interface modes", ylabel="coordinates of the interfaces", ylim=(0, 1.1 * STATIC))
+    right.set(xlabel="tolerance of the interface modes", ylabel="coordinates of the interfaces")
+    right.set_ylim(0, 1.1 * STATIC)
     right.legend(frameon=False, fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.62))
     figure.savefig(path, dpi=110)
 

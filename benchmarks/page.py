@@ -1,4 +1,4 @@
-"""docs/benchmarks.md, and the site's pages of all numbers, written from the results that are kept; nobody copies a number.
+"""docs/benchmarks.md and the site's pages of all numbers, written from the kept results; nobody copies a number.
 
 `benchmarks/page/head.md` stands first. Each benchmark follows with the first paragraph of its file's docstring, the
 short tables and the pictures of its last whole run with what it was measured on, and `benchmarks/page/NAME.md` where

@@ -1,4 +1,4 @@
-"""Of benchmark pictures: one legend for all panels, below them, clear of the curves; colours that differ; plain ticks."""
+"""Of benchmark pictures: one legend for all panels, below them; colours that differ; plain ticks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def colours(names: Iterable[Any]) -> dict[Any, str]:
 
 
 def plain_ticks(axes: Axes) -> None:
-    """On logarithmic axes: powers of ten alone have labels, and over less than a decade and a half also 2 and 5 of each."""
+    """On logarithmic axes powers of ten alone have labels, and over less than a decade and a half 2 and 5 of each."""
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         if high < 30.0 * low:
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

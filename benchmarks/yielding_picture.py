@@ -1,4 +1,4 @@
-"""The picture of yielding.py: a panel a scene, error over processor time, and one of time over cells, explained below."""
+"""The picture of yielding.py: a panel a scene, error over processor time, and one of time over cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ def draw(rows: Sequence[Any], path: Path) -> None:
     panels = len(scenes) + 1
     across = min(3, panels)
     down = math.ceil(panels / across)
-    figure, axes = plt.subplots(down, across, figsize=(4 * across, 3.2 * down + 0.8), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(
+        down, across, figsize=(4 * across, 3.2 * down + 0.8), layout="constrained", squeeze=False
+    )
     for panel, scene in zip(axes.flat, scenes, strict=False):
         for name, mine in _series(rows, scene):
             shown = [row for row in mine if row.error is not None]

@@ -155,10 +155,10 @@ if root:
 
 
 def quadrilaterals(x: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """(f, 4) vertices: the faces of bricks, of which each is shown as two triangles with their longest edge in common."""
+    """(f, 4) vertices: the faces of bricks, each shown as two triangles with their longest edge in common."""
     corners: dict[tuple[int, int], list[int]] = {}
     for one in triangle:
-        lengths = np.linalg.norm(x[np.roll(one, -1)] - x[np.roll(one, 1)], axis=1)  # of the edges opposite to the corners
+        lengths = np.linalg.norm(x[np.roll(one, -1)] - x[np.roll(one, 1)], axis=1)  # of the edges opposite
         k = int(lengths.argmax())
         diagonal = sorted((int(one[k - 1]), int(one[k - 2])))
         corners.setdefault((diagonal[0], diagonal[1]), []).append(int(one[k]))

@@ -73,7 +73,7 @@ def plain(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    """Write the pages of gallery, numbers, reference and errors before the sources are read; at the end copy the films."""
+    """Before the sources are read write the pages of gallery, numbers, reference and errors; then copy the films."""
 
     def write_pages(app):
         gallery.write_pages(Path(app.srcdir) / "gallery", outputs=Path(app.config.gallery_outputs))

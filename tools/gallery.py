@@ -23,9 +23,10 @@ ROOT = Path(__file__).resolve().parents[1]
 OUTPUTS = ROOT / "out_gallery"
 _PICTURES = (".gif", ".png", ".mp4")
 _PRINTED = "printed.txt"
-#: The examples of the papers that flexmbd's formulations are from, which come first; each demo has its source in its text.
+#: The examples of the papers that flexmbd's formulations are from, which come first.
 _OF_PAPERS = (
-    "frontal_impact", "plastic_hinge_pendulum", "spray_boom", "cantilever_tip_mass", "spinning_disc", "spin_up", "taylor_bar",
+    "frontal_impact", "plastic_hinge_pendulum", "spray_boom", "cantilever_tip_mass", "spinning_disc", "spin_up",
+    "taylor_bar",
 )  # fmt: skip
 
 
@@ -132,7 +133,8 @@ def _cards(demos: Sequence[Path], root: Path) -> str:
     for demo in demos:
         picture = card_picture(demo, root)
         top = f":img-top: {picture.name}\n:img-alt: {_title(demo)}\n" if picture else ""
-        parts.append(f":::{{grid-item-card}} {_title(demo)}\n:link: {demo.stem}\n:link-type: doc\n{top}\n`demos/{demo.name}`\n:::\n")
+        card = f":::{{grid-item-card}} {_title(demo)}\n:link: {demo.stem}\n:link-type: doc\n"
+        parts.append(f"{card}{top}\n`demos/{demo.name}`\n:::\n")
     return "\n".join([*parts, "::::\n"])
 
 

@@ -31,11 +31,11 @@ problem is one small file in `verification/`:
 
 {end}
 
-Nobody writes a number into this page: `verification/results.json` keeps what was found. The site that `./run docs` builds has
-each quantity, published and ours, with its source ("All numbers").
+Nobody writes a number into this page: `verification/results.json` keeps what was found. The site that `./run docs`
+builds has each quantity, published and ours, with its source ("All numbers").
 
-- Difference: the largest of a problem's met quantities, ours less published, over the largest published component or over the
-  size that the problem names; "allowed" is what the digits of the source and the mesh explain for that quantity.
+- Difference: the largest of a problem's met quantities, ours less published, over the largest published component or
+  over the size that the problem names; "allowed" is what the digits of the source and the mesh explain for it.
 - Sure: {legend}.
 """
 #: Between these marks lies the table that the site's first page shows, too.

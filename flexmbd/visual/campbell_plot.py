@@ -57,7 +57,7 @@ def plot_campbell(
     count = frequencies.shape[1]
     for what, given in (("names", names), ("excited", excited)):
         if given is not None and len(given) != count:
-            raise PictureError(f"{what} has {len(given)} entries; the diagram has {count} vibrations, give one for each")
+            raise PictureError(f"{what} has {len(given)} entries; the diagram has {count} vibrations: one each")
     called = names or [f"vibration {k + 1}" for k in range(count)]
     turns = diagram.speeds / (2.0 * np.pi)
     most = 1.2 * max(float(np.nanmin(frequencies)), max(diagram.orders, default=0.0) * float(turns.max()))

@@ -1,4 +1,4 @@
-"""The paper and what cites flexmbd: figures are there, keys have entries, numbers are those of the pages, files agree."""
+"""The paper and what cites flexmbd: figures, keys and numbers are those that are there, and files agree."""
 
 from __future__ import annotations
 

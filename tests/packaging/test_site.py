@@ -63,6 +63,14 @@ def test_own_form(tmp_path, monkeypatch):
     assert main(["check", str(tmp_path / "corded.py")]) == 0
 
 
+def test_reduction(tmp_path, monkeypatch):
+    found = run_page("reduction", tmp_path, monkeypatch)
+    body = fm.ReducedBody.load("link.h5")
+    slender = 1.875104**2 / (2 * np.pi * 0.3**2) * np.sqrt(2.1e11 * 0.01**2 / 12 / 7850.0)  # Euler and Bernoulli
+    assert body.frequencies(clamped=["x_min"])[0] == pytest.approx(slender, rel=0.02)
+    assert found["arm"].mass == pytest.approx(0.3 * 0.02 * 0.01 * 7850.0)
+
+
 def test_loops(tmp_path, monkeypatch):
     found = run_page("tutorials/loops", tmp_path, monkeypatch)
     again = found["scene"].simulate(1.0, h=2e-3)
