@@ -36,8 +36,7 @@ def write_pages(folder: Path, *, outputs: Path = OUTPUTS, root: Path = ROOT) -> 
     folder.mkdir()
     demos = sorted((root / "demos").glob("*.py"))
     for demo in demos:
-        card = card_picture(demo, root)
-        if card:
+        for card in pictures_of(demo, root)[:1]:
             shutil.copy(card, folder / card.name)
         kept = _outputs(demo, outputs, root)
         for file in kept:
@@ -53,10 +52,10 @@ def copy_films(folder: Path, built: Path) -> None:
         shutil.copy(film, built)
 
 
-def card_picture(demo: Path, root: Path = ROOT) -> Path | None:
-    """The picture in docs/pictures that a demo's card shows, a moving one before one that stands."""
+def pictures_of(demo: Path, root: Path = ROOT) -> list[Path]:
+    """The pictures in docs/pictures of a demo's name, a moving one before one that stands."""
     pictures = [root / "docs" / "pictures" / f"{demo.stem}{suffix}" for suffix in (".gif", ".png")]
-    return next((picture for picture in pictures if picture.exists()), None)
+    return [picture for picture in pictures if picture.exists()]
 
 
 def page_of(demo: Path, outputs: Sequence[Path]) -> str:
@@ -96,12 +95,11 @@ def run_demos(folder: Path, names: Sequence[str], *, root: Path = ROOT) -> int:
 
 
 def _outputs(demo: Path, outputs: Path, root: Path) -> list[Path]:
-    """What a run of a demo left, or the picture in the tree of its name."""
+    """What a run of a demo left, or the pictures in the tree of its name."""
     kept = outputs / demo.stem
     if kept.is_dir():
         return sorted(file for file in kept.rglob("*") if file.suffix in _PICTURES or file.name == _PRINTED)
-    picture = card_picture(demo, root)
-    return [] if picture is None else [picture]
+    return pictures_of(demo, root)
 
 
 def _shown(name: str, suffix: str) -> str:
@@ -131,10 +129,9 @@ def _index(demos: Sequence[Path], root: Path) -> str:
 def _cards(demos: Sequence[Path], root: Path) -> str:
     parts = ["::::{grid} 1 2 2 3\n:gutter: 2\n"]
     for demo in demos:
-        picture = card_picture(demo, root)
-        top = f":img-top: {picture.name}\n:img-alt: {_title(demo)}\n" if picture else ""
+        picture = next((f":img-top: {one.name}\n:img-alt: {_title(demo)}\n" for one in pictures_of(demo, root)), "")
         card = f":::{{grid-item-card}} {_title(demo)}\n:link: {demo.stem}\n:link-type: doc\n"
-        parts.append(f"{card}{top}\n`demos/{demo.name}`\n:::\n")
+        parts.append(f"{card}{picture}\n`demos/{demo.name}`\n:::\n")
     return "\n".join([*parts, "::::\n"])
 
 
