@@ -26,6 +26,7 @@ from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import InterfaceModes, Truncation, craig_bampton, truncation_errors
 
 FRAME, MODES = "flange_1", 80
+STATIC = 174  # shapes of thirty interfaces, but of the frame's
 MINUTES = 3.0
 PEERS: tuple[str, ...] = ()
 TOLERANCES = (0.3, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
@@ -71,8 +72,10 @@ def tell(report: Report, tolerances: tuple[float, ...]) -> None:
     model = flanged_plate(5, 6)
     exact = unreduced(model)
     interior = max(truncation_errors(model, [MODES], frame=FRAME, held=held).errors.max() for held in (False, True))
-    report.say(f"30 interfaces, 174 static shapes, {MODES} modes; these alone leave errors of {interior:.1e} at most.")
-    report.table("tolerance", "modes of", "coordinates of 174", "true error", "estimate", "s")
+    report.say(
+        f"30 interfaces, {STATIC} static shapes, {MODES} modes; these alone leave errors of {interior:.1e} at most."
+    )
+    report.table("tolerance", "modes of", f"coordinates of {STATIC}", "true error", "estimate", "s")
     rows = []
     for tol in tolerances:
         for local in (False, True):
@@ -102,12 +105,16 @@ def draw(rows: list[tuple[float, bool, int, float, float]], path: Path, interior
     left.axhline(interior, color="0.6", lw=0.8, label="fixed-interface modes alone")
     left.set(xlabel="tolerance of the interface modes", ylabel="error of the eigenvalues")
     left.legend(frameon=False, fontsize=8)
-    for local, text in ((False, "whole"), (True, "interface by interface")):
+    ways = (False, "modes of all interfaces together", "o-"), (True, "modes of each interface", "s--")
+    for local, text, style in ways:
         tol, _, count, _, _ = zip(*(row for row in rows if row[1] == local), strict=True)
-        right.semilogx(tol, count, "o-", label=text)
-    right.axhline(174, color="0.6", lw=0.8, label="all static shapes")
-    right.set(xlabel="tolerance of the interface modes", ylabel="coordinates", ylim=(0, 185))
-    right.legend(frameon=False, fontsize=8)
+        least = min(count)
+        told = f"{text}: {'nothing is reduced' if least >= STATIC else f'down to {least}'}"
+        right.semilogx(tol, count, style, label=told)
+    right.axhline(STATIC, color="0.6", lw=0.8, label=f"all {STATIC} static shapes")
+    right.set(xlabel="tolerance of the interface modes", ylabel="coordinates of the interfaces")
+    right.set_ylim(0, 1.1 * STATIC)
+    right.legend(frameon=False, fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.62))
     figure.savefig(path, dpi=110)
 
 

@@ -24,6 +24,7 @@ import large_bends_scenes as scenes
 import matplotlib.pyplot as plt
 import numpy as np
 from benchmark import Report
+from picture_legend import legend_below, plain_ticks
 
 import flexmbd as fm
 from flexmbd.integrate.protocol import Integrator
@@ -220,16 +221,22 @@ def vibrations(report: Report, numbers: Sequence[int]) -> None:
 def draw(rows: Sequence[Sequence], path: Path) -> None:
     """Error over time, a panel a scene."""
     names = list(dict.fromkeys(row[0] for row in rows))
-    figure, panels = plt.subplots(2, 4, figsize=(17.0, 7.0), layout="constrained")
-    panels.flat[-1].set_axis_off()
+    across = min(3, len(names))
+    down = -(-len(names) // across)
+    figure, panels = plt.subplots(
+        down, across, figsize=(4.6 * across, 3.4 * down + 0.6), layout="constrained", squeeze=False
+    )
+    for axes in panels.flat[len(names) :]:
+        axes.set_axis_off()
     for axes, name in zip(panels.flat, names, strict=False):
         for style, method in (("C3o-", OURS), ("C4x", CHOSEN), ("C0s--", EXACT), ("C1^:", CABLE)):
             mine = [row for row in rows if row[0] == name and row[1] == method]
             if mine:
                 axes.loglog([row[3] for row in mine], [max(row[2], 1e-16) for row in mine], style, label=method)
         axes.set(title=name, xlabel="processor time, ms", ylabel="error over size")
-        axes.grid(which="both", alpha=0.25)
-        axes.legend(fontsize=8, frameon=False)
+        axes.grid(which="major", alpha=0.3)
+        plain_ticks(axes)
+    legend_below(figure, panels.flat, columns=4)
     figure.savefig(path, dpi=80)
     plt.close(figure)
 

@@ -1,8 +1,9 @@
-"""docs/benchmarks.md, written from the results that are kept; nobody copies a number.
+"""docs/benchmarks.md and the site's pages of all numbers, written from the kept results; nobody copies a number.
 
 `benchmarks/page/head.md` stands first, then one table of all comparisons with other programs, those that another
-program wins before the others. Each benchmark follows with its own text (the docstring of its file), and the tables and
-pictures of its last whole run with what it was measured on.
+program wins before the others. Each benchmark follows with the first paragraph of its file's docstring, the short tables
+and the pictures of its last whole run with what it was measured on. The site's pages, one a benchmark, have the whole
+docstring and all tables.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ TARGET = results.ROOT / "docs" / "benchmarks.md"
 HEAD = HERE / "page" / "head.md"
 README = results.ROOT / "README.md"
 _BEGIN, _END = "<!-- beside other programs -->", "<!-- end -->"
+#: Longer tables stand on the site alone.
+_ROWS = 13
 
 
 def write() -> None:
@@ -104,16 +107,48 @@ def of_run(found: Sequence[results.Result], folder: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _kept() -> Iterator[str]:
-    """Benchmarks in the order of their names."""
+def write_numbers(folder: Path) -> list[str]:
+    """Write a page with all numbers of each benchmark into a folder beside docs/pictures; the names of the pages."""
+    names = []
+    for source, kept in _with_results():
+        parts = [f"# {source.stem}", _about(source), *_shown(kept, "../pictures/")]
+        names.append(f"benchmark_{source.stem}")
+        (folder / f"{names[-1]}.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return names
+
+
+def _with_results() -> Iterator[tuple[Path, results.Result]]:
     for source in benchmarks():
         kept = results.RESULTS / f"{source.stem}.json"
-        yield f"## {source.stem}"
-        yield _about(source)
         if kept.exists():
-            yield from _shown(results.load(kept), "pictures/")
+            yield source, results.load(kept)
+
+
+def _kept() -> Iterator[str]:
+    """Benchmarks in the order of their names."""
+    found = dict(_with_results())
+    for source in benchmarks():
+        yield f"## {source.stem}"
+        yield text_of(source).split("\n\n")[0]
+        if source in found:
+            yield from _short(found[source])
         else:
             yield "Not yet run as a whole by the command."
+
+
+def _short(result: results.Result) -> Iterator[str]:
+    """Where it ran, its tables of up to `_ROWS` rows, its pictures; of other tables that they are elsewhere."""
+    where = result.setting
+    yield f"{where.date}, state {where.commit}, {where.machine}, load {where.load:.1f}."
+    long = 0
+    for block in "\n".join(_blocks(result.lines)).split("\n\n"):
+        if block.startswith("|") and len(block.splitlines()) <= _ROWS + 2:
+            yield block
+        elif block.startswith("|"):
+            long += len(block.splitlines()) - 2
+    yield from (f"![{name}](pictures/{name})" for name in result.pictures)
+    if long:
+        yield f"{long} more rows: `benchmarks/results/{result.name}.json`."
 
 
 def _about(source: Path) -> str:

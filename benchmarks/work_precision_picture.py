@@ -13,6 +13,18 @@ from picture_legend import colours, legend_below
 # one style a code
 STYLES = {"flexmbd": "o-"}
 _OTHERS = "s--"
+MEANING = """\
+Each dot is a run: to the left it is
+quicker, below it is nearer.
+
+Along a line the tolerance (or the step)
+becomes smaller. A line ends at a run
+that is within 3e-8 of the size, or that
+takes too long: a single dot was that
+near at the first tolerance, 1e-3.
+
+Below the grey line, a relative error
+of 1e-6, the times are compared."""
 
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
@@ -35,8 +47,11 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
             panel.axhline(1e-6, color="0.6", linewidth=0.8)
             panel.set_title(name)
             panel.grid(which="major", alpha=0.3)
-        for panel in list(axes.flat)[len(names) :]:
+        spare = list(axes.flat)[len(names) :]
+        for panel in spare:
             panel.set_axis_off()
+        if spare:
+            spare[0].text(0.04, 0.96, MEANING, va="top", transform=spare[0].transAxes)
         for panel in list(axes.flat)[max(0, len(names) - across) : len(names)]:
             panel.set_xlabel("processor time in s")
         figure.supylabel("relative error")

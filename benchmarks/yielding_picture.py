@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+from picture_legend import colours, legend_below, plain_ticks
 
 
 def draw(rows: Sequence[Any], path: Path) -> None:
@@ -16,7 +17,9 @@ def draw(rows: Sequence[Any], path: Path) -> None:
     panels = len(scenes) + 1
     across = min(3, panels)
     down = math.ceil(panels / across)
-    figure, axes = plt.subplots(down, across, figsize=(4 * across, 3.2 * down), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(
+        down, across, figsize=(4 * across, 3.2 * down + 0.8), layout="constrained", squeeze=False
+    )
     for panel, scene in zip(axes.flat, scenes, strict=False):
         for name, mine in _series(rows, scene):
             shown = [row for row in mine if row.error is not None]
@@ -25,19 +28,26 @@ def draw(rows: Sequence[Any], path: Path) -> None:
                 panel.loglog([min(row.seconds) for row in shown], errors, label=name, **_look(name))
         panel.set(title=scene, xlabel="s of processor time", ylabel="relative error")
         panel.grid(which="major", alpha=0.3)
+        plain_ticks(panel)
         panel.legend(fontsize=8)
     growth = axes.flat[len(scenes)]
-    for scene in dict.fromkeys(row.scene for row in rows):
-        for name, mine in _series(rows, scene):
-            if len({row.cells for row in mine}) > 1:
-                look = {"label": f"{scene.split(',')[0]}, {name}", **_look(name)}
-                growth.loglog([row.cells for row in mine], [min(row.seconds) for row in mine], **look)
+    grown = [
+        (f"{scene.split(',')[0]}, {name}", name, mine)
+        for scene in dict.fromkeys(row.scene for row in rows)
+        for name, mine in _series(rows, scene)
+        if len({row.cells for row in mine}) > 1
+    ]
+    shades = colours(label for label, *_ in grown)
+    for label, name, mine in grown:
+        look = {"label": label, "color": shades[label], **_look(name)}
+        growth.loglog([row.cells for row in mine], [min(row.seconds) for row in mine], **look)
     growth.set(title="growth", xlabel="cells", ylabel="s of processor time")
     growth.grid(which="major", alpha=0.3)
-    growth.legend(fontsize=5)
+    plain_ticks(growth)
+    legend_below(figure, [growth], columns=4, size=9)
     for panel in list(axes.flat)[panels:]:
         panel.set_axis_off()
-    figure.savefig(path, dpi=60)
+    figure.savefig(path, dpi=80)
     plt.close(figure)
 
 

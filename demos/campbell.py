@@ -6,12 +6,14 @@
 #
 # `./run python demos/campbell.py`; the pictures go to `out_campbell`.
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
+import scipy.linalg
 
 import flexmbd as fm
 from flexmbd import forms, meshes
@@ -30,11 +32,12 @@ def say(text: str = "") -> None:
         print(text, flush=True)
 
 
-def show(diagram: fm.Campbell) -> None:
+def show(diagram: fm.Campbell, names: Sequence[str] = ()) -> None:
     for one in diagram.critical:
+        name = f" ({names[one.branch]})" if names else ""
         say(
             f"  {60.0 * one.speed / (2.0 * np.pi):8.1f} turns a minute: {one.order:g} times the speed meets vibration "
-            f"{one.branch + 1} at {one.frequency:7.2f} Hz, damping ratio {one.damping_ratio:z.4f}"
+            f"{one.branch + 1}{name} at {one.frequency:7.2f} Hz, damping ratio {one.damping_ratio:z.4f}"
         )
 
 
@@ -74,11 +77,54 @@ def rotor_at(speed: float) -> fm.LinearizedMachine:
     return rotor.linearize()
 
 
-whirl = fm.campbell(rotor_at, np.linspace(0.0, 1200.0, 25))
-say("rotor: unbalance, once in a turn, meets")
-show(whirl)
-fm.visual.plot_campbell(whirl, path=out / "rotor.png", title="A rotor with two discs")
+# What a vibration is shows in where it moves the discs: along the axis, about it, or round it, with the rotation or
+# against it. What unbalance excites shows in the work of a force that turns with a disc, on the left eigenvector.
 
+discs = [shaft[0].frame("end"), shaft[2].frame("end")]
+RADII = np.array([0.20, 0.25])  # m, by which turns are compared with ways
+pushes = [fm.force.FrameForce(disc, axis) for disc in discs for axis in ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
+
+
+def told_apart(diagram: fm.Campbell) -> tuple[list[str], list[bool]]:
+    """The name of each vibration at the highest speed, and whether unbalance excites it."""
+    for spin in spins:
+        spin.velocity = diagram.speeds[-1]
+    outputs = [kind(disc) for kind in (fm.output.Position, fm.output.Rotation) for disc in discs]
+    A, B, C, _ = rotor.linearize(inputs=pushes, outputs=outputs).state_space()
+    values, left, right = scipy.linalg.eig(A, left=True)
+    names, works = [], []
+    for value in diagram.eigenvalues[-1]:
+        k = int(abs(values - value).argmin())
+        way, turn = (C @ right[:, k]).reshape(2, 2, 3)  # m, rad: a row a disc
+        names.append(kind_of(way, RADII[:, None] * turn))
+        turning = B.reshape(len(A), 2, 2) @ [1.0, -1.0j]  # forces that turn with the discs
+        works.append(np.linalg.norm(left[:, k].conj() @ turning))
+    return names, [bool(work > 1e-6 * max(works)) for work in works]
+
+
+def kind_of(way: np.ndarray, turn: np.ndarray) -> str:
+    """Of complex amplitudes (discs, 3) in m, of the discs' places and of their rims by their turns."""
+    sizes = {"axial": abs(way[:, 0]).max(), "torsion": abs(turn[:, 0]).max(), "whirl": abs(way[:, 1:]).max()}
+    kind = max(sizes, key=lambda name: sizes[name])
+    if kind != "whirl":
+        return kind
+    sense = (way[:, 1].conj() * way[:, 2]).imag  # negative where z follows y by a quarter, as the discs turn
+    if (sense < 0.0).all():
+        return "forward"
+    return "backward" if (sense > 0.0).all() else "mixed"  # forward at one disc, backward at the other
+
+
+whirl = fm.campbell(rotor_at, np.linspace(0.0, 1200.0, 25))
+kinds, excited = told_apart(whirl)
+names = [f"{k + 1}: {kind}" for k, kind in enumerate(kinds)]
+what = [f"{kind}{'' if one else ', not excited'}" for kind, one in zip(kinds, excited, strict=True)]
+say("rotor: once in a turn meets")
+show(whirl, what)
+title = "A rotor with two discs, and what unbalance excites"
+fm.visual.plot_campbell(whirl, path=out / "rotor.png", title=title, names=names, excited=excited)
+
+# Unbalance excites the backward whirl too, for the bearings are softer sideways than upright.
+#
 # Of the two lowest, almost one at rest, the backward whirl falls with the speed and the forward whirl rises. What the
 # shaft does along its axis knows nothing of the speed, and the others pass it.
 #

@@ -7,7 +7,8 @@
 # seen, so the run ends with the first fold.
 #
 # `./run python demos/frontal_impact.py`; pictures and the recorded fields go to `out_frontal_impact`. `--fold` goes on
-# to the end of the first fold (a few minutes), `--fine` takes smaller bricks, `--film` makes a film.
+# to the end of the first fold (a few minutes), `--fine` takes smaller bricks, `--film` makes films: of the tube, and of
+# its mesh beside the wall's force over time.
 
 import sys
 import time
@@ -16,7 +17,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
 import flexmbd as fm
 from flexmbd import forms, meshes
@@ -146,8 +152,56 @@ if root:
     right.set(xlabel="time, ms", ylabel="energy of the quarter, J (kinetic: over its end)")
     right.legend()
     figure.savefig(out / "force_and_energy.png", dpi=150)
+
+
+def quadrilaterals(x: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+    """(f, 4) vertices: the faces of bricks, each shown as two triangles with their longest edge in common."""
+    corners: dict[tuple[int, int], list[int]] = {}
+    for one in triangle:
+        lengths = np.linalg.norm(x[np.roll(one, -1)] - x[np.roll(one, 1)], axis=1)  # of the edges opposite
+        k = int(lengths.argmax())
+        diagonal = sorted((int(one[k - 1]), int(one[k - 2])))
+        corners.setdefault((diagonal[0], diagonal[1]), []).append(int(one[k]))
+    return np.array([(a, sides[0], b, sides[1]) for (a, b), sides in corners.items() if len(sides) == 2])
+
+
+def film_of_mesh(path: Path) -> None:
+    """The whole tube with the lines of its mesh, coloured by plastic strain, and the wall's force up to the instant."""
+    face = quadrilaterals(fields.mesh.x, fields.mesh.triangle)
+    face = face[~np.isclose(fields.mesh.x[face][..., :2], 0.0).all(axis=1).any(axis=1)]  # none of the cuts
+    places, strains = fields.values("position"), fields.values("plastic_strain")
+    signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [-1, -1, 1]])
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    left = figure.add_subplot(1, 2, 1, projection="3d")
+    left.set(xlim=(-0.05, 0.05), ylim=(-0.05, 0.05), zlim=(0.0, 1.05 * LENGTH))
+    left.set_box_aspect((0.1, 0.1, 1.05 * LENGTH), zoom=1.25)
+    left.view_init(elev=18, azim=-60)
+    left.set_axis_off()
+    right = figure.add_subplot(1, 2, 2, xlabel="time, ms", ylabel="force of the wall on the tube, kN")
+    middles = 0.5e3 * (edges[1:] + edges[:-1])
+    right.plot(middles, force / 1e3, color="0.8")
+    (line,) = right.plot([], [], color="tab:red")
+    colours = colormaps["YlOrRd"]
+    top = float(strains.max())
+    figure.colorbar(ScalarMappable(Normalize(0.0, top), colours), ax=left, shrink=0.6, label="plastic strain")
+    solid_faces = Poly3DCollection([], linewidths=0.3, edgecolors="0.25")
+    left.add_collection3d(solid_faces)
+
+    def show_row(row: int) -> None:
+        shown = (signs[:, None, None] * places[row][face]).reshape(-1, 4, 3)
+        solid_faces.set_verts(shown)
+        solid_faces.set_facecolor(colours(np.tile(strains[row][face].mean(axis=1), 4) / top))
+        until = middles <= 1e3 * fields.t[row]
+        line.set_data(middles[until], force[until] / 1e3)
+        left.set_title(f"t = {1e3 * fields.t[row]:.2f} ms", fontsize="medium")
+
+    FuncAnimation(figure, show_row, frames=range(0, len(fields.t), 2)).save(path, writer=PillowWriter(fps=10), dpi=75)
+
+
+if FILM and root:
+    film_of_mesh(out / "frontal_impact.gif")
 if FILM:
     run.animate(out / "impact.mp4", looks={tube: fm.visual.Look("plastic_strain", mirror="xy")}, size=(1280, 960))
 fm.export.vtkhdf(run, out / "impact.vtkhdf")
-say(f"in {out}: force_and_energy.png, fields.h5, impact.vtkhdf{', impact.mp4' if FILM else ''}")
+say(f"in {out}: force_and_energy.png, fields.h5, impact.vtkhdf{', impact.mp4, frontal_impact.gif' if FILM else ''}")
 say("all checks passed")

@@ -221,13 +221,14 @@ if root:
     left.legend(fontsize="small")
     for label, table in rows.items():
         table = np.array(table)
-        line = middle.loglog(table[:3, 0], table[:3, 2], "o-", label=label)[0]
-        middle.loglog(table[3:, 0], table[3:, 2], "s--", color=line.get_color(), label=f"{label}, reduced")
-        right.loglog(table[:3, 4], table[:3, 3], "o-", color=line.get_color())
-        right.loglog(table[3:, 4], table[3:, 3], "s--", color=line.get_color())
+        line = middle.semilogy(table[:3, 0], table[:3, 2], "o-", label=label)[0]
+        middle.semilogy(table[3:, 0], table[3:, 2], "s--", color=line.get_color(), label=f"{label}, reduced")
+        right.semilogy(1e3 * table[:3, 4], table[:3, 3], "o-", color=line.get_color())
+        right.semilogy(1e3 * table[3:, 4], table[3:, 3], "s--", color=line.get_color())
     middle.set(xlabel="coordinates of the boom", ylabel="error", title="error of the response")
-    middle.legend(fontsize="small")
-    right.set(xlabel="run time, s", ylabel="error", title="error over the bump")
+    middle.set_ylim(top=20.0)
+    middle.legend(fontsize="small", loc="upper left")
+    right.set(xlabel="run time, ms", ylabel="error", title="error over the bump")
     figure.savefig(out / "both_ways.png", dpi=130)
 say(f"in {out}: both_ways.png")
 say("all checks passed")

@@ -84,7 +84,8 @@ say(f"plastic strain up to {strain:.2f}; of the kinetic energy {left:.2%} is lef
 #
 # Nodes of the two planes of symmetry: before, half-way, after.
 
-places = [comm.gather(run.places[k][run.motion.mesh.X[:, 1] == 0.0]) for k in (0, 2, 8)]
+in_plane = abs(run.motion.mesh.X[:, 1]) < 1e-6 * LENGTH
+places = [comm.gather(run.places[k][in_plane]) for k in (0, 2, 8)]
 times = [account.t[k] for k in (0, 2, 8)]
 if root:
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")

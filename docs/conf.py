@@ -9,10 +9,11 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools"), str(ROOT / "benchmarks")]
 
-import error_page  # noqa: E402  (of tools, as the next two)
+import error_page  # noqa: E402  (of tools, as the next three)
 import gallery  # noqa: E402
+import numbers_page  # noqa: E402
 import reference  # noqa: E402
 
 import flexmbd  # noqa: E402
@@ -72,10 +73,11 @@ def plain(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    """Write the pages of gallery, reference and errors before the sources are read; at the end copy the films."""
+    """Before the sources are read write the pages of gallery, numbers, reference and errors; then copy the films."""
 
     def write_pages(app):
         gallery.write_pages(Path(app.srcdir) / "gallery", outputs=Path(app.config.gallery_outputs))
+        numbers_page.write_pages(Path(app.srcdir) / "numbers")
         reference.write_pages(Path(app.srcdir) / "reference")
         error_page.write_page(Path(app.srcdir) / "errors.md")
 

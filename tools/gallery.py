@@ -1,8 +1,11 @@
-"""The site's gallery: a page for each demo, from its file and from what one run of it printed and drew.
+"""The site's gallery: a card and a page for each demo, from its file and from what one run of it printed and drew.
+
+A card has the picture of docs/pictures that has the demo's name, a moving one (.gif) before one that stands. A page has
+the demo's text, then what it gives, then the code.
 
 `python tools/gallery.py` runs the demos and keeps their outputs in `out_gallery`, from which any number of builds take
 them; `./run docs --outputs FOLDER` takes those of another run, as .ci/run does: a folder a demo, what it printed in
-`printed.txt`. Demos that were not run show their text, their code and the picture in docs/pictures of their name.
+`printed.txt`. Demos that were not run show the picture in docs/pictures of their name.
 """
 
 from __future__ import annotations
@@ -11,14 +14,20 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Where a run of the demos is kept.
 OUTPUTS = ROOT / "out_gallery"
-_PICTURES = (".png", ".gif", ".mp4")
+_PICTURES = (".gif", ".png", ".mp4")
 _PRINTED = "printed.txt"
+#: The examples of the papers that flexmbd's formulations are from, which come first.
+_OF_PAPERS = (
+    "frontal_impact", "plastic_hinge_pendulum", "spray_boom", "cantilever_tip_mass", "spinning_disc", "spin_up",
+    "taylor_bar",
+)  # fmt: skip
 
 
 def write_pages(folder: Path, *, outputs: Path = OUTPUTS, root: Path = ROOT) -> None:
@@ -27,12 +36,14 @@ def write_pages(folder: Path, *, outputs: Path = OUTPUTS, root: Path = ROOT) -> 
     folder.mkdir()
     demos = sorted((root / "demos").glob("*.py"))
     for demo in demos:
+        for card in pictures_of(demo, root)[:1]:
+            shutil.copy(card, folder / card.name)
         kept = _outputs(demo, outputs, root)
         for file in kept:
             if file.suffix in _PICTURES:
                 shutil.copy(file, folder / f"{demo.stem}-{file.name}")
         (folder / f"{demo.stem}.md").write_text(page_of(demo, kept))
-    (folder / "index.md").write_text(_index(demos, folder))
+    (folder / "index.md").write_text(_index(demos, root))
 
 
 def copy_films(folder: Path, built: Path) -> None:
@@ -41,22 +52,27 @@ def copy_films(folder: Path, built: Path) -> None:
         shutil.copy(film, built)
 
 
+def pictures_of(demo: Path, root: Path = ROOT) -> list[Path]:
+    """The pictures in docs/pictures of a demo's name, a moving one before one that stands."""
+    pictures = [root / "docs" / "pictures" / f"{demo.stem}{suffix}" for suffix in (".gif", ".png")]
+    return [picture for picture in pictures if picture.exists()]
+
+
 def page_of(demo: Path, outputs: Sequence[Path]) -> str:
-    """The page of a demo: its text and code, then what it drew and printed."""
+    """The page of a demo: its text, then what it drew and printed, then its code."""
     import jupytext
 
-    parts = []
-    for cell in jupytext.read(demo).cells:
-        text = cell.source.strip()
-        if text:
-            parts.append(text if cell.cell_type == "markdown" else f"```python\n{text}\n```")
+    cells = [cell for cell in jupytext.read(demo).cells if cell.source.strip()]
     shown = [_shown(f"{demo.stem}-{file.name}", file.suffix) for file in outputs if file.suffix in _PICTURES]
     printed = [file.read_text() for file in outputs if file.name == _PRINTED]
-    if shown:
-        parts += ["## What it draws", *shown]
+    parts = [cells[0].source.strip(), *shown]
     if printed:
         parts += ["## What it prints", f"```text\n{printed[0].strip()}\n```"]
-    return "\n\n".join(parts) + "\n"
+    parts.append("## The code" if cells[1].cell_type == "code" else "")
+    for kind, of_kind in groupby(cells[1:], key=lambda cell: cell.cell_type):
+        text = "\n\n".join(cell.source.strip() for cell in of_kind)
+        parts.append(text if kind == "markdown" else f"```python\n{text}\n```")
+    return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def run_demos(folder: Path, names: Sequence[str], *, root: Path = ROOT) -> int:
@@ -79,12 +95,11 @@ def run_demos(folder: Path, names: Sequence[str], *, root: Path = ROOT) -> int:
 
 
 def _outputs(demo: Path, outputs: Path, root: Path) -> list[Path]:
-    """What a run of a demo left, or the picture in the tree of its name."""
+    """What a run of a demo left, or the pictures in the tree of its name."""
     kept = outputs / demo.stem
     if kept.is_dir():
         return sorted(file for file in kept.rglob("*") if file.suffix in _PICTURES or file.name == _PRINTED)
-    picture = root / "docs" / "pictures" / f"{demo.stem}.png"
-    return [picture] if picture.exists() else []
+    return pictures_of(demo, root)
 
 
 def _shown(name: str, suffix: str) -> str:
@@ -97,22 +112,27 @@ def _title(demo: Path) -> str:
     return demo.read_text().splitlines()[0].lstrip("# ").strip()
 
 
-def _index(demos: Sequence[Path], folder: Path) -> str:
-    def cards() -> Iterator[str]:
-        for demo in demos:
-            yield f":::{{grid-item-card}} {_title(demo)}\n:link: {demo.stem}\n:link-type: doc"
-            pictures = sorted(folder.glob(f"{demo.stem}-*.png"))
-            if pictures:
-                yield f":img-bottom: {pictures[0].name}"
-            yield f"`demos/{demo.name}`\n:::\n"
-
-    names = "\n".join(demo.stem for demo in demos)
+def _index(demos: Sequence[Path], root: Path) -> str:
+    of_papers = [demo for name in _OF_PAPERS for demo in demos if demo.stem == name]
+    others = [demo for demo in demos if demo.stem not in _OF_PAPERS]
+    names = "\n".join(demo.stem for demo in (*of_papers, *others))
     return (
         "# Gallery\n\nEach demo is a file that runs: `./run python demos/slider_crank.py`, most of them also under "
-        "`mpirun`.\n\n::::{grid} 1 2 2 3\n:gutter: 2\n\n"
-        + "\n".join(cards())
-        + f"\n::::\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
+        "`mpirun`.\n\n## The papers' own examples\n\n"
+        + _cards(of_papers, root)
+        + "\n## Machines, parts and studies\n\n"
+        + _cards(others, root)
+        + f"\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )
+
+
+def _cards(demos: Sequence[Path], root: Path) -> str:
+    parts = ["::::{grid} 1 2 2 3\n:gutter: 2\n"]
+    for demo in demos:
+        picture = next((f":img-top: {one.name}\n:img-alt: {_title(demo)}\n" for one in pictures_of(demo, root)), "")
+        card = f":::{{grid-item-card}} {_title(demo)}\n:link: {demo.stem}\n:link-type: doc\n"
+        parts.append(f"{card}{picture}\n`demos/{demo.name}`\n:::\n")
+    return "\n".join([*parts, "::::\n"])
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
-"""docs/verification.md, written from what the scripts say and what they found when they last ran."""
+"""docs/verification.md, and the site's pages of all numbers, from what the scripts say and found when they last ran."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -16,22 +18,30 @@ _HEAD = """\
 
 Problems that others have published with numbers, computed by flexmbd. {met} of {all} quantities of {problems} problems
 are met within what the digits of their sources and the meshes explain; [the others](#not-met) stand here too. Each
-problem is one small file in `verification/`, which has all digits:
+problem is one small file in `verification/`:
 
     ./run python -m verification --quick            # those of up to {quick:g} s, as the tests run them
     ./run python -m verification                    # all, {minutes:.0f} minutes of a core; writes this page
-    ./run python -m verification machines.andrews   # some of them
+    ./run python -m verification machines.andrews   # some of them, with all digits
     ./run python -m verification --list             # their names and times
 
-Nobody writes a number into this page, and running all again changes nothing in it: `verification/results.json` keeps
-what was found, and a number that moves by less than a tenth of what is allowed stays as it was kept. Processor times
-are those of the fastest run, or of the one that was made with `--times`.
+{begin}
 
-- Difference: the largest of a quantity's components, ours less published, over the largest published one or over the
-  size that the problem names. Allowed: what the digits of the source and the mesh explain.
+{summary}
+
+{end}
+
+Nobody writes a number into this page: `verification/results.json` keeps what was found. The site that `./run docs`
+builds has each quantity, published and ours, with its source ("All numbers").
+
+- Difference: the largest of a problem's met quantities, ours less published, over the largest published component or
+  over the size that the problem names; "allowed" is what the digits of the source and the mesh explain for it.
 - Sure: {legend}.
-- Processor time (s) is of one core, with kernels and forms compiled before, to one digit.
 """
+#: Between these marks lies the table that the site's first page shows, too.
+_BEGIN, _END = "<!-- by field -->", "<!-- end of the fields -->"
+_FIELDS = ("field", "problems", "quantities met", "differences of these", "published by")
+_PROBLEMS = ("problem", "script", "source", "met", "difference", "allowed", "sure")
 _HEADS = ("quantity", "published", "ours", "difference", "allowed", "sure")
 
 
@@ -46,16 +56,31 @@ def text(kept: Mapping[str, Result]) -> str:
         quick=scripts.QUICK,
         minutes=np.ceil(sum(kept[name].seconds for name in names) / 60.0),
         legend="; ".join(f"**{one.value}** {one.meaning}" for one in Sureness),
+        begin=_BEGIN,
+        end=_END,
+        summary="\n".join(_table(_FIELDS, [_field_row(room, names, kept) for room in scripts.ROOMS])),
     )
     parts = [head.strip()]
     for room in scripts.ROOMS:
         here = [name for name in names if name.startswith(f"{room}.")]
         if here:
             parts.append(f"## {scripts.room_title(room)}")
-            parts.extend("\n\n".join(_problem(name, kept[name])) for name in here)
+            parts.append("\n".join(_table(_PROBLEMS, [_problem_row(name, kept[name]) for name in here])))
     parts.append("## Not met")
     parts.append("\n".join(_failures(names, kept)) or "None.")
     return "\n\n".join(parts) + "\n"
+
+
+def write_numbers(folder: Path, kept: Mapping[str, Result]) -> list[str]:
+    """Write a page with all numbers of each field into a folder; the names of the pages."""
+    written = []
+    for room in scripts.ROOMS:
+        here = [name for name in scripts.names() if name in kept and name.startswith(f"{room}.")]
+        if here:
+            parts = [f"# {scripts.room_title(room)}", *("\n\n".join(_problem(name, kept[name])) for name in here)]
+            written.append(f"verification_{room}")
+            (folder / f"{written[-1]}.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return written
 
 
 def write(kept: Mapping[str, Result]) -> bool:
@@ -71,25 +96,57 @@ def _rows(name: str, result: Result) -> Iterator[tuple[Reference, tuple[float, .
     return zip(scripts.load(name).REFERENCES, result.values, strict=True)
 
 
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    yield f"| {' | '.join(heads)} |"
+    yield "|---" * len(heads) + "|"
+    yield from (f"| {' | '.join(row)} |" for row in rows)
+
+
+def _field_row(room: str, names: Sequence[str], kept: Mapping[str, Result]) -> tuple[str, ...]:
+    here = [name for name in names if name.startswith(f"{room}.")]
+    rows = [row for name in here for row in _rows(name, kept[name])]
+    met = sorted(abs(reference.difference(values)) for reference, values in rows if reference.is_met(values))
+    spread = f"{met[0]:.0e} to {met[-1]:.0e}, median {met[len(met) // 2]:.0e}" if met else ""
+    sources = dict.fromkeys(_authors(name) for name in here)
+    return scripts.room_title(room), f"{len(here)}", f"{len(met)} of {len(rows)}", spread, "; ".join(sources)
+
+
+def _authors(name: str) -> str:
+    """Of a source what stands before its title: authors and year, or what is named first."""
+    text = scripts.load(name).SOURCE.text
+    named = re.match(r"[^;]{1,70}?\b(?:18|19|20)\d\d\b", text)
+    return named[0] if named else re.split("[,;]", text)[0]
+
+
+def _problem_row(name: str, result: Result) -> tuple[str, ...]:
+    source, rows = scripts.load(name).SOURCE, list(_rows(name, result))
+    met = [(reference, values) for reference, values in rows if reference.is_met(values)]
+    doi = f"[{_authors(name)}](https://doi.org/{source.doi})" if source.doi else _authors(name)
+    worst, values = max(met, key=lambda row: abs(row[0].difference(row[1])), default=(None, ()))
+    told = (f"{abs(worst.difference(values)):.1e}", f"{worst.within:.0e}") if worst else ("", "")
+    sure = ", ".join(dict.fromkeys(reference.sure.value for reference, _ in rows))
+    count = f"{len(met)} of {len(rows)}"
+    return scripts.title(name), f"`{name}`", doi, count if len(met) == len(rows) else f"**{count}**", *told, sure
+
+
 def _problem(name: str, result: Result) -> Iterator[str]:
     source = scripts.load(name).SOURCE
-    yield f"### {scripts.title(name)}"
+    yield f"## {scripts.title(name)}"
     if scripts.description(name):
         yield scripts.description(name)
     doi = f", [doi:{source.doi}](https://doi.org/{source.doi})" if source.doi else ""
     means = "".join(f" {part}." for part in (result.mesh, result.accuracy) if part)
     yield f"Source: {source.text}{doi}. `verification/{name.replace('.', '/')}.py`:{means} {_time(result.seconds)} s."
-    lines = [f"| {' | '.join(_HEADS)} |", "|---" * len(_HEADS) + "|"]
+    rows = []
     for reference, values in _rows(name, result):
         unit = f" ({reference.unit})" if reference.unit else ""
         difference = reference.difference(values)
         told = f"{difference:.1e}" if reference.is_met(values) else f"**{difference:.1e}**"
-        cells = (
+        rows.append((
             f"{reference.quantity}{unit}", _published(reference), _ours(reference, values), told,
             f"{reference.within:.0e}", reference.sure.value,
-        )  # fmt: skip
-        lines.append(f"| {' | '.join(cells)} |")
-    yield "\n".join(lines)
+        ))  # fmt: skip
+    yield "\n".join(_table(_HEADS, rows))
 
 
 def _published(reference: Reference) -> str:

@@ -63,6 +63,14 @@ def test_own_form(tmp_path, monkeypatch):
     assert main(["check", str(tmp_path / "corded.py")]) == 0
 
 
+def test_reduction(tmp_path, monkeypatch):
+    found = run_page("reduction", tmp_path, monkeypatch)
+    body = fm.ReducedBody.load("link.h5")
+    slender = 1.875104**2 / (2 * np.pi * 0.3**2) * np.sqrt(2.1e11 * 0.01**2 / 12 / 7850.0)  # Euler and Bernoulli
+    assert body.frequencies(clamped=["x_min"])[0] == pytest.approx(slender, rel=0.02)
+    assert found["arm"].mass == pytest.approx(0.3 * 0.02 * 0.01 * 7850.0)
+
+
 def test_loops(tmp_path, monkeypatch):
     found = run_page("tutorials/loops", tmp_path, monkeypatch)
     again = found["scene"].simulate(1.0, h=2e-3)
@@ -123,6 +131,33 @@ def test_the_page_of_errors_tells_what_each_means_and_who_raises_it():
     assert re.search(r"- `fm.System.simulate`: \w+", told["SimulationError"])
     assert "- `fm.reduction.craig_bampton`: the eigensolver" in told["ConvergenceError"]
     assert raised == [[["AError", "BError"], "a b: c."], [["CError"], "d."]]
+
+
+CARDS = """
+import json
+import tempfile
+from pathlib import Path
+
+import gallery
+folder = Path(tempfile.mkdtemp()) / "gallery"
+gallery.write_pages(folder, outputs=Path("no_runs"))
+print(json.dumps({file.name: file.read_text() for file in folder.glob("*.md")}))
+"""
+
+
+def test_the_gallery_shows_a_picture_of_each_demo_and_its_result_before_its_code():
+    """Also where no demo was run."""
+    pytest.importorskip("jupytext")
+    done = subprocess.run(
+        [sys.executable, "-c", CARDS], cwd=ROOT / "tools", capture_output=True, text=True, check=True
+    )
+    pages = json.loads(done.stdout)
+    demos = {demo.stem for demo in (ROOT / "demos").glob("*.py")}
+    cards = dict(re.findall(r":link: (\w+)\n:link-type: doc\n:img-top: (\S+)", pages.pop("index.md")))
+    assert set(cards) == demos  # a demo without a card's picture: put one of its name into docs/pictures
+    for name in demos:
+        text = pages[f"{name}.md"]
+        assert text.index(f"]({name}-{cards[name]})") < text.index("```python")
 
 
 class Links(HTMLParser):

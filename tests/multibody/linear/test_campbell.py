@@ -150,3 +150,21 @@ def test_picture(tmp_path):
         fm.visual.plot_campbell(replace(diagram, eigenvalues=np.full((len(SPEEDS), 1), complex(np.nan, np.nan))))
     with pytest.raises(PictureError, match="highest"):
         fm.visual.plot_campbell(diagram, highest=-1.0)
+
+
+def test_picture_with_names(tmp_path):
+    """Vibrations by their names; of the crossings those that nothing excites are hollow."""
+    diagram = fm.campbell(rotor(), SPEEDS, orders=[1, 2])
+    count = diagram.frequencies.shape[1]
+    excited = [k % 2 == 0 for k in range(count)]
+    names = [f"kind {k}" for k in range(count)]
+    figure = fm.visual.plot_campbell(diagram, path=tmp_path / "named.png", names=names, excited=excited, highest=1e4)
+    lines = {line.get_label(): line for line in figure.axes[0].lines}
+    assert set(names) < set(lines)
+    hollow = lines["crossing, not excited"]
+    assert hollow.get_markerfacecolor() == "white"
+    assert len(hollow.get_xdata()) == sum(one.branch % 2 for one in diagram.critical) > 0
+    assert len(lines["critical speed"].get_xdata()) + len(hollow.get_xdata()) == len(diagram.critical)
+    for wrong in ({"names": names[1:]}, {"excited": [True]}, {"names": "axial"}, {"excited": 1}):
+        with pytest.raises(PictureError, match=next(iter(wrong))):
+            fm.visual.plot_campbell(diagram, **wrong)
