@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import RecordError
 
-Memory = Mapping[str, NDArray[Any]]
+MethodArrays = Mapping[str, NDArray[Any]]
 
 
-def refuse_other_memory(own: Memory, memory: Memory, *, method: str) -> None:
+def refuse_other_memory(own: MethodArrays, memory: MethodArrays, *, method: str) -> None:
     """Refuse a checkpoint's arrays that are not those of the method; none are right, for then it has not begun.
 
     Args:
@@ -39,7 +39,7 @@ def refuse_other_memory(own: Memory, memory: Memory, *, method: str) -> None:
             )
 
 
-def recall(own: Memory, memory: Memory) -> None:
+def recall(own: MethodArrays, memory: MethodArrays) -> None:
     """Put arrays back into the method's memory."""
     for name, kept in memory.items():
         own[name][...] = kept

@@ -26,7 +26,7 @@ from flexmbd.multibody.start.consistent_start import Start, accelerations, match
 from flexmbd.multibody.start.impulse import rates_after_jump, refuse_position_jumps
 from flexmbd.multibody.start.independent_rows import better_rows
 from flexmbd.multibody.team import Team, on_every_rank
-from flexmbd.run.breaks import beside, closed_state, refuse_impulse_on_history, resumed_accelerations
+from flexmbd.run.after_break import beside, closed_state, refuse_impulse_on_history, resumed_accelerations
 from flexmbd.run.controller import Controller
 from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.limits import MOST_ROWS
