@@ -87,8 +87,8 @@ class PathSpectrum(Protocol):
     def mode(self, k: int) -> FloatArray:
         """(n,) its eigenvector, as a change of the configuration."""
 
-    def flutter_mode(self) -> FloatArray:
-        """(n,) that of the two eigenvalues that became complex last, its real part."""
+    def flutter_mode(self) -> FloatArray | None:
+        """(n,) that of the two eigenvalues that became complex last, its real part; None where none are complex."""
 
 
 AnyPoint = TypeVar("AnyPoint", bound=PathPoint)

@@ -93,9 +93,11 @@ class MotionSpectrum:
     def _diverge(self) -> NDArray[np.bool_]:
         return np.asarray(grows(self.values, self.round_off) & ~flutters(self.values))
 
-    def flutter_mode(self) -> FloatArray:
-        """(nv,) of the two eigenvalues that became complex last."""
+    def flutter_mode(self) -> FloatArray | None:
+        """(nv,) of the two eigenvalues that became complex last; None where none are complex."""
         pairs = np.flatnonzero(flutters(self.values))
+        if not len(pairs):
+            return None
         return self.shapes[:, pairs[np.argmin(parted(self.values[pairs]))]]
 
 
