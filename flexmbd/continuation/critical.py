@@ -117,7 +117,7 @@ class _StretchPoints(Generic[AnyPoint]):
         return self._crossing(kind, high, tangent, spectrum.mode(spectrum.nearest()))
 
     def _kind_around(self, share: float) -> tuple[CriticalKind, PathDirection]:
-        """Whether the factor turns where eigenvalues pass zero, or another path crosses; and the path's unit tangent."""
+        """Whether the factor turns where eigenvalues pass zero, or another path crosses; and the unit tangent."""
         before, after = (self._at(min(max(share + side, 0.0), 1.0)).tangent for side in (-_BESIDE, _BESIDE))
         kind = CriticalKind.LIMIT if before.factor * after.factor < 0.0 else CriticalKind.BIFURCATION
         return kind, unit(self._space, before.plus(after))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class NewtonProblem(Protocol[AnyPlace, AnyChange]):
     """Equations that are solved by Newton's method. Of what is spread over ranks all calls are collective."""
 
     def is_solved(self, here: AnyPlace, *, close: bool) -> bool:
-        """Whether a place is a solution; ``close``: the correction that led there was so small that only round-off is left."""
+        """Whether a place is a solution; ``close``: the correction that led there left round-off alone."""
 
     def correction(self, here: AnyPlace) -> Correction[AnyChange]:
         """Newton's step from a place."""
@@ -62,7 +62,13 @@ class NewtonProblem(Protocol[AnyPlace, AnyChange]):
 
 
 class NewtonEnd(Enum):
-    """Why Newton's method ended: at a solution, as corrections grew or were no numbers, or after all that are allowed."""
+    """Why Newton's method ended.
+
+    Attributes:
+        SOLVED: at a solution.
+        GROWN: a correction grew, or was no number.
+        MOST: after as many corrections as were allowed.
+    """
 
     SOLVED = "solved"
     GROWN = "grown"
@@ -135,11 +141,11 @@ class _Corrections(Generic[AnyPoint]):
         return not isinstance(here, PathDirection)
 
     def correction(self, here: AnyPoint | PathDirection) -> Correction[PathDirection]:
-        assert isinstance(here, PathDirection)
-        size = self._space.largest(here)
-        if self._count == 1 and size > CLOSE and is_astray(self._space, here, self._step):
+        change = cast(PathDirection, here)  # or it would be solved
+        size = self._space.largest(change)
+        if self._count == 1 and size > CLOSE and is_astray(self._space, change, self._step):
             raise ConvergenceError("Newton's method leads to another path")
-        return Correction(here, size)
+        return Correction(change, size)
 
     def moved(
         self, here: AnyPoint | PathDirection, correction: Correction[PathDirection], *, close: bool

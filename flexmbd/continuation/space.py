@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
+
+ALIKE = 1e-6  #: of what is remembered at two points: what may differ as they are one
+APART = EPSILON ** (1.0 / 3.0)  #: rad, of the extent or the range: between points of a difference of stiffnesses
+LOAD_DIFFERENCE = 1e-4  #: of the range of factors: over how much loads are differenced; exact of loads in proportion
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,16 +13,16 @@ from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
-from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.round_off import of_solver
 
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 200
 _FEW = 30  # steps of ``newton_cut``
 _STEP = 0.3  # rad, or of the machine's extent: the longest step
-_NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
 _TRIALS = 9  # of a step, each half as long as the one before
 _SLOPE = 0.9  # of the work that forces do along a step at its beginning: what they may do against it at its end
 _LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium is left
@@ -200,14 +200,14 @@ def _newton_step(search: _Search, here: ForceBalance, more: FloatArray) -> _Step
     if not len(stiffness):
         return _Step(np.zeros(len(Vz)), 0, np.zeros(len(Vz)))
     rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
-    floor = len(rates) * 1e-15 * float(np.abs(rates).max())
+    floor = of_solver(len(rates)) * float(np.abs(rates).max())
     unstable = int((rates < -floor).sum())
     idle = np.abs(rates) <= floor
     pull = shapes.T @ here.lacking
     if idle.any():
         at_play = forces_at_play(search.scene, search.work, here)
         parts = np.abs(Vz @ shapes).T @ (at_play / search.sizes)
-        pull[idle & (np.abs(pull) <= _NOTHING * parts)] = 0.0
+        pull[idle & (np.abs(pull) <= BALANCED * parts)] = 0.0
     if unstable == 0 and not idle.any():
         try:
             step = -np.linalg.solve(stiffness, here.lacking)

@@ -30,6 +30,7 @@ from flexmbd.multibody.plan.scene_matrices import (
 from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, GivenCoordinates, coordinate_names
 from flexmbd.multibody.start.least_change import least_change
 from flexmbd.multibody.start.loop_gaps import loop_gaps, loop_slopes
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,7 +38,6 @@ Mask = NDArray[np.bool_]
 #: A loop counts as closed when it stays open by no more than this share of the machine's size,
 #: as where the frames of an overconstrained loop come from a mesh; it closes further if it can.
 CLOSED = 1e-7
-_ROUND_OFF = 1e-14
 _ITERATIONS = 50
 _LONGEST = 0.5  # of a coordinate's size: the longest step
 _WORTH = 0.5  # a more intrusive stage must close more than this share of what the others leave open
@@ -137,7 +137,7 @@ def close_as_far(
         return best, np.zeros(0)
     gap = _gaps(scene, work, x, given)
     for stage in _stages(scene, held, np.sqrt(modal_stiffness(scene))):
-        if _largest(gap) <= _ROUND_OFF:
+        if _largest(gap) <= ROUND_OFF:
             break
         if given.positions and (stage.movable & held).any():
             continue
