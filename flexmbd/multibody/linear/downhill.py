@@ -97,7 +97,7 @@ class _Search:
         step, searches = correction.share * correction.change.along, not (close or correction.change.unstable)
         along = step[at.by.z]
         linear = strains.at(at.x) + strains.change(at.x, step)
-        allowed = _SLOPE * abs(at.lacking @ along)
+        allowed = _SLOPE * abs(float(at.lacking @ along))
 
         def trial(part: float) -> Trial[_Place]:
             x = moved(scene, self.work, at.x, part * step)
