@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import corrected
 from flexmbd.continuation.space import ALIKE, APART, LOAD_DIFFERENCE, PathDirection, unit
-from flexmbd.continuum.history.displacement_newton import Balance, Convergence
+from flexmbd.continuum.history.displacement_newton import UNBALANCED, Balance, Convergence
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver, is_symmetric
 from flexmbd.continuum.matrices.blocks import inner
@@ -35,7 +35,6 @@ from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_UNBALANCED = 1e-5  # of the forces at hand: what no round-off of displacements excuses
 
 
 class BodyPathSpace:
@@ -148,7 +147,7 @@ class BodyPathSpace:
             increment = moved
             balance = self._balance(increment, factor)
             left = self._body.norm(balance.residual[self._free]) / balance.size if balance.size else 0.0
-            if left <= self._rule.tolerance or (close and left <= _UNBALANCED):
+            if left <= self._rule.tolerance or (close and left <= UNBALANCED):
                 self._body.check_increment(increment)
                 return self._point(before, increment, factor, iteration, balance)
             responses = self._responses(increment, factor, balance, predicted=self._predicts)
