@@ -300,6 +300,8 @@ class _Equilibrium:
             found = newton(problem, problem.last, most=_STEPS, close=_STEP, grows=_GROWTH)
         except np.linalg.LinAlgError:
             raise _NotFoundError(_BUCKLES, problem.last.displacement) from None
+        except ConvergenceError as error:
+            raise _NotFoundError(str(error), problem.last.displacement) from error
         except (ReductionError, FormulationError) as error:
             raise _NotFoundError(f"the tangent stiffness fails, {error}", problem.last.displacement) from error
         if found.is_solution:
