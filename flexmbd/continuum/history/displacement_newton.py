@@ -20,6 +20,7 @@ from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import ConvergenceError
 from flexmbd.given import checked
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 
@@ -305,7 +306,7 @@ class Newton:
         diagonal = matrix.getDiagonal()
         n = self.body.n_owned
         forces = diagonal.array_r * (self.body.displacement[:n] + increment[:n])
-        return _LAST_PLACES * float(np.finfo(float).eps) * self.free_norm(forces)
+        return _LAST_PLACES * EPSILON * self.free_norm(forces)
 
     def _work(self, change: FloatArray, residual: FloatArray) -> float:
         mine = change[self._free] @ residual[self._free]
