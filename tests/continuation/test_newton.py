@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from flexmbd.continuation.line_search import Trial, by_work, searched
+from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuation.newton import Correction, NewtonEnd, newton
 from flexmbd.continuation.strides import stride_along
 from flexmbd.errors import ConvergenceError, SceneError
@@ -76,7 +76,7 @@ def test_a_search_takes_the_best_where_none_is_good_and_halves_what_leads_nowher
         tried.append(share)
         if share > 0.3:
             raise SceneError("nothing there")
-        return Trial(share, share, 1.0 + (share - 0.06) ** 2)
+        return ShareTrial(share, share, 1.0 + (share - 0.06) ** 2)
 
     assert searched(trial, most=5, fails=(SceneError,)).place == 0.0625
     assert tried == [1.0, 0.5, 0.25, 0.125, 0.0625]
