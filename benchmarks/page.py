@@ -1,9 +1,9 @@
 """docs/benchmarks.md and the site's pages of all numbers, written from the kept results; nobody copies a number.
 
 `benchmarks/page/head.md` stands first, then one table of all comparisons with other programs, those that another
-program wins before the others. Each benchmark follows with the first paragraph of its file's docstring, the short tables
-and the pictures of its last whole run with what it was measured on. The site's pages, one a benchmark, have the whole
-docstring and all tables.
+program wins before the others. Each benchmark follows with the first paragraph of its file's docstring, the short
+tables and the pictures of its last whole run with what it was measured on. The site's pages, one a benchmark, have the
+whole docstring and all tables.
 """
 
 from __future__ import annotations

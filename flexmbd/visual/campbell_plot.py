@@ -45,8 +45,8 @@ def plot_campbell(
             drawn hollow.
 
     Raises:
-        PictureError: there is no vibration, ``highest`` is not positive, ``names`` or ``excited`` are not as many as there are
-            vibrations, or the file cannot be written.
+        PictureError: there is no vibration, ``highest`` is not positive, ``names`` or ``excited`` are not as many as
+            there are vibrations, or the file cannot be written.
     """
     target = None if path is None else checked_path(path, SUFFIXES)
     frequencies = diagram.frequencies
