@@ -71,7 +71,7 @@ def test_a_small_opening_is_one_step():
 
 def test_where_steps_may_not_be_cut_it_is_refused():
     body, held, outward = ring(LIMITED)
-    with pytest.raises(PathError, match=r"times the largest that the formulation integrates accurately, in cell \d+") as told:
+    with pytest.raises(PathError, match=r"the largest that the formulation integrates accurately, in cell \d+") as told:
         follow(body, [0.2], prescribed=held, displacement=lambda t: t * outward, smallest=0.6)
     assert told.value.path.steps == []
     np.testing.assert_array_equal(body.displacement, 0.0)
