@@ -91,4 +91,5 @@ class Steppable(ABC):
             max_step=max_step,
         )  # fmt: skip
         open_end = horizon is None and h is None
-        return self._begin_steps(StepperRequest(settings, inputs, outputs, interpolation, open_end, values or {}))
+        given = {} if values is None else values
+        return self._begin_steps(StepperRequest(settings, inputs, outputs, interpolation, open_end, given))

@@ -86,6 +86,7 @@ class VariableScene:
         Raises:
             SceneError: a name is no parameter's; a value is not possible, or changes what is computed.
         """
+        refuse_other(values, Mapping, "values", wanted='a mapping of parameters, {"m": 2.0}')
         self._refuse_unknown(values)
         if not values:
             return self.scene

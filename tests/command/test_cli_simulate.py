@@ -244,7 +244,7 @@ def test_a_run_that_fails_keeps_what_it_computed(folder, capsys):
         (PENDULUM.replace('child = "bob"', 'child = "bob"\nparent = "bob"'), "connects body 'bob' to itself"),
         (PENDULUM.replace("[output]", "[output]\njoints = []\nrotations = []\nmodal = [3]"), "output.modal"),
         (PENDULUM.replace("[output]", '[output]\nrotations = ["bob", "bob"]'), "two columns would be called 'bob.e0'"),
-        (JAMMED + '[output]\njoints = ["slot"]\n', "joint 'slot' closes a loop and has no coordinates to tell"),
+        (JAMMED + '[output]\njoints = ["slot"]\n', "joint 'slot' closes a loop and has no coordinates; ask"),
     ],
 )
 def test_bad_scenes_are_one_line(folder, capsys, text, message):

@@ -216,7 +216,7 @@ def test_a_file_of_another_ensemble_is_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize("answer", [None, "1.0", 1j, [None, 1.0]])
 def test_outputs_that_are_no_numbers(answer):
     machine, _ = double_pendulum()
-    with pytest.raises(SceneError, match="the first: output 'x': a number or an array of numbers is wanted"):
+    with pytest.raises(SceneError, match="the first: output 'x': an output must be a number or an array of numbers"):
         machine.ensemble({"rate": [1.0, 2.0]}, {"x": lambda run: answer}, t_end=0.1)
 
 

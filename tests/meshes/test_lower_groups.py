@@ -160,7 +160,7 @@ def test_a_point_off_the_mesh_is_refused():
         session.generate(h=0.5, degree=1)
 
     with pytest.raises(
-        MeshError, match="vertex group 'inside': 1 of 1 are none of any cell's; in gmsh, embed"
+        MeshError, match="vertex group 'inside': 1 of 1 belong to no cell; in gmsh, embed"
     ):
         session.tagged_mesh(COMM, fill)
     assert COMM.allreduce(1) == COMM.size

@@ -332,5 +332,5 @@ def test_record_whose_parts_do_not_fit(tmp_path):
 
 
 def test_an_interface_is_named_by_a_text():
-    with pytest.raises(InterfaceError, match="an interface is named by a text, got array"):
+    with pytest.raises(InterfaceError, match="the name of an interface must be a text, got array"):
         two_crosses().interface(np.full(3, np.nan))

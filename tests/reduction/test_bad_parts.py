@@ -67,7 +67,7 @@ def test_memory_that_does_not_suffice(monkeypatch):
     model = bar()
     if COMM.rank == COMM.size - 1:
         monkeypatch.setattr(memory, "available_memory", lambda: 1000)
-    with pytest.raises(ReductionError, match=r"multigrid .* would take \d+ MB, and 0 MB are there"):
+    with pytest.raises(ReductionError, match=r"multigrid .* would take \d+ MB, and 0 MB are available"):
         craig_bampton(model, modes=2, frame="x_min", solver=Solver.ITERATIVE)
 
 

@@ -149,10 +149,10 @@ def test_the_quickest_solver_that_fits_in_memory(monkeypatch, rank):
     for room, chosen in ((100e6, Solver.DIRECT), (1.02 * memory.multigrid_memory(model), Solver.ITERATIVE)):
         has_memory(monkeypatch, int((room + beside) / memory._SHARE), rank=rank)
         assert solver_of(model) == NAMES[chosen]
-    with pytest.raises(ReductionError, match=r"would take \d+ MB, and \d+ MB are there.*solver=Solver.COMPRESSED or"):
+    with pytest.raises(ReductionError, match=r"would take \d+ MB, and \d+ MB are available.*Solver.COMPRESSED or"):
         guyan(model, frame="x_min", solver=Solver.DIRECT)
     has_memory(monkeypatch, int(beside), rank=rank)
-    with pytest.raises(ReductionError, match=r"multigrid .* would take \d+ MB, and 0 MB are there.*take fewer modes"):
+    with pytest.raises(ReductionError, match=r"multigrid .* take \d+ MB, and 0 MB are available.*take fewer modes"):
         guyan(model, frame="x_min")
 
 

@@ -547,6 +547,17 @@ def test_a_system_has_no_parameters_to_step_with():
         scene.stepper(h=1e-2, values={"m": 9.0})
 
 
+@pytest.mark.parametrize("values", [5, "m", ["m"], True, 0])
+def test_values_are_a_mapping(values):
+    scene, *_ = cart(stiffness=STIFFNESS)
+    machine = scene.compile(parameters={"m": fm.parameter.Mass(bodies_of(scene)[0])})
+    for one in (scene, machine):
+        with pytest.raises(fm.SceneError, match="values must be a mapping of parameters"):
+            one.stepper(h=1e-2, values=values)
+    with pytest.raises(fm.SceneError, match="values must be a mapping of parameters"):
+        machine.variant(values)
+
+
 def test_system_and_compiled_machine_have_one_stepper():
     """Its arguments stand once."""
     assert fm.System.stepper is fm.CompiledMachine.stepper

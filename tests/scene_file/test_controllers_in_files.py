@@ -176,7 +176,7 @@ def test_a_linear_system_of_a_file_begins_at_rest(tmp_path):
         ("scale = 1.0", "scale = 0.0", r"states\[0\] \(motor\): .*positive"),
         ("scale = 1.0", "", "scale"),
         ("initial = [0.0]", "", "initial"),
-        ("initial = [0.0]", "initial = [0.0, 1.0]", "2 states take as many names"),
+        ("initial = [0.0]", "initial = [0.0, 1.0]", "2 states need 2 distinct names"),
         ('inputs = ["thrust"]', 'inputs = ["trust"]', "no load has the signal 'trust'; did you mean 'thrust'"),
         ('quantity = "velocity"', 'quantity = "acceleration"', r"measurements\[1\].*cannot follow accelerations"),
         ("laws.py:rates", "laws.py:rate", "no function 'rate'; did you mean 'rates'"),
