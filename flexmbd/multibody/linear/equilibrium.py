@@ -16,9 +16,10 @@ from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.downhill import most_lacking, stable_below
+from flexmbd.multibody.linear.forces_at_play import forces_at_play
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
-from flexmbd.multibody.linear.steadiness import refuse_changing, refuse_unsteady, start_moving
+from flexmbd.multibody.linear.steadiness import STEADY, refuse_changing, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import strain_predictor
 from flexmbd.multibody.linear.working_point import WorkingPoint
@@ -223,11 +224,26 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
     """
     found = newton(_RestWithStates(scene, work, sizes), here, most=_ITERATIONS, close=SETTLED)
     if found.is_solution:
+        _refuse_unresisted(scene, work, found.place)
         return found.place
     raise SceneError(
         f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, found.place)}; check that something "
         "carries this load, or start nearer to the equilibrium"
     )
+
+
+def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> None:
+    """Raise SceneError where a force stays that neither a place nor a state resists, so that Newton leaves it alone."""
+    z, bodies = here.by.z, ~scene.state_mask[here.by.z]
+    at_play = np.abs(here.by.Vz).T @ (forces_at_play(scene, work, here) / coordinate_sizes(scene))
+    beyond = (np.abs(here.lacking) - STEADY * at_play)[bodies]
+    if len(beyond) and beyond.max() > 0.0:
+        worst = int(np.flatnonzero(bodies)[np.argmax(beyond)])
+        raise SceneError(
+            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, N m, "
+            "or modal) stays unbalanced, for neither a place nor a state resists it; friction that sticks bears what the "
+            "way there has built up: let the machine come to rest by simulate, or hold it otherwise"
+        )
 
 
 def _full_newton_step(scene: CompiledScene, here: ForceBalance) -> FloatArray:

@@ -322,3 +322,24 @@ def test_central_differences_refuse_contacts():
     scene, *_ = two_spheres(contact.Hertz(**STEEL))
     with pytest.raises(SceneError, match="bodies of this scene touch"):
         scene.simulate(1e-3, integrator=fm.CentralDifference())
+
+
+def test_a_ball_at_rest_lies_as_deep_as_its_weight_presses_it():
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = ball(scene, "ball", (0.0, 0.0, RADIUS - 1e-7))
+    law = contact.Hertz(**STEEL)
+    shape = contact.HalfSpace(scene.ground.frame())
+    scene.touch(shape, contact.Sphere(body.frame(), RADIUS), law)
+    depth = (MASS * 9.81 / law.stiffness(shape, RADIUS, "")) ** (2.0 / 3.0)
+    assert RADIUS - scene.equilibrium().position(body.frame())[2] == pytest.approx(depth, rel=1e-7)
+
+
+def test_what_friction_would_have_to_bear_is_no_equilibrium_by_itself():
+    """A bristle without rate leaves any stretch at rest: how much it bears hangs on the way there."""
+    scene = fm.System(gravity=(2.0, 0.0, -9.81))
+    body = ball(scene, "ball", (0.0, 0.0, RADIUS - 1e-7))
+    rough = contact.Friction(0.5, stiffness=1e7, damping=1e3, load=40.0)
+    floor = contact.HalfSpace(scene.ground.frame())
+    scene.touch(floor, contact.Sphere(body.frame(), RADIUS), contact.Hertz(**STEEL), friction=rough)
+    with pytest.raises(SceneError, match="stays unbalanced, for neither a place nor a state resists it"):
+        scene.equilibrium()
