@@ -1,0 +1,21 @@
+"""Reports for papers: tables, pictures and text become one page, files for a paper, and a digest.
+
+What is measured stands elsewhere (`continuum.contract_suite`, `command`, `run`), which may import this room; it loads
+numpy alone, and matplotlib when a report is written.
+"""
+
+from flexmbd.report.contents import Cell as Cell
+from flexmbd.report.contents import Content as Content
+from flexmbd.report.contents import Listing as Listing
+from flexmbd.report.contents import Paragraph as Paragraph
+from flexmbd.report.contents import Picture as Picture
+from flexmbd.report.contents import Report as Report
+from flexmbd.report.contents import Section as Section
+from flexmbd.report.contents import Table as Table
+from flexmbd.report.diagram import Line as Line
+from flexmbd.report.diagram import diagram as diagram
+from flexmbd.report.folder import refuse_folder as refuse_folder
+from flexmbd.report.folder import write_report as write_report
+from flexmbd.room import public_names as _public_names
+
+__all__ = _public_names(globals())

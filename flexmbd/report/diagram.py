@@ -1,0 +1,89 @@
+"""Diagrams of a report: lines over one axis, in the panels' style of `flexmbd.visual`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from flexmbd.report.contents import Picture
+from flexmbd.visual.palette import body_colours
+from flexmbd.visual.panels import remove_frame
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MARKERS = "osD^vP*X"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a diagram.
+
+    Attributes:
+        label: in the legend; empty: not there.
+        x, y: values; what is not finite, or not positive on a logarithmic axis, is left out.
+        is_measured: whether its points are marked; else it is dashed and grey, for comparison.
+        panel: which of the diagrams it is in, from 0.
+    """
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    is_measured: bool = True
+    panel: int = 0
+
+
+def diagram(
+    name: str,
+    caption: str,
+    lines: Sequence[Line],
+    *,
+    x: str,
+    y: str,
+    scales: tuple[str, str] = ("log", "log"),
+    titles: Sequence[str] = ("",),
+    marked: bool = True,
+) -> Picture:
+    """Lines in one or several diagrams side by side.
+
+    Args:
+        name: of the files.
+        caption: a sentence.
+        lines: at least one.
+        x, y: labels of the axes.
+        scales: of the axes, "log" or "linear".
+        titles: one a diagram.
+        marked: whether points are marked.
+    """
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, len(titles), sharey=True, squeeze=False)[0]
+        labels = list(dict.fromkeys(line.label for line in lines if line.is_measured))
+        colours = dict(zip(labels, body_colours(len(labels)), strict=True))
+        shown: set[str] = set()
+        for line in lines:
+            label = line.label if line.label and line.label not in shown else None
+            shown.add(line.label)
+            axes = panels[line.panel]
+            if line.is_measured:
+                marker = _MARKERS[labels.index(line.label) % len(_MARKERS)] if marked else None
+                colour = colours[line.label]
+                axes.plot(line.x, line.y, marker=marker, label=label, color=colour, linewidth=1.4, markersize=5)
+            else:
+                axes.plot(line.x, line.y, "--", color="0.5", linewidth=1.0, label=label)
+        for axes, title in zip(panels, titles, strict=True):
+            axes.set_xscale(scales[0])
+            axes.set_yscale(scales[1])
+            axes.set_xlabel(x)
+            axes.set_title(title)
+            remove_frame(axes)
+        panels[0].set_ylabel(y)
+        handles = [(one, text) for axes in panels for one, text in zip(*axes.get_legend_handles_labels(), strict=True)]
+        if handles:
+            panels[-1].legend(
+                *zip(*handles, strict=True), frameon=False, fontsize="small", loc="upper left",
+                bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
+            )  # fmt: skip
+
+    return Picture(name, caption, draw, (3.0 + 3.2 * max(len(titles), 2), 4.2))
