@@ -14,6 +14,7 @@ from flexmbd.report.contents import Section as Section
 from flexmbd.report.contents import Table as Table
 from flexmbd.report.diagram import Line as Line
 from flexmbd.report.diagram import diagram as diagram
+from flexmbd.report.folder import PAGE as PAGE
 from flexmbd.report.folder import refuse_folder as refuse_folder
 from flexmbd.report.folder import write_report as write_report
 from flexmbd.room import public_names as _public_names

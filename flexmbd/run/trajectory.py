@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
+    from flexmbd.run.run_report import Repeatable
     from flexmbd.visual import Drawn, Look
 
 FloatArray = NDArray[np.float64]
@@ -73,6 +74,7 @@ class Trajectory(ForceSeries):
         recordings: fields of bodies with history, where the simulation was given a recording.
         kept_rows: the independent rows, of which ``row_multipliers`` holds the reactions; None: there are no others.
         samples: what each controller measured and gave.
+        repetition: what it was asked, for its report; None where that is not known.
     """
 
     scene: CompiledScene
@@ -91,6 +93,7 @@ class Trajectory(ForceSeries):
     kept_rows: tuple[int, ...] | None = None
     recordings: tuple[BodyRecording, ...] = ()
     samples: tuple[ControllerSamples, ...] = ()
+    repetition: Repeatable | None = None
 
     def __repr__(self) -> str:
         """What ran, how long and in how many steps; arrays are asked for by name."""
@@ -232,6 +235,39 @@ class Trajectory(ForceSeries):
         parts = {one.name: getattr(saved, one.name) for one in fields(saved)}
         scene = with_samples(scene, saved.samples)
         return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)
+
+    @checked("folder")
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with tables and pictures for a paper, by rank 0; return the page, folder/index.html.
+
+        The machine is run again from this start, a dozen times and more: by the same method with rtol from a hundred
+        times the one asked to a hundredth of it (of fixed steps, with h from twice to half of it), and by the other
+        methods, each against a finer run.  Bodies with history, controllers and actions of events are not repeated,
+        which the page says.  Besides: energies, costs, and what ``explain`` tells.
+
+        Called on rank 0 alone, or on all ranks: each of these then returns once the page is written.
+
+        Args:
+            folder: that is not there, or empty.
+
+        Raises:
+            ExportError: the folder is not empty, or cannot be written; on each rank that calls.
+            PictureError: matplotlib is not installed.
+            SceneError: the folder is none.
+        """
+        refuse_other(folder, (str, Path), "folder", wanted='a folder, "pendulum_report"')
+        import flexmbd.report as report  # with the rest of this only where it is called for
+        from flexmbd.run.run_report import run_report
+
+        error: Exception | None = None
+        if self.team.is_root:
+            try:
+                report.refuse_folder(Path(folder))
+                report.write_report(run_report(self, self.repetition), Path(folder))
+            except Exception as reason:  # noqa: BLE001  (whatever it is, ranks that wait must hear of it)
+                error = reason
+        self.team.tell(f"the report {folder}", error)
+        return Path(folder) / report.PAGE
 
     @checked("path", "ylabel", "title", error=PictureError)
     def plot(
