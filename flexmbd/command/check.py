@@ -23,8 +23,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
         "--report",
         type=Path,
         metavar="DIR",
-        help="write a page with tables and pictures for a paper into this folder, which is not there or empty: orders on "
-        "meshes of several shapes, locking, inf-sup numbers, eigenvalues of one cell; a minute or two",
+        help="write a page with tables and pictures for a paper into this folder, which is not there or empty: orders "
+        "on meshes of several shapes, locking, inf-sup numbers, eigenvalues of one cell; a minute or two",
     )
     parser.set_defaults(run=check)
 

@@ -50,7 +50,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help="write a page with tables and pictures for a paper into this folder, which is not there or empty",
     )
     report.add_argument(
-        "--mesh", type=Path, metavar="PART", help="of the report: the mesh that the part was reduced from, to compare with"
+        "--mesh", type=Path, metavar="PART", help="of the report: the mesh that it was reduced from, to compare with"
     )
     report.add_argument("--scale", type=float, default=1.0, metavar="S", help="factor on the mesh's lengths")
     report.add_argument("--material", type=Path, metavar="FILE", help="of the report: the material file, with --mesh")
@@ -62,8 +62,8 @@ def inspect(arguments: argparse.Namespace) -> int:
     """Print the record's sheet. Loads nothing of the continuum side but with --mesh; not collective.
 
     Raises:
-        RecordError, ExportError: the file is missing, damaged, foreign, or of another version; a report cannot be written
-            there, or the mesh is another one.
+        RecordError, ExportError: the file is missing, damaged, foreign, or of another version; a report cannot be
+            written there, or the mesh is another one.
         InterfaceError: no interface, or no component of one, has that name.
     """
     folder = arguments.report

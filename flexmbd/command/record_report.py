@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.command.inspect import ratio_facts
 from flexmbd.command.terminal import print_progress
 from flexmbd.errors import RecordError
 from flexmbd.record.held_modes import interface_motion
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.record.summary import damping_ratios
 from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Picture, Report, Section, Table, diagram
 from flexmbd.report.folder import file_digest
 
@@ -23,12 +24,12 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_COUNT = 40  # of frequencies of a response
+_COUNT, _SHOWN = 40, 600  # frequencies of a response: that are solved for, and that the record is drawn at
 _BEGIN, _END = 0.2, 1.05  # of the first frequency, and of the last that the record is shown for
 _NO_MODEL = (
-    "A record holds no mesh and no matrices, so that it was not compared with the full model. Give --mesh with the mesh that "
-    "it was reduced from, and --material with its form and parameters; modes are compared by MAC where it was reduced "
-    "with --keep-modes."
+    "A record holds no mesh and no matrices, so that it was not compared with the full model. Give --mesh with the "
+    "mesh that it was reduced from, and --material with its form and parameters; modes are compared by MAC where "
+    "it was reduced with --keep-modes."
 )
 
 
@@ -71,8 +72,7 @@ def _compared(body: ReducedBody, mesh: Path, *, scale: float, material: Path) ->
     """
     from mpi4py import MPI
 
-    from flexmbd.command.material_file import read_material
-    from flexmbd.command.reduce import make_parameters
+    from flexmbd.command.material_file import make_parameters, read_material
     from flexmbd.continuum import ContinuumModel, Interface, NodalInterface
     from flexmbd.continuum.contract.formulation import load_form
     from flexmbd.coupling import Coupling
@@ -81,17 +81,19 @@ def _compared(body: ReducedBody, mesh: Path, *, scale: float, material: Path) ->
 
     for key in ("supports", "surfaces", "springs on facets", "prestress", "strain energy"):
         if key in body.provenance:
-            return None, f"It was reduced with {key}, of which the mesh and the material say nothing: it was not compared."
+            return None, f"It was not compared: it was reduced with {key}, of which mesh and material say nothing."
     degree = body.provenance.get("degree", "")
     if not degree.isdecimal() or body.n_modes == 0:
-        return None, "The record does not say of which degree its model was, or is rigid: it was not compared."
+        return None, "It was not compared: the record does not say of which degree its model was, or is rigid."
     chosen = read_material(material)
     is_path = chosen.form.endswith(".py") or "/" in chosen.form
     form: Any = load_form(Path(chosen.form) if is_path else chosen.form)
     print_progress(f"reading {mesh}")
     found = read(mesh, scale=scale, comm=MPI.COMM_SELF)
     if found.fingerprint() != body.provenance.get("mesh"):
-        raise RecordError(f"the record is of another mesh than {mesh}: give the one that it was reduced from, and its --scale")
+        raise RecordError(
+            f"the record is of another mesh than {mesh}: give the one that it was reduced from, and its --scale"
+        )
     averaged = body.provenance.get("averaged interfaces", "").split(", ")
     interfaces: list[Interface | NodalInterface] = [
         Interface(
@@ -107,13 +109,13 @@ def _compared(body: ReducedBody, mesh: Path, *, scale: float, material: Path) ->
     model = ContinuumModel(
         found, form, make_parameters(form, chosen.parameters), degree=int(degree), interfaces=interfaces
     )
-    return compare(body, model, frequencies=_range(body), tell=print_progress), ""
+    return compare(body, model, frequencies=_range(body, _COUNT), tell=print_progress), ""
 
 
-def _range(body: ReducedBody) -> FloatArray:
+def _range(body: ReducedBody, count: int) -> FloatArray:
     """Frequencies (Hz) from below the first to the last of the free body."""
     free = body.frequencies()
-    return np.geomspace(_BEGIN * free[0], _END * free[-1], _COUNT)
+    return np.geomspace(_BEGIN * free[0], _END * free[-1], count)
 
 
 def _mass(body: ReducedBody, comparison: Comparison | None) -> Table:
@@ -140,10 +142,10 @@ def _frequencies(body: ReducedBody, comparison: Comparison | None) -> Table:
     columns: dict[str, FloatArray] = {"free [Hz]": body.frequencies()}
     if comparison is not None:
         columns["free, full model [Hz]"] = comparison.frequencies
-        columns["record over full, less 1"] = comparison.of_record[: len(comparison.frequencies)] / comparison.frequencies - 1
+        columns["relative error"] = comparison.errors
     for one in body.interfaces:
         columns[f"{one.name} held [Hz]"] = body.frequencies([one.name])
-    columns["damping ratio, free"] = np.asarray(ratio_facts(body)["free"])
+    columns["damping ratio, free"] = damping_ratios(body)[""]
     rows: list[tuple[Cell, ...]] = []
     for k in range(max((len(one) for one in columns.values()), default=0)):
         rows.append((k + 1, *(float(one[k]) if k < len(one) else float("nan") for one in columns.values())))
@@ -153,27 +155,31 @@ def _frequencies(body: ReducedBody, comparison: Comparison | None) -> Table:
 def _modes(body: ReducedBody, comparison: Comparison | None, why: str) -> list[Content]:
     if comparison is None:
         return [Paragraph(why)]
-    off = comparison.of_record[: len(comparison.frequencies)] / comparison.frequencies - 1.0
+    off = abs(comparison.errors)
     contents: list[Content] = [
         Paragraph(
             "The full model has the same rigid interfaces and nothing else held. Its modes are found by another solver "
             "(ARPACK) than the reduction's."
         ),
         diagram(
-            "frequency_errors", "Error of the free frequencies", [Line("record", range(1, len(off) + 1), abs(off).tolist())],
+            "frequency_errors", "Error of the free frequencies", [Line("record", range(1, len(off) + 1), off)],
             x="mode", y="relative error", scales=("linear", "log"),
         ),
     ]  # fmt: skip
     mac = comparison.mac
     if mac is None:
         return [*contents, Paragraph("The record does not keep its modes (--keep-modes), so that there is no MAC.")]
-    best = tuple((k + 1, int(np.argmax(row)) + 1, float(row.max()), float(row[k]) if k < len(row) else float("nan"))
-                 for k, row in enumerate(mac))  # fmt: skip
-    table = Table("mac", "MAC of each of the record's free modes", ("mode", "most like full mode", "MAC", "of equal number"), best)
-    return [*contents, table, Picture("mac", "MAC of the record's free modes and the full ones, by the mass", _draw_mac(mac))]
+    best: list[tuple[Cell, ...]] = []
+    for k, row in enumerate(mac):
+        equal = float(row[k]) if k < len(row) else float("nan")
+        best.append((k + 1, int(np.argmax(row)) + 1, float(row.max()), equal))
+    headings = ("mode", "most like full mode", "MAC", "MAC with the mode of its number")
+    table = Table("mac", "MAC of each of the record's free modes", headings, tuple(best))
+    caption = "MAC of the record's free modes and the full model's, by the mass"
+    return [*contents, table, Picture("mac", caption, _draw_mac(mac))]
 
 
-def _draw_mac(mac: FloatArray):  # type: ignore[no-untyped-def]
+def _draw_mac(mac: FloatArray) -> Callable[[Figure], None]:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         extent = (0.5, mac.shape[1] + 0.5, mac.shape[0] + 0.5, 0.5)
@@ -195,24 +201,27 @@ def _responses(body: ReducedBody, comparison: Comparison | None, why: str) -> li
             + ("" if comparison is not None else f" {why}")
         )
     ]
+    frequencies, dense = _range(body, _COUNT), _range(body, _SHOWN)
     for k, one in enumerate(body.interfaces, start=1):
-        frequencies = _range(body)
-        reduced = _response(body, one.name, frequencies)
-        full = None if comparison is None else next(r.full for r in comparison.responses if r.interface == one.name)
+        reduced, shown = _response(body, one.name, frequencies), _response(body, one.name, dense)
         headings = ["frequency [Hz]", *(f"{axis}, record [m/N]" for axis in "xyz")]
         columns = [frequencies, *reduced.T]
-        lines = [Line(f"{axis}, record", frequencies.tolist(), abs(reduced[:, i]).tolist()) for i, axis in enumerate("xyz")]
-        if full is not None:
+        lines = [
+            Line(f"{axis}, record", dense, abs(shown[:, i]), is_marked=False)
+            for i, axis in enumerate("xyz")
+        ]
+        if comparison is not None:
+            full = next(found.full for found in comparison.responses if found.interface == one.name)
             headings += [f"{axis}, full model [m/N]" for axis in "xyz"]
-            columns += [*full.T]
-            lines += [
-                Line("full model", frequencies.tolist(), abs(full[:, i]).tolist(), is_measured=False) for i in range(3)
-            ]
             headings.append("largest difference over the largest response")
-            columns.append(abs(reduced - full).max(axis=1) / abs(full).max(axis=1))
+            columns += [*full.T, abs(reduced - full).max(axis=1) / abs(full).max(axis=1)]
+            lines += [
+                Line(f"{axis}, full model", frequencies, abs(full[:, i]), is_joined=False)
+                for i, axis in enumerate("xyz")
+            ]
         rows = tuple(tuple(float(value) for value in row) for row in np.column_stack(columns))
-        contents.append(Table(f"response_{k}", f"Response of interface {one.name}", tuple(headings), rows))
         caption = f"Response of interface {one.name}"
+        contents.append(Table(f"response_{k}", caption, tuple(headings), rows))
         contents.append(diagram(f"response_{k}", caption, lines, x="frequency in Hz", y="m/N"))
     return contents
 

@@ -35,8 +35,8 @@ class Comparison:
         mass: (6, 6) of the full model, of the body frame's rigid motions, in its axes.
         frequencies: (m,) Hz of the free full model, elastic.
         of_record: (m,) Hz of the free record.
-        mac: (m, m) of the record's free modes (rows) and the full ones, by the full mass; None where the record does not
-            keep its modes.
+        mac: (m, m) of the record's free modes (rows) and the full ones, by the full mass; None where the record does
+            not keep its modes.
         responses: of the full model, at each interface.
     """
 
@@ -45,6 +45,11 @@ class Comparison:
     of_record: FloatArray
     mac: FloatArray | None
     responses: Sequence[Responses]
+
+    @property
+    def errors(self) -> FloatArray:
+        """(m,) of the record's frequencies, relative; positive where they are too high."""
+        return np.asarray(self.of_record[: len(self.frequencies)] / self.frequencies - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +168,9 @@ def _factor(matrix: scipy.sparse.csr_array) -> Factor:
     return Factor(PETSc.Mat().createAIJ(matrix.shape, csr=csr, comm=PETSc.COMM_SELF), definite=False)
 
 
-def _record_shapes(body: ReducedBody, model: LinearModel, rigid: FloatArray, mass: scipy.sparse.csr_array) -> FloatArray:
+def _record_shapes(
+    body: ReducedBody, model: LinearModel, rigid: FloatArray, mass: scipy.sparse.csr_array
+) -> FloatArray:
     """(dofs, m) free modes of the record as fields: its deformations, without momentum."""
     shapes = nodal_modes(body, model)[: model.n_owned] @ held_modes(body.gram, body.stiffness).shape
     momentum = rigid.T @ (mass @ shapes)

@@ -12,11 +12,11 @@ from flexmbd.report.contents import Picture as Picture
 from flexmbd.report.contents import Report as Report
 from flexmbd.report.contents import Section as Section
 from flexmbd.report.contents import Table as Table
-from flexmbd.report.diagram import Line as Line
-from flexmbd.report.diagram import diagram as diagram
 from flexmbd.report.folder import PAGE as PAGE
 from flexmbd.report.folder import refuse_folder as refuse_folder
 from flexmbd.report.folder import write_report as write_report
+from flexmbd.report.line_diagram import Line as Line
+from flexmbd.report.line_diagram import diagram as diagram
 from flexmbd.room import public_names as _public_names
 
 __all__ = _public_names(globals())

@@ -62,7 +62,8 @@ def write_report(report: Report, folder: Path) -> Path:
         _fill(report, part)
         os.replace(part, folder)  # takes the place of an empty one too
     except OSError as error:
-        raise ExportError(f"cannot write the report {folder}: {error.strerror or error}; nothing was changed") from error
+        why = error.strerror or error
+        raise ExportError(f"cannot write the report {folder}: {why}; nothing was changed there") from error
     finally:
         with suppress(OSError):
             shutil.rmtree(part)

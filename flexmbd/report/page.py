@@ -38,6 +38,7 @@ pre { background: var(--soft); padding: .7rem 1rem; overflow-x: auto; font-size:
 footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--quiet); font-size: .85em;
   overflow-wrap: anywhere; }
 """
+_LONG = 30  # rows of a table that is shown when a reader asks for it
 _GOOD, _BAD = ("PASS",), ("FAIL", "STOPPED")
 
 
@@ -94,7 +95,10 @@ def _table(table: Table) -> str:
     rows = "\n".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows)
     files = _files("tables", table.name, ("csv", "tex"))
     caption = f"<figcaption>{html.escape(table.caption)}. {files}</figcaption>"
-    return f"<figure>{caption}<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table></figure>"
+    whole = f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
+    if len(table.rows) > _LONG:
+        whole = f"<details><summary>{len(table.rows)} rows</summary>{whole}</details>"
+    return f"<figure>{caption}{whole}</figure>"
 
 
 def _cell(cell: Cell) -> str:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from flexmbd.integrate.automatic import choose
+from flexmbd.integrate.automatic import IntegratorChoice, choose
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS
@@ -20,8 +20,8 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.start.consistent_start import Start, consistent_start
 from flexmbd.multibody.team import Alone, Team
+from flexmbd.run.asked import Asked, Rung
 from flexmbd.run.controller import Controller
-from flexmbd.run.run_report import Asked, Rung
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import run
 from flexmbd.run.snapshot import new_snapshot
@@ -70,11 +70,12 @@ class Repetition:
             return Asked(self.rtol, self.h, None, f"integrator: {method}", None, self.obstacle)
         with _quietly(scene):
             start = _start(trajectory)
-            method, why = self.integrator, "as asked"
-            if isinstance(method, str):
+            if isinstance(self.integrator, str):
                 choice = choose(start, t=float(trajectory.t[0]), rtol=self.rtol, h=self.h)
-                method, why = choice.method, choice.why
-        explained = f"{explain(start)}\nintegrator: {method.name} ({why})"
+            else:
+                choice = IntegratorChoice(self.integrator, "as asked")
+        method = choice.method
+        explained = f"{explain(start)}\nintegrator: {method.name} ({choice.why})"
         repeat = partial(_repeated, trajectory, bodies, start, self.max_step)
         return Asked(self.rtol, self.h, method, explained, repeat, self.obstacle)
 

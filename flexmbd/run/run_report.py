@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flexmbd.errors import FlexmbdError
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
@@ -22,8 +21,8 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.results.energy import Energy
 from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Report, Section, Table, diagram
+from flexmbd.run.asked import Asked, Repeatable, Run, Rung
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
@@ -39,58 +38,6 @@ _METHODS: tuple[Integrator, ...] = (
 )  # fmt: skip
 
 
-class Run(Protocol):
-    """What is read of a trajectory."""
-
-    @property
-    def scene(self) -> CompiledScene: ...
-    @property
-    def t(self) -> FloatArray: ...
-    @property
-    def stats(self) -> Stats: ...
-    @property
-    def bodies(self) -> Mapping[str, Body]: ...
-    def body_motion(self, *, t: ArrayLike | None = None) -> FloatArray: ...
-    def q(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray: ...
-    def energy(self, *, t: ArrayLike | None = None) -> Energy: ...
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One run of a ladder.
-
-    Attributes:
-        method: that it goes by.
-        rtol: error tolerated.
-        h: fixed step (s), or None.
-        times: (k,) s, at which steps are to end.
-    """
-
-    method: Integrator
-    rtol: float
-    h: float | None
-    times: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What a run was asked, as far as it can be repeated.
-
-    Attributes:
-        rtol, h, method: of the run.
-        explained: what is computed and what is skipped, as ``System.explain`` has it.
-        repeat: runs the machine from its own start again.
-        obstacle: why it cannot be repeated, and then has no method; empty where it can.
-    """
-
-    rtol: float
-    h: float | None
-    method: Integrator | None
-    explained: str
-    repeat: Callable[[Rung], Run] | None
-    obstacle: str = ""
-
-
 @dataclass(frozen=True)
 class _Found:
     """A rung that ran: its cost, and its errors in m, rad and relative to the largest modal coordinates."""
@@ -98,13 +45,6 @@ class _Found:
     rung: Rung
     stats: Stats
     errors: tuple[float, float, float]
-
-
-class Repeatable(Protocol):
-    """What a trajectory keeps of what it was asked."""
-
-    def asked(self, trajectory: Any, /) -> Asked:
-        """In terms of the machine as it ran."""
 
 
 _FORGOTTEN = "it was read from a file, or stepped from outside, and what it was asked is not known; simulate it"
@@ -224,7 +164,7 @@ def _times(t: FloatArray, h: float | None) -> tuple[float, ...]:
     pairs = max(int(span / (2.0 * h) * (1.0 + 1e-12)), 1)
     every = -(-pairs // _COMPARED)
     inside = [float(t[0] + 2.0 * h * every * k) for k in range(1, pairs // every + 1)]
-    return tuple(one for one in inside if one < t[-1] - h / 2.0) + (float(t[-1]),)
+    return (*(one for one in inside if one < t[-1] - h / 2.0), float(t[-1]))
 
 
 def _motion(series: Run, bodies: Mapping[str, Body], times: tuple[float, ...]) -> list[FloatArray]:
@@ -289,12 +229,12 @@ def _energies(series: Run) -> list[Content]:
     change = float(abs(energy.total - energy.total[0]).max())
     share = f", {change / exchanged:.3g} of the most that one of its parts changes by" if exchanged > 0.0 else ""
     shown = [(name, one) for name, one in parts.items() if np.ptp(one) > 0.0 or name == "total"]
-    lines = [Line(name, series.t, one) for name, one in shown]
+    lines = [Line(name, series.t, one, is_marked=False) for name, one in shown]
     return [
         Paragraph(
             f"The total changes by at most {change:.4g} J{share}. What changes it is what drives, loads that depend on "
             "time, dampers and friction do, and the error of the integration."
         ),
         Table("energies", "Energies", ("part", "start [J]", "end [J]", "least [J]", "most [J]"), rows),
-        diagram("energies", "Energies over time", lines, x="t in s", y="J", scales=("linear", "linear"), marked=False),
+        diagram("energies", "Energies over time", lines, x="t in s", y="J", scales=("linear", "linear")),
     ]

@@ -43,9 +43,9 @@ from flexmbd.run.stream_file import STREAM, load_stream
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from flexmbd.run.asked import Repeatable
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
-    from flexmbd.run.run_report import Repeatable
     from flexmbd.visual import Drawn, Look
 
 FloatArray = NDArray[np.float64]

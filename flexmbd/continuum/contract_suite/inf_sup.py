@@ -69,7 +69,7 @@ def inf_sup(
 
 
 def _has_saddle(trial: Trial) -> bool:
-    """Whether displacements hold a further unknown, anywhere, more firmly than its own stiffness, zero or negative, does.
+    """Whether displacements hold a further unknown anywhere more firmly than its own stiffness, zero or negative, does.
 
     A pressure of a nearly incompressible solid is such a one; an electric potential, or strains of a cell, are not.
     """
@@ -105,7 +105,8 @@ def _norms(trial: Trial) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matr
     """Squares of the gradients of what rigid motions move, and of the values of what else the unknown holds."""
     u, v = ufl.TrialFunction(trial.space), ufl.TestFunction(trial.space)
     kinematic = trial.layout.kinematic
-    moved, others = [], []
+    moved: list[int] = []
+    others: list[int] = []
     for field in trial.layout.fields:
         (moved if kinematic[field.dofs].any() else others).extend(range(field.components.start, field.components.stop))
     squares = (

@@ -32,7 +32,7 @@ class FormStudies:
 
 
 def study_form(form: Formulation, *, tell: Callable[[str], None] = lambda text: None) -> FormStudies:
-    """Compute all of them, on this rank alone; what a form cannot do is told in its place. Compiles, for a minute or two.
+    """Compute all of them, on this rank alone; what a form cannot do is told in its place. Compiles, for a minute.
 
     Args:
         form: a checked form file.
@@ -48,5 +48,5 @@ def study_form(form: Formulation, *, tell: Callable[[str], None] = lambda text: 
         ],
         [one for cell, degree in elements for one in locking_studies(form, cell, degree, tell=tell)],
         [one for place in elements if (one := inf_sup(form, *place, tell=tell)) is not None],
-        [cell_spectrum(form, *place, distorted=distorted, tell=tell) for place in elements for distorted in (False, True)],
+        [cell_spectrum(form, *place, distorted=moved, tell=tell) for place in elements for moved in (False, True)],
     )

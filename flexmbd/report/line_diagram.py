@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexmbd.report.contents import Picture
 from flexmbd.visual.palette import body_colours
 from flexmbd.visual.panels import remove_frame
@@ -23,14 +26,16 @@ class Line:
     Attributes:
         label: in the legend; empty: not there.
         x, y: values; what is not finite, or not positive on a logarithmic axis, is left out.
-        is_measured: whether its points are marked; else it is dashed and grey, for comparison.
+        is_marked: whether its points are.
+        is_joined: whether lines go from point to point.
         panel: which of the diagrams it is in, from 0.
     """
 
     label: str
-    x: Sequence[float]
-    y: Sequence[float]
-    is_measured: bool = True
+    x: Sequence[float] | NDArray[np.float64]
+    y: Sequence[float] | NDArray[np.float64]
+    is_marked: bool = True
+    is_joined: bool = True
     panel: int = 0
 
 
@@ -43,7 +48,6 @@ def diagram(
     y: str,
     scales: tuple[str, str] = ("log", "log"),
     titles: Sequence[str] = ("",),
-    marked: bool = True,
 ) -> Picture:
     """Lines in one or several diagrams side by side.
 
@@ -51,27 +55,25 @@ def diagram(
         name: of the files.
         caption: a sentence.
         lines: at least one.
-        x, y: labels of the axes.
+        x: label of the axis that all share.
+        y: label of the other axis.
         scales: of the axes, "log" or "linear".
         titles: one a diagram.
-        marked: whether points are marked.
     """
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(titles), sharey=True, squeeze=False)[0]
-        labels = list(dict.fromkeys(line.label for line in lines if line.is_measured))
+        labels = list(dict.fromkeys(line.label for line in lines))
         colours = dict(zip(labels, body_colours(len(labels)), strict=True))
         shown: set[str] = set()
         for line in lines:
-            label = line.label if line.label and line.label not in shown else None
+            label = None if line.label in shown else line.label
             shown.add(line.label)
-            axes = panels[line.panel]
-            if line.is_measured:
-                marker = _MARKERS[labels.index(line.label) % len(_MARKERS)] if marked else None
-                colour = colours[line.label]
-                axes.plot(line.x, line.y, marker=marker, label=label, color=colour, linewidth=1.4, markersize=5)
-            else:
-                axes.plot(line.x, line.y, "--", color="0.5", linewidth=1.0, label=label)
+            marker = _MARKERS[labels.index(line.label) % len(_MARKERS)] if line.is_marked else "None"
+            panels[line.panel].plot(
+                line.x, line.y, marker=marker, linestyle="-" if line.is_joined else "None", label=label,
+                color=colours[line.label], linewidth=1.4, markersize=5,
+            )  # fmt: skip
         for axes, title in zip(panels, titles, strict=True):
             axes.set_xscale(scales[0])
             axes.set_yscale(scales[1])
