@@ -293,7 +293,7 @@ class CompiledMachine:
         scene = on_every_rank(self.team, lambda: self.variant(values))
         trajectory = self._run_on_team(scene, settings)
         repetition = Repetition.of(settings, scene, self.controllers, self.team)
-        return replace(trajectory, repetition=repetition)
+        return replace(trajectory, _repetition=repetition)
 
     def _run_on_team(self, scene: CompiledScene, settings: RunSettings) -> Trajectory:
         """Run a variant, on this process or as the team shares it."""

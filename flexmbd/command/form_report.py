@@ -15,14 +15,14 @@ from flexmbd.command.terminal import print_progress
 from flexmbd.continuum.contract.formulation import Formulation, load_form
 from flexmbd.continuum.contract_suite import FormReport
 from flexmbd.continuum.contract_suite.cell_spectrum import CellSpectrum
-from flexmbd.continuum.contract_suite.convergence import Convergence
+from flexmbd.continuum.contract_suite.convergence import MeshConvergence
 from flexmbd.continuum.contract_suite.inf_sup import InfSup
 from flexmbd.continuum.contract_suite.locking_study import Locking
 from flexmbd.continuum.contract_suite.order import SHORT
 from flexmbd.continuum.contract_suite.outcome import Remark, Verdict, verdict
 from flexmbd.continuum.contract_suite.studies import study_form
 from flexmbd.continuum.contract_suite.trial_mesh import Family
-from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Report, Section, Table, diagram
+from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Report, ReportSection, ReportTable, diagram
 from flexmbd.report.folder import file_digest
 
 _NAN = float("nan")
@@ -41,12 +41,12 @@ def form_report(sheet: FormReport, source: str | Path) -> Report:
     summary = f"The check of the form {sheet.name} on small meshes, and studies of each cell and degree. "
     summary += f"These checks failed: {', '.join(failed)}." if failed else "No check failed."
     sections = [
-        Section("The form", [_described(form)]),
-        Section("The check", [Listing(sheet.text()), _check_table(sheet)]),
-        Section("Convergence", _convergence_section(studies.convergences)),
-        Section("Locking", _locking_section(studies.lockings)),
-        Section("Inf-sup number", _inf_sup_section(studies.inf_sups)),
-        Section("Eigenvalues of one cell", _spectrum_section(studies.spectra)),
+        ReportSection("The form", [_described(form)]),
+        ReportSection("The check", [Listing(sheet.text()), _check_table(sheet)]),
+        ReportSection("Convergence", _convergence_section(studies.convergences)),
+        ReportSection("Locking", _locking_section(studies.lockings)),
+        ReportSection("Inf-sup number", _inf_sup_section(studies.inf_sups)),
+        ReportSection("Eigenvalues of one cell", _spectrum_section(studies.spectra)),
     ]
     return Report(
         f"Form {sheet.name}", "FAIL" if failed else "PASS", summary, sections, _sources(cast(ModuleType, form))
@@ -59,11 +59,11 @@ def stopped_report(source: Path, error: Exception) -> Report:
         f"The check of {source.name} stopped before anything was computed: the file breaks the contract of a form file "
         "in what is listed, and no mesh was made. Mend this, and check it again."
     )
-    sections = [Section("Where it stopped", [Listing(str(error))])]
+    sections = [ReportSection("Where it stopped", [Listing(str(error))])]
     return Report(f"Form {source.stem}", "STOPPED", summary, sections, {source.name: file_digest(source)})
 
 
-def _described(form: Formulation) -> Table:
+def _described(form: Formulation) -> ReportTable:
     title = (cast(ModuleType, form).__doc__ or "").strip().partition("\n")[0]
     claims = ", ".join(f"{degree}: {order}" for degree, order in form.ORDER.items())
     rows = (
@@ -73,10 +73,10 @@ def _described(form: Formulation) -> Table:
         ("reference configuration", form.REFERENCE),
         ("parameters of the reference problem", repr(form.reference().parameters)),
     )
-    return Table("form", "The form, and the parameters that all studies begin from", ("what", "value"), rows)
+    return ReportTable("form", "The form, and the parameters that all studies begin from", ("what", "value"), rows)
 
 
-def _check_table(sheet: FormReport) -> Table:
+def _check_table(sheet: FormReport) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for check in sheet.results:
         for (cell, degree), outcome in check.outcomes.items():
@@ -88,10 +88,10 @@ def _check_table(sheet: FormReport) -> Table:
                 text = f"{figure.name} ({figure.remark})" if figure.remark else figure.name
                 rows.append((check.name, cell, degree, told, text, figure.value, figure.limit))
     headings = ("check", "cell", "degree", "verdict", "figure", "value", "limit")
-    return Table("checks", "All figures of the check", headings, tuple(rows))
+    return ReportTable("checks", "All figures of the check", headings, tuple(rows))
 
 
-def _convergence_section(found: Sequence[Convergence]) -> list[Content]:
+def _convergence_section(found: Sequence[MeshConvergence]) -> list[Content]:
     done = [one for one in found if not one.fault]
     contents: list[Content] = [
         Paragraph(
@@ -107,14 +107,14 @@ def _convergence_section(found: Sequence[Convergence]) -> list[Content]:
         contents.append(Paragraph(f"The order falls short of the claimed one by more than {SHORT} on: {listed}."))
     rows = [(one.cell, one.degree, one.family.value, _last(one.errors), one.order, one.claimed) for one in done]
     headings = ("cell", "degree", "meshes", "error on the finest", "order", "order claimed")
-    contents.append(Table("orders", "Orders of convergence", headings, tuple(rows)))
+    contents.append(ReportTable("orders", "Orders of convergence", headings, tuple(rows)))
     errors = [
         (one.cell, one.degree, one.family.value, n, 1.0 / n, error)
         for one in done
         for n, error in zip(one.divisions, one.errors, strict=True)
     ]
     headings = ("cell", "degree", "meshes", "cells an edge", "h [m]", "relative error")
-    contents.append(Table("errors", "Errors of the displacement", headings, tuple(errors)))
+    contents.append(ReportTable("errors", "Errors of the displacement", headings, tuple(errors)))
     families = [family for family in Family if any(one.family is family for one in done)]
     if families:
         lines = [
@@ -136,8 +136,8 @@ def _locking_section(found: Sequence[Locking]) -> list[Content]:
             "Solids: the error of a field that keeps its volume but for 1 - 2 nu, and its order, as Poisson's ratio nu "
             "approaches 1/2; and a bar of one cell through its thickness and eight along it in pure bending, whose "
             "stiffness is told over the exact one. Surfaces: the error of the reference problem as the thickness goes "
-            "to nothing. An element that locks has errors that grow, orders that fall, or a stiffness far above 1. Of a "
-            "thousandth of the length, round-off leaves the stiffness some 1e-3."
+            "to nothing. An element that locks has errors that grow, orders that fall, or a stiffness far above 1. At "
+            "a thousandth of the length round-off leaves it some 1e-3."
         )
     ]
     for over, name in (("nu", "nu"), ("thickness [m]", "thickness")):
@@ -150,7 +150,7 @@ def _locking_section(found: Sequence[Locking]) -> list[Content]:
             for value, result in zip(one.values, one.results, strict=True)
         ]
         headings = ("cell", "degree", over, "measure", "result")
-        contents.append(Table(f"locking_{name}", f"Locking over {name}", headings, tuple(rows)))
+        contents.append(ReportTable(f"locking_{name}", f"Locking over {name}", headings, tuple(rows)))
         first = [one for one in measured if "order" not in one.measure]
         across = [[1.0 - 2.0 * value for value in one.values] if name == "nu" else one.values for one in first]
         lines = [Line(_element(one), x, one.results) for one, x in zip(first, across, strict=True)]
@@ -181,7 +181,7 @@ def _inf_sup_section(found: Sequence[InfSup]) -> list[Content]:
             "It must not fall as the mesh is refined. One zero value is the constant pressure; further ones are "
             "pressures that no displacement feels."
         ),
-        Table("inf_sup", "Inf-sup numbers", headings, tuple(rows)),
+        ReportTable("inf_sup", "Inf-sup numbers", headings, tuple(rows)),
         diagram("inf_sup", "Inf-sup number over the number of cells an edge", lines, x="cells an edge", y="number"),
         *_faults([(_element(one), one.fault) for one in found]),
     ]
@@ -210,11 +210,11 @@ def _spectrum_section(found: Sequence[CellSpectrum]) -> list[Content]:
             "Of the stiffness of a free cell at rest, over the largest, its edges of 1 m along the axes or distorted; "
             "what rigid motions do not move, as pressures, is solved for. Six are zero, the rigid motions."
         ),
-        Table(
+        ReportTable(
             "cell_motions", "Motions without energy of one cell",
             ("cell", "degree", "shape", "eigenvalues", "zero", "least that is not zero"), tuple(counts),
         ),
-        Table(
+        ReportTable(
             "cell_eigenvalues", "Eigenvalues of one cell",
             ("cell", "degree", "shape", "number", "eigenvalue over the largest"), tuple(rows),
         ),
@@ -238,7 +238,7 @@ def _faults(told: Sequence[tuple[str, str]]) -> list[Content]:
     return [Paragraph(f"{'; '.join(dict.fromkeys(where))}: {fault}.") for fault, where in reasons.items()]
 
 
-def _element(one: Convergence | Locking | InfSup | CellSpectrum) -> str:
+def _element(one: MeshConvergence | Locking | InfSup | CellSpectrum) -> str:
     return f"{one.cell} {one.degree}"
 
 

@@ -14,7 +14,18 @@ from flexmbd.errors import RecordError
 from flexmbd.record.held_modes import interface_motion
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.summary import damping_ratios
-from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Picture, Report, Section, Table, diagram
+from flexmbd.report import (
+    Cell,
+    Content,
+    Line,
+    Listing,
+    Paragraph,
+    Report,
+    ReportPicture,
+    ReportSection,
+    ReportTable,
+    diagram,
+)
 from flexmbd.report.folder import file_digest
 
 if TYPE_CHECKING:
@@ -53,11 +64,11 @@ def record_report(body: ReducedBody, path: Path, *, mesh: Path | None, scale: fl
         sources.update({one.name: file_digest(one) for one in (mesh, material)})
         comparison, why = _compared(body, mesh, scale=scale, material=material)
     sections = [
-        Section("The record", [Listing(body.inspect())]),
-        Section("Mass", [_mass(body, comparison)]),
-        Section("Frequencies", [_frequencies(body, comparison)]),
-        Section("Modes against the full model", _modes(body, comparison, why)),
-        Section("Responses", _responses(body, comparison, why)),
+        ReportSection("The record", [Listing(body.inspect())]),
+        ReportSection("Mass", [_mass(body, comparison)]),
+        ReportSection("Frequencies", [_frequencies(body, comparison)]),
+        ReportSection("Modes against the full model", _modes(body, comparison, why)),
+        ReportSection("Responses", _responses(body, comparison, why)),
     ]
     summary = f"A reduced body of {body.n_modes} modes and {len(body.interfaces)} interfaces"
     summary += ", beside the model that it was reduced from." if comparison is not None else "."
@@ -118,7 +129,7 @@ def _range(body: ReducedBody, count: int) -> FloatArray:
     return np.geomspace(_BEGIN * free[0], _END * free[-1], count)
 
 
-def _mass(body: ReducedBody, comparison: Comparison | None) -> Table:
+def _mass(body: ReducedBody, comparison: Comparison | None) -> ReportTable:
     own = body.mass_matrix()[:6, :6]
     names = ("mass [kg]", *(f"first moment {axis} [kg m]" for axis in "xyz"), *(
         f"inertia {pair} about B [kg m^2]" for pair in ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -130,15 +141,15 @@ def _mass(body: ReducedBody, comparison: Comparison | None) -> Table:
 
     if comparison is None:
         rows = tuple((name, float(value)) for name, value in zip(names, values(own), strict=True))
-        return Table("mass", "Mass of the rigid body, in the axes of B", ("what", "record"), rows)
+        return ReportTable("mass", "Mass of the rigid body, in the axes of B", ("what", "record"), rows)
     pairs = zip(names, values(own), values(comparison.mass), strict=True)
-    return Table(
+    return ReportTable(
         "mass", "Mass of the rigid body, in the axes of B", ("what", "record", "full model"),
         tuple((name, float(one), float(other)) for name, one, other in pairs),
     )  # fmt: skip
 
 
-def _frequencies(body: ReducedBody, comparison: Comparison | None) -> Table:
+def _frequencies(body: ReducedBody, comparison: Comparison | None) -> ReportTable:
     columns: dict[str, FloatArray] = {"free [Hz]": body.frequencies()}
     if comparison is not None:
         columns["free, full model [Hz]"] = comparison.frequencies
@@ -149,7 +160,7 @@ def _frequencies(body: ReducedBody, comparison: Comparison | None) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for k in range(max((len(one) for one in columns.values()), default=0)):
         rows.append((k + 1, *(float(one[k]) if k < len(one) else float("nan") for one in columns.values())))
-    return Table("frequencies", "Natural frequencies", ("number", *columns), tuple(rows))
+    return ReportTable("frequencies", "Natural frequencies", ("number", *columns), tuple(rows))
 
 
 def _modes(body: ReducedBody, comparison: Comparison | None, why: str) -> list[Content]:
@@ -174,9 +185,9 @@ def _modes(body: ReducedBody, comparison: Comparison | None, why: str) -> list[C
         equal = float(row[k]) if k < len(row) else float("nan")
         best.append((k + 1, int(np.argmax(row)) + 1, float(row.max()), equal))
     headings = ("mode", "most like full mode", "MAC", "MAC with the mode of its number")
-    table = Table("mac", "MAC of each of the record's free modes", headings, tuple(best))
+    table = ReportTable("mac", "MAC of each of the record's free modes", headings, tuple(best))
     caption = "MAC of the record's free modes and the full model's, by the mass"
-    return [*contents, table, Picture("mac", caption, _draw_mac(mac))]
+    return [*contents, table, ReportPicture("mac", caption, _draw_mac(mac))]
 
 
 def _draw_mac(mac: FloatArray) -> Callable[[Figure], None]:
@@ -221,7 +232,7 @@ def _responses(body: ReducedBody, comparison: Comparison | None, why: str) -> li
             ]
         rows = tuple(tuple(float(value) for value in row) for row in np.column_stack(columns))
         caption = f"Response of interface {one.name}"
-        contents.append(Table(f"response_{k}", caption, tuple(headings), rows))
+        contents.append(ReportTable(f"response_{k}", caption, tuple(headings), rows))
         contents.append(diagram(f"response_{k}", caption, lines, x="frequency in Hz", y="m/N"))
     return contents
 

@@ -44,7 +44,7 @@ class Comparison:
     frequencies: FloatArray
     of_record: FloatArray
     mac: FloatArray | None
-    responses: Sequence[Responses]
+    responses: Sequence[InterfaceResponse]
 
     @property
     def errors(self) -> FloatArray:
@@ -53,7 +53,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Responses:
+class InterfaceResponse:
     """Displacements of an interface of the free undamped body along its axes, per force there.
 
     Attributes:
@@ -83,7 +83,7 @@ def compare(
     if model.supports or model.has_surface_energy or model.state is not None or model.comm.size > 1:
         raise ReductionError("a body with supports, springs on facets or a loaded state has no free modes to compare")
     tell("free modes of the full model")
-    basis = _Basis(model)
+    basis = _FullBasis(model)
     K, M = basis.reduced(model.K), basis.reduced(model.M)
     of_record = body.frequencies()
     found, shapes = _free_modes(K, M, count=len(of_record), first=2.0 * np.pi * of_record[0])
@@ -95,11 +95,11 @@ def compare(
     responses = []
     for interface in model.interfaces:
         tell(f"response of the full model at {interface.name}")
-        responses.append(Responses(interface.name, _full_response(K, M, basis.loads(interface), frequencies)))
+        responses.append(InterfaceResponse(interface.name, _full_response(K, M, basis.loads(interface), frequencies)))
     return Comparison(rigid.T @ (mass @ rigid), found, of_record, mac, responses)
 
 
-class _Basis:
+class _FullBasis:
     """From the motions of rigid interfaces and all other dofs to all dofs."""
 
     def __init__(self, model: LinearModel) -> None:

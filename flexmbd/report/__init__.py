@@ -8,10 +8,10 @@ from flexmbd.report.contents import Cell as Cell
 from flexmbd.report.contents import Content as Content
 from flexmbd.report.contents import Listing as Listing
 from flexmbd.report.contents import Paragraph as Paragraph
-from flexmbd.report.contents import Picture as Picture
 from flexmbd.report.contents import Report as Report
-from flexmbd.report.contents import Section as Section
-from flexmbd.report.contents import Table as Table
+from flexmbd.report.contents import ReportPicture as ReportPicture
+from flexmbd.report.contents import ReportSection as ReportSection
+from flexmbd.report.contents import ReportTable as ReportTable
 from flexmbd.report.folder import PAGE as PAGE
 from flexmbd.report.folder import refuse_folder as refuse_folder
 from flexmbd.report.folder import write_report as write_report

@@ -26,7 +26,7 @@ _DIGITS = 4  # of numbers on the page and in a paper; files of numbers have them
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Rows under headings: on the page, as .csv with all digits and as .tex for a paper.
 
     Attributes:
@@ -84,7 +84,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReportPicture:
     """A diagram: on the page, as .svg and as .pdf for a paper.
 
     Attributes:
@@ -117,11 +117,11 @@ class Listing:
     text: str
 
 
-Content: TypeAlias = Table | Picture | Paragraph | Listing
+Content: TypeAlias = ReportTable | ReportPicture | Paragraph | Listing
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """A heading and what stands under it."""
 
     title: str
@@ -143,18 +143,18 @@ class Report:
     title: str
     verdict: str
     summary: str
-    sections: Sequence[Section]
+    sections: Sequence[ReportSection]
     sources: Mapping[str, str]
 
     @property
-    def tables(self) -> list[Table]:
+    def tables(self) -> list[ReportTable]:
         """All of them, in the order of the page."""
-        return [one for section in self.sections for one in section.contents if isinstance(one, Table)]
+        return [one for section in self.sections for one in section.contents if isinstance(one, ReportTable)]
 
     @property
-    def pictures(self) -> list[Picture]:
+    def pictures(self) -> list[ReportPicture]:
         """All of them, in the order of the page."""
-        return [one for section in self.sections for one in section.contents if isinstance(one, Picture)]
+        return [one for section in self.sections for one in section.contents if isinstance(one, ReportPicture)]
 
 
 def number_text(value: float) -> str:

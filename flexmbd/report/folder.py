@@ -18,7 +18,7 @@ from pathlib import Path
 from platform import python_version
 
 from flexmbd.errors import ExportError
-from flexmbd.report.contents import Picture, Report
+from flexmbd.report.contents import Report, ReportPicture
 from flexmbd.report.page import page
 from flexmbd.visual.library import load, require
 from flexmbd.visual.panels import empty_figure
@@ -128,7 +128,7 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _drawn(picture: Picture) -> dict[str, bytes]:
+def _drawn(picture: ReportPicture) -> dict[str, bytes]:
     """The picture by kinds of files; without dates, and with the same names inside each time."""
     matplotlib = load("matplotlib")
     figure = empty_figure(picture.size, shown=False)

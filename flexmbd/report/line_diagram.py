@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.report.contents import Picture
+from flexmbd.report.contents import ReportPicture
 from flexmbd.visual.palette import body_colours
 from flexmbd.visual.panels import remove_frame
 
@@ -48,7 +48,7 @@ def diagram(
     y: str,
     scales: tuple[str, str] = ("log", "log"),
     titles: Sequence[str] = ("",),
-) -> Picture:
+) -> ReportPicture:
     """Lines in one or several diagrams side by side.
 
     Args:
@@ -88,4 +88,4 @@ def diagram(
                 bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
             )  # fmt: skip
 
-    return Picture(name, caption, draw, (3.0 + 3.2 * max(len(titles), 2), 4.2))
+    return ReportPicture(name, caption, draw, (3.0 + 3.2 * max(len(titles), 2), 4.2))

@@ -7,7 +7,7 @@ import html
 import math
 from collections.abc import Mapping
 
-from flexmbd.report.contents import Cell, Content, Listing, Paragraph, Picture, Report, Table, number_text
+from flexmbd.report.contents import Cell, Content, Listing, Paragraph, Report, ReportPicture, ReportTable, number_text
 
 # Fonts, widths and colours of the site's theme (docs/conf.py), and what docs/_static/site.css adds.
 _STYLE = """\
@@ -80,9 +80,9 @@ def _content(content: Content, pictures: Mapping[str, bytes]) -> str:
             return f"<p>{html.escape(text)}</p>"
         case Listing(text):
             return f"<pre>{html.escape(text)}</pre>"
-        case Table():
+        case ReportTable():
             return _table(content)
-        case Picture(name, caption):
+        case ReportPicture(name, caption):
             data = base64.b64encode(pictures[name]).decode()
             files = _files("figures", name, ("svg", "pdf"))
             alt = html.escape(caption, quote=True)
@@ -90,7 +90,7 @@ def _content(content: Content, pictures: Mapping[str, bytes]) -> str:
             return f"<figure>{picture}<figcaption>{html.escape(caption)}. {files}</figcaption></figure>"
 
 
-def _table(table: Table) -> str:
+def _table(table: ReportTable) -> str:
     head = "".join(f"<th>{html.escape(text)}</th>" for text in table.headings)
     rows = "\n".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows)
     files = _files("tables", table.name, ("csv", "tex"))

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.integrate.protocol import Integrator
-from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.run.stats import Stats
@@ -46,8 +47,14 @@ class Run(Protocol):
     def q(self, body: Body, *, t: ArrayLike | None = None) -> FloatArray:
         """(k, n) modal coordinates."""
 
+    def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
+        """(k, 3) m."""
+
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Over time."""
+
+    def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
+        """Of the interior of a body with history, over time."""
 
 
 @dataclass(frozen=True)

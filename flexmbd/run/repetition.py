@@ -66,8 +66,8 @@ class Repetition:
         """
         scene, bodies = trajectory.scene, trajectory.bodies
         if scene.interiors is not None:
-            method = trajectory.stats.integrator
-            return Asked(self.rtol, self.h, None, f"integrator: {method}", None, self.obstacle)
+            stepped = f"integrator: {trajectory.stats.integrator}"
+            return Asked(self.rtol, self.h, None, stepped, None, self.obstacle)
         with _quietly(scene):
             start = _start(trajectory)
             if isinstance(self.integrator, str):

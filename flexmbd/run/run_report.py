@@ -21,7 +21,7 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Report, Section, Table, diagram
+from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Report, ReportSection, ReportTable, diagram
 from flexmbd.run.asked import Asked, Repeatable, Run, Rung
 from flexmbd.run.stats import Stats
 
@@ -39,7 +39,7 @@ _METHODS: tuple[Integrator, ...] = (
 
 
 @dataclass(frozen=True)
-class _Found:
+class _RungResult:
     """A rung that ran: its cost, and its errors in m, rad and relative to the largest modal coordinates."""
 
     rung: Rung
@@ -64,15 +64,15 @@ def run_report(run: Run, repetition: Repeatable | None) -> Report:
         f"by {run.stats.integrator}."
     )
     sections = [
-        Section("The run", [_cost(run.stats)]),
-        Section("Errors", _ladders(run, asked)),
-        Section("Energies", _energies(run)),
-        Section("What is computed, and what is skipped", [Listing(asked.explained)]),
+        ReportSection("The run", [_cost(run.stats)]),
+        ReportSection("Errors", _ladders(run, asked)),
+        ReportSection("Energies", _energies(run)),
+        ReportSection("What is computed, and what is skipped", [Listing(asked.explained)]),
     ]
     return Report("Run", "", summary, sections, {"scene": run.scene.digest()})
 
 
-def _cost(stats: Stats) -> Table:
+def _cost(stats: Stats) -> ReportTable:
     rows: tuple[tuple[Cell, ...], ...] = (
         ("integrator", stats.integrator),
         ("steps", stats.steps),
@@ -85,7 +85,7 @@ def _cost(stats: Stats) -> Table:
         ("jumps that nobody declared", stats.jumps),
         ("changes of side of laws", stats.switches),
     )
-    return Table("cost", "What the run took, and how well it kept its constraints", ("what", "value"), rows)
+    return ReportTable("cost", "What the run took, and how well it kept its constraints", ("what", "value"), rows)
 
 
 def _ladders(run: Run, asked: Asked) -> list[Content]:
@@ -113,8 +113,8 @@ def _ladders(run: Run, asked: Asked) -> list[Content]:
         Paragraph(
             f"The machine was run again from the same start, each run against the finest, {fine.method.name} with "
             f"{what} = {_size(fine):.3g}, at {len(times)} equal times, at which steps end. Told are the largest "
-            "differences of the bodies' places (m) and of their turns (rad), and of modal coordinates over the largest "
-            "of their body."
+            "differences of the places of bodies and interfaces (m), of the bodies' turns (rad), and of modal "
+            "coordinates over the largest of their body."
         ),
         _ladder_table(f"ladder_{what}", f"Errors over {what}, by {method.name}", what, unit, ladder),
         _ladder_picture(what, unit, ladder),
@@ -124,16 +124,17 @@ def _ladders(run: Run, asked: Asked) -> list[Content]:
 
 
 def _finest(fine: Rung, repeat: Callable[[Rung], Run], scene: CompiledScene) -> tuple[Rung, Run]:
-    """What all is compared with: the method itself, or in the place of one of low order, where it can be, Radau IIA.
+    """What all is compared with: the method itself, or in the place of one of low order, where it can be, another.
 
     Raises:
         FlexmbdError: it failed.
     """
-    radau = RadauIIA()
-    if fine.method.order < radau.order:
+    explicit = isinstance(fine.method, CentralDifference)  # whose steps resolve all vibrations
+    better: Integrator = ExplicitRungeKutta(Pair.DORMAND_PRINCE_8) if explicit else RadauIIA()
+    if fine.method.order < better.order:
         try:
-            radau.check(scene)
-            other = replace(fine, method=radau)
+            better.check(scene)
+            other = replace(fine, method=better)
             return other, repeat(other)
         except FlexmbdError:
             pass
@@ -142,7 +143,7 @@ def _finest(fine: Rung, repeat: Callable[[Rung], Run], scene: CompiledScene) -> 
 
 def _climbed(
     rungs: Sequence[Rung], repeat: Callable[[Rung], Run], bodies: Mapping[str, Body], exact: Sequence[FloatArray]
-) -> tuple[list[_Found], list[str]]:
+) -> tuple[list[_RungResult], list[str]]:
     """The runs, and why others did not run."""
     found, failed = [], []
     for rung in rungs:
@@ -152,7 +153,7 @@ def _climbed(
             failed.append(f"{rung.method.name} with {_size(rung):.3g} did not run: {error}")
             continue
         errors = _differences(_motion(series, bodies, rung.times), exact)
-        found.append(_Found(rung, series.stats, errors))
+        found.append(_RungResult(rung, series.stats, errors))
     return found, failed
 
 
@@ -168,22 +169,25 @@ def _times(t: FloatArray, h: float | None) -> tuple[float, ...]:
 
 
 def _motion(series: Run, bodies: Mapping[str, Body], times: tuple[float, ...]) -> list[FloatArray]:
-    """Of all links (k, links, 21), and the modal coordinates of each flexible body (k, n)."""
+    """Places (k, p, 3) of links and interfaces, turns (k, links, 3, 3), and modal coordinates of each flexible body."""
     modal = [one for one in bodies.values() if isinstance(one, FlexibleBody) and one.record.n_modes]
     at = np.array(times)
-    return [series.body_motion(t=at), *(series.q(body, t=at) for body in modal)]
+    links = series.body_motion(t=at)
+    frames = [body.frame(one.name) for body in modal for one in body.record.interfaces]
+    places = [links[..., :3], *(series.position(frame, t=at)[:, None] for frame in frames)]
+    turns = links[..., 3:12].reshape(*links.shape[:2], 3, 3)
+    return [np.concatenate(places, axis=1), turns, *(series.q(body, t=at) for body in modal)]
 
 
 def _differences(one: Sequence[FloatArray], other: Sequence[FloatArray]) -> tuple[float, float, float]:
     """The largest of places, turns and modal coordinates."""
-    place = np.linalg.norm(one[0][..., :3] - other[0][..., :3], axis=-1)
-    first, second = (part[0][..., 3:12].reshape(*part[0].shape[:2], 3, 3) for part in (one, other))
-    relative = np.swapaxes(first, -1, -2) @ second
+    place = np.linalg.norm(one[0] - other[0], axis=-1)
+    relative = np.swapaxes(one[1], -1, -2) @ other[1]
     off = relative - np.swapaxes(relative, -1, -2)
     sine = np.sqrt(off[..., 0, 1] ** 2 + off[..., 0, 2] ** 2 + off[..., 1, 2] ** 2) / 2.0
     cosine = (np.trace(relative, axis1=-2, axis2=-1) - 1.0) / 2.0
     modal = [
-        float(abs(a - b).max() / abs(b).max()) for a, b in zip(one[1:], other[1:], strict=True) if abs(b).max() > 0.0
+        float(abs(a - b).max() / abs(b).max()) for a, b in zip(one[2:], other[2:], strict=True) if abs(b).max() > 0.0
     ]
     return float(place.max()), float(np.arctan2(sine, cosine).max()), max(modal, default=float("nan"))
 
@@ -192,7 +196,7 @@ def _size(rung: Rung) -> float:
     return rung.rtol if rung.h is None else rung.h
 
 
-def _ladder_table(name: str, caption: str, what: str, unit: str, found: Sequence[_Found]) -> Table:
+def _ladder_table(name: str, caption: str, what: str, unit: str, found: Sequence[_RungResult]) -> ReportTable:
     headings = (
         "method", f"{what} [{unit}]", "steps", "rejected", "evaluations", "place [m]", "turn [rad]",
         "modal coordinates [1]",
@@ -201,10 +205,10 @@ def _ladder_table(name: str, caption: str, what: str, unit: str, found: Sequence
         (one.rung.method.name, _size(one.rung), one.stats.steps, one.stats.rejected, one.stats.evaluations, *one.errors)
         for one in found
     )
-    return Table(name, caption, headings, rows)
+    return ReportTable(name, caption, headings, rows)
 
 
-def _ladder_picture(what: str, unit: str, found: Sequence[_Found]) -> Content:
+def _ladder_picture(what: str, unit: str, found: Sequence[_RungResult]) -> Content:
     sizes = [_size(one.rung) for one in found]
     labels = ("place in m", "turn in rad", "modal, relative")
     lines = [
@@ -230,11 +234,25 @@ def _energies(series: Run) -> list[Content]:
     share = f", {change / exchanged:.3g} of the most that one of its parts changes by" if exchanged > 0.0 else ""
     shown = [(name, one) for name, one in parts.items() if np.ptp(one) > 0.0 or name == "total"]
     lines = [Line(name, series.t, one, is_marked=False) for name, one in shown]
+    with_history = () if series.scene.interiors is None else series.scene.interiors.bodies
+    interiors = tuple(
+        (body.name, part, float(one[0]), float(one[-1]), float(one.min()), float(one.max()))
+        for body in with_history
+        for part, one in series.energies(body).items()
+    )
+    headings = ("start [J]", "end [J]", "least [J]", "most [J]")
+    beside: list[Content] = []
+    if interiors:
+        beside = [
+            Paragraph("Bodies with history have energies of their own inside, which are not in these sums."),
+            ReportTable("interiors", "Energies inside bodies with history", ("body", "part", *headings), interiors),
+        ]
     return [
         Paragraph(
             f"The total changes by at most {change:.4g} J{share}. What changes it is what drives, loads that depend on "
             "time, dampers and friction do, and the error of the integration."
         ),
-        Table("energies", "Energies", ("part", "start [J]", "end [J]", "least [J]", "most [J]"), rows),
+        ReportTable("energies", "Energies", ("part", *headings), rows),
         diagram("energies", "Energies over time", lines, x="t in s", y="J", scales=("linear", "linear")),
+        *beside,
     ]

@@ -74,7 +74,6 @@ class Trajectory(ForceSeries):
         recordings: fields of bodies with history, where the simulation was given a recording.
         kept_rows: the independent rows, of which ``row_multipliers`` holds the reactions; None: there are no others.
         samples: what each controller measured and gave.
-        repetition: what it was asked, for its report; None where that is not known.
     """
 
     scene: CompiledScene
@@ -93,7 +92,7 @@ class Trajectory(ForceSeries):
     kept_rows: tuple[int, ...] | None = None
     recordings: tuple[BodyRecording, ...] = ()
     samples: tuple[ControllerSamples, ...] = ()
-    repetition: Repeatable | None = None
+    _repetition: Repeatable | None = None
 
     def __repr__(self) -> str:
         """What ran, how long and in how many steps; arrays are asked for by name."""
@@ -263,7 +262,7 @@ class Trajectory(ForceSeries):
         if self.team.is_root:
             try:
                 report.refuse_folder(Path(folder))
-                report.write_report(run_report(self, self.repetition), Path(folder))
+                report.write_report(run_report(self, self._repetition), Path(folder))
             except Exception as reason:  # noqa: BLE001  (whatever it is, ranks that wait must hear of it)
                 error = reason
         self.team.tell(f"the report {folder}", error)

@@ -1,4 +1,4 @@
-"""`flexmbd check --report` and `flexmbd inspect --report`: what they write, and what ends them, on any number of ranks."""
+"""`flexmbd check --report` and `flexmbd inspect --report`: what they write, and what ends them, on ranks too."""
 
 import csv
 import re

@@ -1,4 +1,4 @@
-"""Studies of a form for its report: against closed forms of single cells, of bending, and known properties of elements."""
+"""Studies of a form for its report: against closed forms of a cell and of bending, and known properties of elements."""
 
 import numpy as np
 import pytest
@@ -92,7 +92,7 @@ def test_what_cannot_be_studied_says_why():
 
 
 def test_inf_sup_numbers():
-    """Those of Taylor and Hood's pair stay; those of a pressure in each brick fall, and some pressures are never felt."""
+    """Those of Taylor and Hood's pair stay; those of a pressure in each brick fall, and some are never felt."""
     form = load_form("solid_mixed")
     stable, wrong = inf_sup(form, "tetrahedron", 2), inf_sup(form, "hexahedron", 1)
     assert set(stable.zeros) == {1}

@@ -9,17 +9,28 @@ import numpy as np
 import pytest
 
 from flexmbd.errors import ExportError
-from flexmbd.report import Line, Listing, Paragraph, Picture, Report, Section, Table, diagram, refuse_folder, write_report
+from flexmbd.report import (
+    Line,
+    Listing,
+    Paragraph,
+    Report,
+    ReportPicture,
+    ReportSection,
+    ReportTable,
+    diagram,
+    refuse_folder,
+    write_report,
+)
 
 ROWS = ((1.0 / 3.0, "a_b & <c>"), (-2.5e-17, "FAIL"), (float("nan"), "100 %"), (np.pi * 1e9, 'x, "y"'))
-TABLE = Table("errors", "Errors & such_1 < 2", ("h [m]", "what"), ROWS)
+TABLE = ReportTable("errors", "Errors & such_1 < 2", ("h [m]", "what"), ROWS)
 LINES = [Line("one", [1, 2, 4], [1.0, 0.2, 0.05]), Line("two", [1, 2, 4], [1.0, 0.3, 0.1], panel=1, is_joined=False)]
 
 
 def report(*more):
     picture = diagram("curves", "Curves", LINES, x="n", y="error", titles=("left", "right"))
     contents = [Paragraph("1 < 2 & so on"), TABLE, picture, Listing("a  b\n c <d>"), *more]
-    return Report("A <form>", "FAIL", "In short.", [Section("Findings", contents)], {"form.py": "abc"})
+    return Report("A <form>", "FAIL", "In short.", [ReportSection("Findings", contents)], {"form.py": "abc"})
 
 
 class Page(HTMLParser):
@@ -53,7 +64,8 @@ def test_a_report(tmp_path):
         assert text in found.text
     names = {str(path.relative_to(tmp_path / "report")) for path in (tmp_path / "report").rglob("*") if path.is_file()}
     assert names == {
-        "index.html", "digest.json", "tables/errors.csv", "tables/errors.tex", "figures/curves.svg", "figures/curves.pdf",
+        "index.html", "digest.json", "tables/errors.csv", "tables/errors.tex", "figures/curves.svg",
+        "figures/curves.pdf",
     }  # fmt: skip
 
 
@@ -119,11 +131,11 @@ def test_a_report_that_fails_leaves_nothing(tmp_path):
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        write_report(report(Picture("other", "Another", fail)), tmp_path / "report")
+        write_report(report(ReportPicture("other", "Another", fail)), tmp_path / "report")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["Errors", "a b", "../a", ""])
 def test_names_that_are_none_for_files(name):
     with pytest.raises(ValueError, match="no name for files"):
-        Table(name, "", (), ())
+        ReportTable(name, "", (), ())

@@ -63,10 +63,13 @@ def test_errors_are_those_of_the_closed_form(tmp_path, asked):
 
 
 def test_what_cannot_be_repeated_says_why(tmp_path):
-    scene, body, slide = oscillator()
+    scene, _, slide = oscillator()
     run = scene.simulate(0.5)
     run.save(tmp_path / "run.h5")
-    kick = fm.Event(lambda now: now.beta(slide), name="back", action=lambda now: now.set_rate(slide, 1.0), direction=fm.Direction.FALLING)
+    kick = fm.Event(
+        lambda now: now.beta(slide), name="back", action=lambda now: now.set_rate(slide, 1.0),
+        direction=fm.Direction.FALLING,
+    )  # fmt: skip
     kicked = scene.simulate(0.5, events=[kick])
     for k, (one, message) in enumerate(
         [(fm.Trajectory.load(tmp_path / "run.h5", scene), "read from a file"), (kicked, "actions of events")]
@@ -90,8 +93,8 @@ def test_wrong_folders(tmp_path):
     run = oscillator()[0].simulate(0.1)
     with pytest.raises(SceneError, match="folder must be a path, got 3"):
         run.report(3)
+    (tmp_path / "a").touch()
     with pytest.raises(ExportError, match="is a file; give a folder"):
-        (tmp_path / "a").touch()
         run.report(tmp_path / "a")
 
 

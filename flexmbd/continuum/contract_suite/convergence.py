@@ -21,7 +21,7 @@ _FITTED = 3  # of the finest meshes
 
 
 @dataclass(frozen=True)
-class Convergence:
+class MeshConvergence:
     """Of one cell and degree on the meshes of one family.
 
     Attributes:
@@ -52,7 +52,7 @@ class Convergence:
 
 def convergence(
     form: Formulation, cell: str, degree: int, *, family: Family, tell: Callable[[str], None] = lambda text: None
-) -> Convergence:
+) -> MeshConvergence:
     """Solve the reference problem on each mesh of a family; on this rank alone. Compiles.
 
     Args:
@@ -69,5 +69,5 @@ def convergence(
         errors = tuple(relative_error(form, cell, degree, mesh=family_mesh(cell, family, n=n)) for n in divisions)
     except Exception as error:  # noqa: BLE001  (a form file is foreign code)
         lines = str(error).strip().splitlines() or [""]
-        return Convergence(cell, degree, family, (), (), claimed, f"{type(error).__name__}: {lines[-1]}")
-    return Convergence(cell, degree, family, divisions, errors, claimed)
+        return MeshConvergence(cell, degree, family, (), (), claimed, f"{type(error).__name__}: {lines[-1]}")
+    return MeshConvergence(cell, degree, family, divisions, errors, claimed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.cell_spectrum import CellSpectrum, cell_spectrum
 from flexmbd.continuum.contract_suite.check_report import places
-from flexmbd.continuum.contract_suite.convergence import Convergence, convergence
+from flexmbd.continuum.contract_suite.convergence import MeshConvergence, convergence
 from flexmbd.continuum.contract_suite.inf_sup import InfSup, inf_sup
 from flexmbd.continuum.contract_suite.locking_study import Locking, locking_studies
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, Family
@@ -25,7 +25,7 @@ class FormStudies:
         spectra: of one cell, along the axes and distorted.
     """
 
-    convergences: Sequence[Convergence]
+    convergences: Sequence[MeshConvergence]
     lockings: Sequence[Locking]
     inf_sups: Sequence[InfSup]
     spectra: Sequence[CellSpectrum]
