@@ -136,8 +136,8 @@ def _locking_section(found: Sequence[Locking]) -> list[Content]:
             "Solids: the error of a field that keeps its volume but for 1 - 2 nu, and its order, as Poisson's ratio nu "
             "approaches 1/2; and a bar of one cell through its thickness and eight along it in pure bending, whose "
             "stiffness is told over the exact one. Surfaces: the error of a plate that is bent without shear, as its "
-            "thickness goes to nothing. An element that locks has errors that grow, orders that fall, or a stiffness far "
-            "above 1. At a thousandth of the length round-off leaves it some 1e-3."
+            "thickness goes to nothing. An element that locks has errors that grow, orders that fall, or a stiffness "
+            "far above 1. At a thousandth of the length round-off leaves it some 1e-3."
         )
     ]
     for over, name in (("nu", "nu"), ("thickness [m]", "thickness")):
