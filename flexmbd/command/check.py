@@ -19,6 +19,13 @@ def describe(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = "The check over ranks needs two of them: mpirun -n 2 flexmbd check my_form.py"
     parser.add_argument("form", help="a form file (my_form.py), or the name of a form of flexmbd")
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="DIR",
+        help="write a page with tables and pictures for a paper into this folder, which is not there or empty: orders "
+        "on meshes of several shapes, locking, inf-sup numbers, eigenvalues of one cell; a minute or two",
+    )
     parser.set_defaults(run=check)
 
 
@@ -28,19 +35,37 @@ def check(arguments: argparse.Namespace) -> int:
     Raises:
         MissingLibraryError: DOLFINx is not installed.
         FormulationError: the file cannot be loaded, or breaks the contract without a mesh.
+        ExportError, PictureError: on all ranks: a report cannot be written there.
     """
     require("flexmbd check", *OF_THE_CONTINUUM, "gmsh")
     from mpi4py import MPI
 
+    from flexmbd.command.form_report import form_report, stopped_report
     from flexmbd.command.form_road import road_checks
+    from flexmbd.continuum import parallel
     from flexmbd.continuum.contract_suite import check_form
+    from flexmbd.report import refuse_folder, write_report
+
+    comm, folder = MPI.COMM_WORLD, arguments.report
+    if folder is not None:
+        parallel.on_root(comm, lambda: refuse_folder(folder))
 
     name: str = arguments.form
     source = Path(name) if name.endswith(".py") or "/" in name else name
     if isinstance(source, Path):
         _announce(source)
-    sheet = check_form(source, comm=MPI.COMM_WORLD, further=road_checks)
+    try:
+        sheet = check_form(source, comm=comm, further=road_checks)
+    except FormulationError as error:
+        stopped = error
+        if folder is not None and isinstance(source, Path) and source.is_file():
+            page = parallel.on_root(comm, lambda: write_report(stopped_report(source, stopped), folder))
+            print_line(f"report: {page}")
+        raise
     print_line(sheet.text())
+    if folder is not None:
+        page = parallel.on_root(comm, lambda: write_report(form_report(sheet, source), folder))
+        print_line(f"report: {page}")
     return 0 if sheet.passed else 1
 
 

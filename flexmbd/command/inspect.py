@@ -11,6 +11,7 @@ import numpy as np
 from flexmbd.command.body_file import read_body
 from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import InterfaceError
+from flexmbd.libraries import OF_THE_CONTINUUM, require
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS
 from flexmbd.record.reduced_body import ReducedBody
@@ -22,6 +23,7 @@ examples:
   flexmbd inspect rod.h5
   flexmbd inspect rod.h5 --clamped big_end                     frequencies with an interface clamped
   flexmbd inspect rod.h5 --clamped big_end:x,y,z,rx,ry         on a hinge about z of its axes
+  flexmbd inspect rod.h5 --report rod_report --mesh rod.msh --material steel.toml
   flexmbd inspect rod.h5 --json | jq .frequencies.free[0]
 """
 
@@ -40,29 +42,66 @@ def describe(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[:DOFS]",
         help="tell the frequencies with this interface clamped, all of it or some of x,y,z,rx,ry,rz; repeat it",
     )
+    report = parser.add_argument_group("a report")
+    report.add_argument(
+        "--report",
+        type=Path,
+        metavar="DIR",
+        help="write a page with tables and pictures for a paper into this folder, which is not there or empty",
+    )
+    report.add_argument(
+        "--mesh", type=Path, metavar="PART", help="of the report: the mesh that it was reduced from, to compare with"
+    )
+    report.add_argument("--scale", type=float, default=1.0, metavar="S", help="factor on the mesh's lengths")
+    report.add_argument("--material", type=Path, metavar="FILE", help="of the report: the material file, with --mesh")
     add_json(parser)
     parser.set_defaults(run=inspect)
 
 
 def inspect(arguments: argparse.Namespace) -> int:
-    """Print the record's sheet. Loads nothing of the continuum side; not collective.
+    """Print the record's sheet. Loads nothing of the continuum side but with --mesh; not collective.
 
     Raises:
-        RecordError, ExportError: the file is missing, damaged, foreign, or of another version.
+        RecordError, ExportError: the file is missing, damaged, foreign, or of another version; a report cannot be
+            written there, or the mesh is another one.
         InterfaceError: no interface, or no component of one, has that name.
     """
+    folder = arguments.report
+    if (arguments.mesh is None) != (arguments.material is None) or (arguments.mesh is not None and folder is None):
+        arguments.refuse("--mesh PART and --material FILE go together, and with --report DIR")
+    if folder is not None:
+        from flexmbd.report import refuse_folder
+
+        refuse_folder(folder)
     body = read_body(arguments.record)
     clamped = parse_clamped(arguments.clamped)
     held = body.frequencies(clamped) if clamped else None
+    page = None if folder is None else _reported(arguments, body)
     if arguments.json:
-        print_json(facts(body, file=arguments.record, clamped=clamped))
+        written = {} if page is None else {"report": page}
+        print_json({**facts(body, file=arguments.record, clamped=clamped), **written})
         return 0
     print_line(body.inspect().rstrip("\n"))
     if held is not None:
         print_line(f"\nfrequencies (Hz) with {' and '.join(arguments.clamped)} clamped")
         for number, frequency in enumerate(held, start=1):
             print_line(f"  {number:>5}{frequency:>14.6g}")
+    if page is not None:
+        print_line(f"\nreport: {page}")
     return 0
+
+
+def _reported(arguments: argparse.Namespace, body: ReducedBody) -> Path:
+    """Write the report; return its page."""
+    from flexmbd.command.record_report import record_report
+    from flexmbd.report import write_report
+
+    if arguments.mesh is not None:
+        require("flexmbd inspect --mesh", *OF_THE_CONTINUUM, "gmsh")
+    found = record_report(
+        body, arguments.record, mesh=arguments.mesh, scale=arguments.scale, material=arguments.material
+    )
+    return write_report(found, arguments.report)
 
 
 def ratio_facts(body: ReducedBody) -> dict[str, Any]:

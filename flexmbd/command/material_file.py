@@ -14,14 +14,17 @@ held = ["bore_1"]              # or, with ratio, or alpha and beta, of those of 
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from flexmbd.errors import FormulationError
+from flexmbd.errors import FlexmbdError, FormulationError
 from flexmbd.toml_file import TomlSection, read_toml
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from flexmbd.reduction.damping import Damping
 
 _DAMPINGS = ({"ratio"}, {"alpha", "beta"}, {"tau"})
@@ -86,3 +89,31 @@ def make_damping(values: dict[str, float], *, held: tuple[str, ...] = ()) -> Dam
     if "alpha" in values:
         return RayleighDamping(values["alpha"], values["beta"], held)
     return KelvinVoigtDamping(values["tau"]) if "tau" in values else None
+
+
+def make_parameters(form: ModuleType, values: dict[str, float]) -> Any:
+    """The form's `Parameters` with these values.
+
+    Raises:
+        FormulationError: a field is missing or unknown, or a value out of its range.
+    """
+    fields = dataclasses.fields(form.Parameters)
+    needed = [
+        field.name
+        for field in fields
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    ]
+    missing = [name for name in needed if name not in values]
+    unknown = [name for name in values if name not in {field.name for field in fields}]
+    faults = [f"{kind} {', '.join(names)}" for kind, names in (("no", missing), ("unknown", unknown)) if names]
+    if faults:
+        raise FormulationError(
+            f"{form.__name__} has the parameters {', '.join(field.name for field in fields)}; {'; '.join(faults)}: "
+            "give each as --parameter NAME=VALUE or in the material file"
+        )
+    try:
+        return form.Parameters(**values)
+    except FlexmbdError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise FormulationError(f"{form.__name__}: {error}") from error

@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from flexmbd.command.body_file import check_free
 from flexmbd.command.inspect import ratio_facts
-from flexmbd.command.material_file import Material, make_damping, read_material
+from flexmbd.command.material_file import Material, make_damping, make_parameters, read_material
 from flexmbd.command.terminal import add_json, print_json, print_line, print_progress, wants_bar
 from flexmbd.coupling import Coupling
-from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError, MeshError
+from flexmbd.errors import FormulationError, InterfaceError, MeshError
 from flexmbd.libraries import OF_THE_CONTINUUM, require
 from flexmbd.record.summary import ratio_lines
 
 if TYPE_CHECKING:
-    from types import ModuleType
-
     from flexmbd.continuum import Interface, NodalInterface, SurfaceSupport
     from flexmbd.record.reduced_body import ReducedBody
     from flexmbd.reduction import InterfaceModes
@@ -340,31 +338,3 @@ def parse_parameters(texts: Sequence[str]) -> dict[str, float]:
             raise FormulationError(f"--parameter {text}: {'is given twice' if name else 'it has no name'}")
         values[name] = value
     return values
-
-
-def make_parameters(form: ModuleType, values: dict[str, float]) -> Any:
-    """The form's `Parameters` with these values.
-
-    Raises:
-        FormulationError: a field is missing or unknown, or a value out of its range.
-    """
-    fields = dataclasses.fields(form.Parameters)
-    needed = [
-        field.name
-        for field in fields
-        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-    ]
-    missing = [name for name in needed if name not in values]
-    unknown = [name for name in values if name not in {field.name for field in fields}]
-    faults = [f"{kind} {', '.join(names)}" for kind, names in (("no", missing), ("unknown", unknown)) if names]
-    if faults:
-        raise FormulationError(
-            f"{form.__name__} has the parameters {', '.join(field.name for field in fields)}; {'; '.join(faults)}: "
-            "give each as --parameter NAME=VALUE or in the material file"
-        )
-    try:
-        return form.Parameters(**values)
-    except FlexmbdError:
-        raise
-    except (TypeError, ValueError) as error:
-        raise FormulationError(f"{form.__name__}: {error}") from error

@@ -104,10 +104,12 @@ def sweep(arguments: argparse.Namespace) -> int:
             (*samples.units, *(unit for _, unit in quantities)),
             np.hstack([samples.values, found.values])[done],
         )
-        for path in tables:
-            write_table(table, path)
+        if len(table.values):  # a table without rows is none
+            for path in tables:
+                write_table(table, path)
     if is_interrupted or late.seen:
-        print_warning(f"stopped by Ctrl-C; the {len(table.values)} variants that were done are in {tables[0]}")
+        done_so_far = f"the {len(table.values)} variants that were done are in {tables[0]}"
+        print_warning(f"stopped by Ctrl-C; {done_so_far if len(table.values) else 'no variant was done'}")
         return INTERRUPTED
     _report(arguments, table, [store, *tables], found.failures)
     return _FAILED if found.failures else 0

@@ -35,6 +35,7 @@ from flexmbd.run.checkpoint import Checkpoint
 from flexmbd.run.event import Event
 from flexmbd.run.prepared import PreparedRuns, Workspaces, can_be_prepared
 from flexmbd.run.recording import Recording
+from flexmbd.run.repetition import Repetition
 from flexmbd.run.run_on_root import run_on_root
 from flexmbd.run.sampling import code_of
 from flexmbd.run.settings import RunSettings, choice_of
@@ -166,6 +167,12 @@ class CompiledMachine(VariableScene, Steppable):
             SceneError, AssemblyError, SimulationError: as ``simulate``.
         """
         scene = on_every_rank(self.team, lambda: self.variant(values))
+        trajectory = self._run_on_team(scene, settings)
+        repetition = Repetition.of(settings, scene, self.controllers, self.team)
+        return replace(trajectory, _repetition=repetition)
+
+    def _run_on_team(self, scene: CompiledScene, settings: RunSettings) -> Trajectory:
+        """Run a variant, on this process or as the team shares it."""
         if self.team.size == 1:
             found, start = self._prepared_run(scene, settings)
             return found or self._run(scene, settings, start)

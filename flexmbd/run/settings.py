@@ -136,7 +136,7 @@ class RunSettings:
     def is_stepping_alone(self) -> bool:
         """Whether a run is stepped from its own start to the end, and nothing is to be done or looked at on the way."""
         asked = (
-            self.about, self.events or None, self.checkpoints or None, self.checkpoint_file, self.restart,
+            self.about, self.events or None, len(self.checkpoints) or None, self.checkpoint_file, self.restart,
             self.max_steps, self.max_rows, self.max_seconds, self.recording, self.stream,
         )  # fmt: skip
         return not self.progress and all(one is None for one in asked)

@@ -43,6 +43,7 @@ from flexmbd.run.stream_file import STREAM, load_stream
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from flexmbd.run.asked import Repeatable
     from flexmbd.run.checkpoint import Checkpoint
     from flexmbd.run.event import Occurrence
     from flexmbd.visual import Drawn, Look
@@ -91,6 +92,7 @@ class Trajectory(ForceSeries):
     kept_rows: tuple[int, ...] | None = None
     recordings: tuple[BodyRecording, ...] = ()
     samples: tuple[ControllerSamples, ...] = ()
+    _repetition: Repeatable | None = None
 
     def __repr__(self) -> str:
         """The machine, the time and the number of steps; arrays are asked for by name."""
@@ -232,6 +234,39 @@ class Trajectory(ForceSeries):
         parts = {one.name: getattr(saved, one.name) for one in fields(saved)}
         scene = with_samples(scene, saved.samples)
         return Trajectory(scene, bodies={body.name: body for body in bodies}, team=team, **parts)
+
+    @checked("folder")
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with tables and pictures for a paper, by rank 0; return the page, folder/index.html.
+
+        The machine is run again from this start, a dozen times and more: by the same method with rtol from a hundred
+        times the one asked to a hundredth of it (of fixed steps, with h from twice to half of it), and by the other
+        methods, each against a finer run.  Bodies with history, controllers and actions of events are not repeated,
+        which the page says.  Besides: energies, costs, and what ``explain`` tells.
+
+        Called on rank 0 alone, or on all ranks: each of these then returns once the page is written.
+
+        Args:
+            folder: that is not there, or empty.
+
+        Raises:
+            ExportError: the folder is not empty, or cannot be written; on each rank that calls.
+            PictureError: matplotlib is not installed.
+            SceneError: the folder is none.
+        """
+        refuse_other(folder, (str, Path), "folder", wanted='a folder, "pendulum_report"')
+        import flexmbd.report as report  # with the rest of this only where it is called for
+        from flexmbd.run.run_report import run_report
+
+        error: Exception | None = None
+        if self.team.is_root:
+            try:
+                report.refuse_folder(Path(folder))
+                report.write_report(run_report(self, self._repetition), Path(folder))
+            except Exception as reason:  # noqa: BLE001  (whatever it is, ranks that wait must hear of it)
+                error = reason
+        self.team.tell(f"the report {folder}", error)
+        return Path(folder) / report.PAGE
 
     @checked("path", "ylabel", "title", error=PictureError)
     def plot(

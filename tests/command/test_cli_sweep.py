@@ -191,3 +191,17 @@ def test_random_values_follow_the_seed():
     assert uniform.min() >= 3.0
     assert uniform.max() <= 4.0
     assert len(set(normal)) == 6000
+
+
+def test_a_sweep_stopped_before_anything_was_done_leaves_no_table(folder, capsys, monkeypatch):
+    """A table without rows is none that can be read again."""
+    words = ["sweep", "s.toml", "--vary", "bodies.mass.mass=1,2", "--jobs", "1"]
+    assert main(words) == 0
+    with h5py.File("s_sweep/sweep.h5", "r+") as kept:
+        kept["outputs/quantities"][:] = np.nan
+    (folder / "s_sweep/sweep.csv").unlink()
+    capsys.readouterr()
+    monkeypatch.setattr("flexmbd.command.sweep._run", lambda *given: True)
+    assert main(words) == 130
+    assert capsys.readouterr() == ("", "flexmbd: stopped by Ctrl-C; no variant was done\n")
+    assert not (folder / "s_sweep/sweep.csv").exists()

@@ -11,10 +11,10 @@ from flexmbd.continuum import ContinuumModel
 from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums
 
 
-def told_of(mesh, form, parameters):
+def told_of(mesh, form, parameters, *, degree=1):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        ContinuumModel(mesh, form, parameters, degree=1)
+        ContinuumModel(mesh, form, parameters, degree=degree)
     return [str(one.message) for one in told if one.category is fm.UnitWarning]
 
 
@@ -59,6 +59,15 @@ def test_beams_are_told_by_the_speed_of_waves():
     for E, rho, count in ((2.1e11, 7850.0, 0), (1e6, 1100.0, 0), (2.1e11, 7.85e-9, 1), (2.1e11, 7.85, 1)):
         section = form.Parameters.rectangle(E, 0.3, rho, width=0.02, height=0.01, orientation=(0.0, 1.0, 0.0))
         assert len(told_of(line, form, section)) == count
+
+
+@pytest.mark.parametrize(("E", "rho", "count"), [(2.1e11, 7850.0, 0), (2.1e11, 7.85, 1), (1e6, 1100.0, 0)])
+def test_surfaces_are_told_by_the_stiffness_in_their_plane(E, rho, count):
+    """Whatever holds them against bending out of it, or keeps their volume."""
+    form, sheet = forms.plane_stress, meshes.sheet(1.0, 0.5, divisions=(4, 2), cell="quadrilateral")
+    for more in ({}, {"out_of_plane": 1e6}, {"nu": 0.4999, "plane_strain": True}):
+        parameters = form.Parameters(**{"E": E, "nu": 0.3, "rho": rho, "t": 0.01, **more})
+        assert len(told_of(sheet, form, parameters, degree=2)) == count
 
 
 def test_sums_are_those_of_the_material():

@@ -60,6 +60,12 @@ def stress_work(trial: Trial) -> Outcome:
     return [Figure("work off by", ratio(abs(work - energy), abs(energy)), limit)]
 
 
+def constant_strain() -> FloatArray:
+    """(3, 3) strain of the solid's state among `states`."""
+    strain: FloatArray = _STRAIN / 2 * (_GRADIENT + _GRADIENT.T)
+    return strain
+
+
 def solve(trial: Trial, state: FloatArray) -> FloatArray:
     """Solution of the linear problem with a state's displacements and rotations on the boundary."""
     d = trial.scale

@@ -125,6 +125,11 @@ class Trial:
         facets = dolfinx.mesh.exterior_facet_indices(self.mesh.topology)
         return self.layout.kinematic_dofs_on(self.dim - 1, facets)
 
+    def boundary_where(self, there: Callable[[FloatArray], npt.NDArray[np.bool_]]) -> npt.NDArray[np.int32]:
+        """As `boundary`, of the facets that lie where `there` is true of all their points (3, k)."""
+        facets = dolfinx.mesh.locate_entities_boundary(self.mesh, self.dim - 1, there)
+        return self.layout.kinematic_dofs_on(self.dim - 1, facets)
+
     @cached_property
     def scale(self) -> FloatArray:
         """(n,) by which rows and columns of the stiffness at rest are multiplied."""
@@ -280,16 +285,21 @@ class Trial:
 
     def quick_stiffness(self) -> scipy.sparse.csr_matrix:
         """Stiffness at rest, sparse, compiled for a mesh of more cells."""
+        total: Any = 0
+        for form in self._stiffness_forms:
+            total = total + fem.assemble_matrix(form).to_scipy()
+        return scipy.sparse.csr_matrix(total)
+
+    @cached_property
+    def _stiffness_forms(self) -> list[fem.Form]:
         v, w = ufl.TestFunction(self.space), ufl.TrialFunction(self.space)
         zero = {self.u: ufl.zero(self.u.ufl_shape)}
-        total: Any = 0
+        found = []
         for density, rule in internal_work(self.form, self.u, v, p=self.parameters):
             form = self._integral(density, rule)
             second = ufl.algorithms.expand_derivatives(ufl.derivative(form, self.u, w))
-            compiled = fem.form(ufl.replace(second, zero))
-            if compiled is not None:
-                total = total + fem.assemble_matrix(compiled).to_scipy()
-        return scipy.sparse.csr_matrix(total)
+            found.append(fem.form(ufl.replace(second, zero)))
+        return [form for form in found if form is not None]
 
     @cached_property
     def _internal_work(self) -> list[tuple[ufl.core.expr.Expr, Quadrature]]:

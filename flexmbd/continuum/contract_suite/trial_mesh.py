@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import enum
+
 from mpi4py import MPI
 
 import basix
@@ -24,6 +26,52 @@ SURFACE = "surface"
 
 # Of a unit length: cells stay well shaped, and none stays a parallelepiped.
 _AMPLITUDE = 0.08
+
+# By which nodes of trapezoids alternate, of the length of a cell.
+_ZIGZAG = 0.25
+
+
+class Family(enum.Enum):
+    """Meshes of the unit interval, square or cube, by the shape of their cells; all fill it exactly."""
+
+    REGULAR = "regular"
+    DISTORTED = "distorted"  # moved by a smooth map: no two cells alike
+    TRAPEZOIDAL = "trapezoidal"  # never nearer to parallelograms, however fine (Arnold, Boffi & Falk 2002)
+    CURVED = "curved"  # moved by a smooth map, of degree 2
+
+
+def family_mesh(cell: str, family: Family, *, n: int) -> dolfinx.mesh.Mesh:
+    """A mesh of a family in n parts along each edge. On this rank alone; not collective."""
+    points, cells = _even(cell, n)
+    dim = DIMENSION[cell]
+    if family is Family.CURVED:
+        straight = _make(MPI.COMM_SELF, points, cells, cell=cell)
+        nodes = fem.functionspace(straight, _nodes(cell, 2))
+        points, cells = nodes.tabulate_dof_coordinates(), nodes.dofmap.list.astype(np.int64)
+        return _make(MPI.COMM_SELF, _moved_inside(points, dim), cells, cell=cell, degree=2)
+    if family is Family.DISTORTED:
+        points = _moved_inside(points, dim)
+    elif family is Family.TRAPEZOIDAL:
+        points = _zigzag(points, dim, n)
+    return _make(MPI.COMM_SELF, points, cells, cell=cell)
+
+
+def bar_mesh(cell: str, *, n: int, thickness: float) -> dolfinx.mesh.Mesh:
+    """A bar of 1 m along x, its square section about the x axis of one cell, n cells long. On this rank alone."""
+    kind = dolfinx.mesh.to_type(cell)
+    mesh = dolfinx.mesh.create_unit_cube(MPI.COMM_SELF, n, 1, 1, kind)
+    points = (mesh.geometry.x - (0.0, 0.5, 0.5)) * (1.0, thickness, thickness)
+    return _make(MPI.COMM_SELF, points, cell_nodes(mesh).astype(np.int64), cell=cell)
+
+
+def single_cell(cell: str, *, distorted: bool) -> dolfinx.mesh.Mesh:
+    """One cell with edges of 1 m along the axes, or moved by the map of `distorted_mesh`. On this rank alone."""
+    points = basix.geometry(basix.CellType[cell])
+    dim = DIMENSION[cell]
+    points = np.hstack([points, np.zeros((len(points), 3 - dim))])
+    if distorted:
+        points = _moved(points, dim)
+    return _make(MPI.COMM_SELF, points, np.arange(len(points), dtype=np.int64)[None], cell=cell)
 
 
 def even_mesh(cell: str, *, n: int) -> dolfinx.mesh.Mesh:
@@ -83,6 +131,30 @@ def _moved(x: FloatArray, dim: int) -> FloatArray:
         )
     shift[:, dim:] = 0.0
     moved: FloatArray = x + _AMPLITUDE * shift
+    return moved
+
+
+def _moved_inside(x: FloatArray, dim: int) -> FloatArray:
+    """Moved by a smooth map that leaves each face of the cube in its plane."""
+    along = np.sin(np.pi * x)
+    if dim == 1:
+        shift = 2 * along
+    else:
+        a, b, c = x.T
+        across = np.stack((np.cos(2 * b + c), np.sin(3 * a + 0.5), np.cos(3 * a * b)), axis=1)
+        shift = along * across
+    shift[:, dim:] = 0.0
+    moved: FloatArray = x + _AMPLITUDE * shift
+    return moved
+
+
+def _zigzag(x: FloatArray, dim: int, n: int) -> FloatArray:
+    """Each row of nodes alternates along the next axis; of a line its nodes alternate along it."""
+    place = np.rint(n * x).astype(int)
+    axis = min(dim - 1, 1)
+    inside = (place[:, axis] > 0) & (place[:, axis] < n)
+    moved = x.copy()
+    moved[:, axis] += np.where(inside, _ZIGZAG / n * (-1.0) ** place[:, : axis + 1].sum(axis=1), 0.0)
     return moved
 
 

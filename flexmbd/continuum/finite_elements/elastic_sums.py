@@ -41,8 +41,15 @@ class ElasticSums:
 
     @property
     def wave_speed(self) -> float:
-        """m/s, about that of a stretch along a bar; of a beam or plate within a factor of two."""
-        return float(np.sqrt(2.6 * max(self.shear, 0.0) / self.mass))
+        """m/s, about that of a stretch along a bar; of a beam or plate within a factor of two.
+
+        Of surfaces and lines the slower one of shear and of uniform expansion: stiffness against bending, which may be
+        made up, is in the first, and that of volume that is kept in the second.
+        """
+        modulus = 2.6 * self.shear
+        if self.volume == 0.0:
+            modulus = min(modulus, 9.0 * self.bulk / 2.0)
+        return float(np.sqrt(max(modulus, 0.0) / self.mass))
 
     @property
     def poisson(self) -> float:

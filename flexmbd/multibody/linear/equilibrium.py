@@ -240,9 +240,9 @@ def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> 
     if len(beyond) and beyond.max() > 0.0:
         worst = int(np.flatnonzero(bodies)[np.argmax(beyond)])
         raise SceneError(
-            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, N m, "
-            "or modal) stays unbalanced, for neither a place nor a state resists it; friction that sticks bears what the "
-            "way there has built up: let the machine come to rest by simulate, or hold it otherwise"
+            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, "
+            "N m, or modal) stays unbalanced, for neither a place nor a state resists it; friction that sticks bears "
+            "what the way there has built up: let the machine come to rest by simulate, or hold it otherwise"
         )
 
 
