@@ -55,6 +55,8 @@ JOINTS: dict[str, Kind] = {
     "screw": _kind(joint.Screw, pitch=v.number, axis=v.axis),
     "cylindrical": _kind(joint.Cylindrical, axis=v.axis),
     "planar": _kind(joint.Planar, axis=v.axis),
+    "planar_point": _kind(joint.PlanarPoint, axis=v.axis),
+    "translation": _kind(joint.Translation),
     "universal": _kind(joint.Universal, first=v.axis, second=v.axis),
     "generic": _kind(joint.Generic, translations=v.text, rotations=v.text),
     "spherical": _kind(joint.Spherical),

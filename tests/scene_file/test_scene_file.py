@@ -106,6 +106,8 @@ JOINT_TEXTS = {
     "screw": ('axis = "x"\npitch = 0.1', fm.joint.Screw(0.1, "x")),
     "cylindrical": ("", fm.joint.Cylindrical()),
     "planar": ('axis = "y"', fm.joint.Planar("y")),
+    "planar_point": ('axis = "y"', fm.joint.PlanarPoint("y")),
+    "translation": ("", fm.joint.Translation()),
     "universal": ('first = "y"\nsecond = "z"', fm.joint.Universal("y", "z")),
     "generic": ('translations = "xz"\nrotations = "y"', fm.joint.Generic("xz", "y")),
     "spherical": ("", fm.joint.Spherical()),

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, RigidBody
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import check_rotation
@@ -28,6 +29,8 @@ class _OfRigidBody:
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError unless the scene has this rigid body."""
         refuse_other(self.body, RigidBody, f"the body of a parameter {type(self).__name__}", wanted="a RigidBody")
+        if is_point(self.body) and not isinstance(self, Mass):
+            raise SceneError(f"a parameter {type(self).__name__}: point mass {self.body.name!r} has a mass alone")
         _refuse_foreign(self.body, scene)
 
 
@@ -130,6 +133,8 @@ class FrameOrigin(_OfFrame):
         p = numbers(value)
         if p.shape != (3,) or not np.isfinite(p).all():
             raise SceneError(f"frame {now.label}: p must be three finite numbers (m), got {value!r}")
+        if p.any() and is_point(now.body):
+            raise SceneError(f"frame {now.label}: a point mass has no place but its own, got p = {value!r}")
         return replace(now, p_BF_B=p.copy())
 
 
