@@ -112,6 +112,10 @@ FORCES: dict[str, Kind] = {
         force.PlasticSpring, **_ENDS, deformation=v.numbers, force=v.numbers, length=v.number, kinematic=v.number
     ),
     "bushing": _kind(force.Bushing, **_ENDS, stiffness=v.six, damping=v.six, symmetric=v.flag),
+    "gravitation": _kind(force.Gravitation, bodies=v.solids, G=v.number),
+    "between_pairs": _kind(
+        force.BetweenPairs, group=v.frames, law=v.function, own=v.rows, data=v.numbers, name=v.text
+    ),
     "line_force": _kind(force.LineForce, **_ENDS, value=v.time_function),
     "shaft_inertia": _kind(
         force.ShaftInertia, joint=_JOINT, inertia=v.number, ratio=v.number, coordinate=v.whole

@@ -20,7 +20,7 @@ from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody
-from flexmbd.multibody.kernels.elements.element import ElementKind
+from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 FloatArray = NDArray[np.float64]
@@ -120,6 +120,15 @@ class ElementTable(Protocol):
 
         Raises:
             SceneError: the law is no compiled function of nine arguments (`flexmbd.compiled`), or states are none.
+        """
+
+    def pairs(
+        self, law: Compiled | PairsElement, what: str, group: Sequence[Frame], *, own: ArrayLike = ((),),
+        numbers: ArrayLike = (),
+    ) -> None:
+        """Let a law of one's own act along the lines between all pairs of a group of frames.
+
+        ``own`` (n, k) are numbers of each frame, ``numbers`` those that all share.
         """
 
     def memory_law(

@@ -11,6 +11,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, RigidBody
 from flexmbd.multibody.bodies.point_mass import is_point
+from flexmbd.multibody.force.gravitation import Gravitation
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import check_rotation
@@ -61,6 +62,16 @@ class CentreOfMass(_OfRigidBody):
     """The centre of mass (3,) of a rigid body from its frame, m, in body axes."""
 
     body: RigidBody
+
+    def check(self, scene: CompiledScene) -> None:
+        """Raise SceneError unless the scene has this rigid body, and no force that acts at its centre."""
+        super().check(scene)
+        for force in scene.index.forces:
+            if isinstance(force, Gravitation) and any(one is self.body for one in force.bodies):
+                raise SceneError(
+                    f"body {self.body.name!r}: {force.what} acts at its centre of mass, which cannot vary from run to "
+                    "run then; build the scene anew"
+                )
 
     def changed(self, now: RigidBody, value: ArrayLike) -> RigidBody:
         """The body with this centre of mass."""

@@ -40,6 +40,7 @@ OF_FIELDS = (
 OF_FIELDS_ALONE = (
     "joint.gear.Gear joint.rack_and_pinion.RackAndPinion force.beam_element.BeamElement force.bushing.Bushing "
     "force.distributed_load.DistributedLoad force.frame_force.FrameForce force.joint_damper.JointDamper "
+    "force.gravitation.Gravitation "
     "force.joint_force.JointForce force.joint_friction.JointFriction force.joint_spring.JointSpring "
     "force.joint_stop.JointStop force.joint_torque.JointTorque force.plastic_joint_spring.PlasticJointSpring "
     "force.plastic_spring.PlasticSpring force.spring_damper.SpringDamper"

@@ -26,11 +26,12 @@ from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
-from flexmbd.multibody.kernels.elements.element import ElementKind
+from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
+from flexmbd.multibody.kernels.elements.pairs import PAIRS_LAW, STORING_PAIRS_LAW
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
@@ -214,6 +215,27 @@ class ForceTable(StateTable):
             element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
             count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
         )  # fmt: skip
+
+    def pairs(
+        self,
+        law: Compiled | PairsElement,
+        what: str,
+        group: Sequence[Frame],
+        *,
+        own: ArrayLike = ((),),
+        numbers: ArrayLike = (),
+    ) -> None:
+        """Let a law act along the lines between all pairs of a group of frames."""
+        element, address, share = law, 0, 0.0
+        if not isinstance(law, PairsElement):
+            user = checked_law(self._note_breaks(law, what), what, Signature.PAIR, "t, data, a, b, r, rate, out")
+            element = STORING_PAIRS_LAW if user.returns_number else PAIRS_LAW
+            address, share = self._numbering.add_compiled(user), 1.0
+        values, rows = flat(numbers), [float(self.frame(one)) for one in group]
+        each = np.asarray(own, dtype=np.float64)
+        head = [share, float(len(values)), float(each.shape[1])]
+        data = self.numbers([*head, *values, *each.ravel(), *rows])
+        self.element(element, what, data=data, count=len(rows), address=address)
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """Place in x of a switch's side."""
