@@ -127,8 +127,8 @@ def compiled(
     wrench for d + dd, exp(dtheta) R and so on.  Both are for ``flexmbd.force.ElementTable.frame_law``.
     ``f(t, data, a, b, r, rate, out)`` is a force along the line between two frames of a group: it writes what pushes
     them apart (N) into ``out`` (1,), by the time t (s), numbers ``data`` that all pairs share, those of the one frame
-    ``a`` and of the other ``b``, their distance r (m) and its rate (m/s).  Where it returns a number this is the energy (J)
-    that the pair stores.  For ``flexmbd.force.BetweenPairs``.
+    ``a`` and of the other ``b``, their distance r (m) and its rate (m/s).  Where it returns a number this is the energy
+    (J) that the pair stores.  For ``flexmbd.force.BetweenPairs``.
     ``f(t, data, z, u, d, R, rate, spin, out)`` is such a law with states z of its own, by which, by signals and
     functions of time u, and by the time t (s) it writes force, torque and the states' rates into ``out`` (6 + n,),
     which comes as zeros; for ``frame_states`` there.
