@@ -102,7 +102,7 @@ SCENES = {
         ("alpha", "radau", "explicit", "exudyn"), _HALF,
     ),
     "stars": Scene(
-        ((3,), (10,), (100,), (1000,)), many_scenes.stars, many_scenes.exudyn_stars, lambda n: 3 * n, 1.0, 1e-6,
+        ((3,), (10,), (100,), (1000,)), many_scenes.stars, many_scenes.exudyn_stars, lambda n: 3 * n, 0.2, 1e-6,
         ("explicit", "radau", "exudyn", "exudyn RK"),
     ),
     "start": Scene(((10,), (200,)), many_scenes.four_bars, None, lambda n: 3 * n, methods=("start",)),

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
-from flexmbd.multibody.bodies.body import Body, Frame, RigidBody, marker
+from flexmbd.multibody.bodies.body import Frame, RigidBody, marker
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ class PointMass(RigidBody):
         return self.inertias()
 
 
-def is_point(body: Body) -> bool:
+def is_point(body: object) -> bool:
     """Whether a body has a place and no orientation."""
     return isinstance(body, PointMass)
 

@@ -226,8 +226,10 @@ class ForceTable(StateTable):
         numbers: ArrayLike = (),
     ) -> None:
         """Let a law act along the lines between all pairs of a group of frames."""
-        element, address, share = law, 0, 0.0
-        if not isinstance(law, PairsElement):
+        address, share = 0, 0.0
+        if isinstance(law, PairsElement):
+            element = law
+        else:
             user = checked_law(self._note_breaks(law, what), what, Signature.PAIR, "t, data, a, b, r, rate, out")
             element = STORING_PAIRS_LAW if user.returns_number else PAIRS_LAW
             address, share = self._numbering.add_compiled(user), 1.0
