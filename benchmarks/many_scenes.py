@@ -128,8 +128,9 @@ def pendulums(count: int) -> tuple[fm.System, list[fm.Frame]]:
 
 def cluster(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) m and velocities (n, 3) m/s of bodies of 1/n kg that attract each other with G = 1."""
-    chosen = np.random.default_rng(7)
-    place = chosen.normal(size=(count, 3))
+    side = int(np.ceil(count ** (1 / 3)))
+    grid = np.array([(i, j, k) for i in range(side) for j in range(side) for k in range(side)], float)[:count]
+    place = (2.0 * (grid + np.random.default_rng(7).uniform(0.3, 0.7, grid.shape))) / side - 1.0
     return place, 0.4 * np.cross([0.0, 0.0, 1.0], place)
 
 
