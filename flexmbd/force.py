@@ -5,10 +5,12 @@ A public name: users enter here, and `flexmbd.scene_file`.
 
 from flexmbd.multibody.force.beam_element import BeamElement as BeamElement
 from flexmbd.multibody.force.bearing_friction import BearingFriction as BearingFriction
+from flexmbd.multibody.force.between_pairs import BetweenPairs as BetweenPairs
 from flexmbd.multibody.force.bushing import Bushing as Bushing
 from flexmbd.multibody.force.distributed_load import DistributedLoad as DistributedLoad
 from flexmbd.multibody.force.frame_force import Axes as Axes
 from flexmbd.multibody.force.frame_force import FrameForce as FrameForce
+from flexmbd.multibody.force.gravitation import Gravitation as Gravitation
 from flexmbd.multibody.force.joint_damper import JointDamper as JointDamper
 from flexmbd.multibody.force.joint_force import JointForce as JointForce
 from flexmbd.multibody.force.joint_friction import JointFriction as JointFriction

@@ -21,6 +21,7 @@ from flexmbd.multibody.joint.kinematic_pair import SPHERICAL as SPHERICAL
 from flexmbd.multibody.joint.kinematic_pair import KinematicPair as KinematicPair
 from flexmbd.multibody.joint.kinematic_pair import screw as screw
 from flexmbd.multibody.joint.planar import Planar as Planar
+from flexmbd.multibody.joint.planar_point import PlanarPoint as PlanarPoint
 from flexmbd.multibody.joint.point_on_line import PointOnLine as PointOnLine
 from flexmbd.multibody.joint.point_on_plane import PointOnPlane as PointOnPlane
 from flexmbd.multibody.joint.prismatic import Prismatic as Prismatic
@@ -33,6 +34,7 @@ from flexmbd.multibody.joint.revolute import Revolute as Revolute
 from flexmbd.multibody.joint.rolling_disc import RollingDisc as RollingDisc
 from flexmbd.multibody.joint.screw import Screw as Screw
 from flexmbd.multibody.joint.spherical import Spherical as Spherical
+from flexmbd.multibody.joint.translation import Translation as Translation
 from flexmbd.multibody.joint.universal import Universal as Universal
 from flexmbd.multibody.kernels.base.kinds import ROW_ANGLE as ROW_ANGLE
 from flexmbd.multibody.kernels.base.kinds import ROW_AXIS as ROW_AXIS

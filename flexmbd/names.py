@@ -71,6 +71,7 @@ from flexmbd.multibody.bodies.homogeneous import CompiledEnergy as CompiledEnerg
 from flexmbd.multibody.bodies.homogeneous import HomogeneousEnergy as HomogeneousEnergy
 from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff as StVenantKirchhoff
 from flexmbd.multibody.bodies.homogeneous import polar as polar
+from flexmbd.multibody.bodies.point_mass import PointMass as PointMass
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBody
 from flexmbd.multibody.bodies.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
 from flexmbd.multibody.bodies.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy

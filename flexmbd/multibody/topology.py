@@ -80,7 +80,7 @@ def spanning_tree(
         for index, c in at_body.get(id(body), ()):
             neighbours.extend((c.parent.body, c.child.body))
             if c.may_be_coordinates:
-                rank = (c.way is not Way.COORDINATES, id(c) not in wanted, -len(c.joint.rows))
+                rank = (c.way is not Way.COORDINATES, id(c) not in wanted, -len(c.rows))
                 heapq.heappush(frontier, (rank, index, c))
 
     reach(ground)
@@ -182,7 +182,7 @@ def _branch(c: Connection, reached: set[int]) -> Branch | None:
     inside, outside = id(c.parent.body) in reached, id(c.child.body) in reached
     if inside and not outside and c.child.modes is None:
         return Branch(c, c.parent, c.child, False)
-    if outside and not inside and c.parent.modes is None and c.joint.reversible:
+    if outside and not inside and c.parent.modes is None and c.reversible:
         return Branch(c, c.child, c.parent, True)
     return None
 
@@ -203,6 +203,6 @@ def _carrying_body(body: Body, at_body: Mapping[int, list[tuple[int, Connection]
 
 
 def _add_free_joint(ground: Body, body: Body) -> Branch:
-    """Six free coordinates for a body that no joint can carry."""
+    """Free coordinates for a body that no joint can carry, six, or three of a point mass."""
     frames = [Frame(b, np.zeros(3), np.eye(3), None, b.name) for b in (ground, body)]
     return Branch(None, frames[0], frames[1], False)

@@ -55,6 +55,8 @@ JOINTS: dict[str, Kind] = {
     "screw": _kind(joint.Screw, pitch=v.number, axis=v.axis),
     "cylindrical": _kind(joint.Cylindrical, axis=v.axis),
     "planar": _kind(joint.Planar, axis=v.axis),
+    "planar_point": _kind(joint.PlanarPoint, axis=v.axis),
+    "translation": _kind(joint.Translation),
     "universal": _kind(joint.Universal, first=v.axis, second=v.axis),
     "generic": _kind(joint.Generic, translations=v.text, rotations=v.text),
     "spherical": _kind(joint.Spherical),
@@ -110,6 +112,10 @@ FORCES: dict[str, Kind] = {
         force.PlasticSpring, **_ENDS, deformation=v.numbers, force=v.numbers, length=v.number, kinematic=v.number
     ),
     "bushing": _kind(force.Bushing, **_ENDS, stiffness=v.six, damping=v.six, symmetric=v.flag),
+    "gravitation": _kind(force.Gravitation, bodies=v.solids, G=v.number),
+    "between_pairs": _kind(
+        force.BetweenPairs, group=v.frames, law=v.function, own=v.rows, data=v.numbers, name=v.text
+    ),
     "line_force": _kind(force.LineForce, **_ENDS, value=v.time_function),
     "shaft_inertia": _kind(
         force.ShaftInertia, joint=_JOINT, inertia=v.number, ratio=v.number, coordinate=v.whole

@@ -18,6 +18,7 @@ from flexmbd.scene_file.scene_description import (
     Element,
     JointEntry,
     OutputEntry,
+    PointEntry,
     RecordEntry,
     RigidEntry,
     RunEntry,
@@ -95,7 +96,7 @@ def _ground(top: TomlSection, folder: Path) -> tuple[ShapeEntry, ...]:
     return read_shapes(section, folder)
 
 
-def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | RecordEntry:
+def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | RecordEntry | PointEntry:
     shapes = read_shapes(section, folder)
     if section.has("record"):
         section.allow(("name", "record", "shape", *_POSE_KEYS))
@@ -106,7 +107,10 @@ def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | Reco
         if not shapes:
             section.fail("", "has no 'shape', which a body by its density needs")
         return ShapedEntry(section.text("name"), section.place, shapes, section.number("density"), _drawn(section))
-    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record", "as_measured", *_POSE_KEYS))
+    if section.has("point") and section.flag("point"):
+        section.allow(("name", "point", "mass", "shape", *_POSE_KEYS))
+        return PointEntry(section.text("name"), section.place, section.number("mass"), shapes, _drawn(section))
+    section.allow(("name", "mass", "inertia", "com", "shape", "density", "record", "as_measured", "point", *_POSE_KEYS))
     name, mass = section.text("name"), section.number("mass")
     inertia = section.need("inertia")
     whole = isinstance(inertia, list) and bool(inertia) and isinstance(inertia[0], list)

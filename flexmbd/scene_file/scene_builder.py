@@ -15,6 +15,7 @@ from flexmbd.files.python_file import PythonFiles
 from flexmbd.force import Force
 from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.bodies.point_mass import PointMass
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.time_function import Piecewise
@@ -32,6 +33,7 @@ from flexmbd.scene_file.scene_description import (
     FunctionPlace,
     JointName,
     Measured,
+    PointEntry,
     RecordEntry,
     RigidEntry,
     SceneFile,
@@ -232,8 +234,10 @@ def _crossing(built: Built, crossing: Crossing) -> Callable[[Moment], float]:
     )
 
 
-def _made(body: RigidEntry | ShapedEntry) -> RigidBody:
+def _made(body: RigidEntry | ShapedEntry | PointEntry) -> RigidBody:
     shape = make_shape(body.shapes)
+    if isinstance(body, PointEntry):
+        return PointMass(body.mass, shape=shape)
     if isinstance(body, RigidEntry):
         return RigidBody(body.mass, body.inertia, body.com, shape=shape, as_measured=body.as_measured)
     if shape is None:

@@ -94,6 +94,17 @@ class DrawnPose:
 
 
 @dataclass(frozen=True)
+class PointEntry:
+    """A point mass: kg."""
+
+    name: str
+    place: str
+    mass: float
+    shapes: tuple[ShapeEntry, ...] = ()
+    drawn: DrawnPose = DrawnPose()
+
+
+@dataclass(frozen=True)
 class RigidEntry:
     """A rigid body: kg; kg m^2 about the centre of mass, its diagonal or whole; m; whether any inertia will do."""
 
@@ -263,7 +274,7 @@ class SceneFile:
 
     path: Path
     gravity: Vector
-    bodies: tuple[RigidEntry | ShapedEntry | RecordEntry, ...]
+    bodies: tuple[RigidEntry | ShapedEntry | RecordEntry | PointEntry, ...]
     joints: tuple[JointEntry, ...]
     forces: tuple[Element, ...]
     couplings: tuple[Element, ...]

@@ -53,6 +53,15 @@ def three_rows(section: TomlSection, key: str, names: Names) -> tuple[tuple[floa
     return section.matrix(key, size=3)
 
 
+def rows(section: TomlSection, key: str, names: Names) -> tuple[object, ...]:
+    """A list of numbers, or of rows of as many each."""
+    value = section.need(key)
+    if not (isinstance(value, list) and value and isinstance(value[0], list)):
+        return section.numbers(key)
+    inner = TomlSection({f"{key}[{i}]": one for i, one in enumerate(value)}, section.place, section.file, section.kind)
+    return tuple(inner.numbers(one, count=len(value[0])) for one in inner.values)
+
+
 def whole(section: TomlSection, key: str, names: Names) -> int:
     """A whole number."""
     return section.whole(key)
@@ -195,6 +204,15 @@ def flexible(section: TomlSection, key: str, names: Names) -> BodyName:
 def flexibles(section: TomlSection, key: str, names: Names) -> tuple[BodyName, ...]:
     """A list of names of flexible bodies."""
     return tuple(_flexible(section, name, key, names) for name in section.texts(key))
+
+
+def solids(section: TomlSection, key: str, names: Names) -> tuple[BodyName, ...]:
+    """A list of names of rigid bodies and point masses."""
+    known = [body for body, is_flexible in names.bodies.items() if not is_flexible]
+    for name in section.texts(key):
+        if name not in known:
+            section.fail(key, f"there is no rigid body {name!r}; {nearest(name, known)}")
+    return tuple(map(BodyName, section.texts(key)))
 
 
 def _flexible(section: TomlSection, name: str, key: str, names: Names) -> BodyName:

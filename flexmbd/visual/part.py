@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.visual.recorded_motion import RecordedMotion
 
 FloatArray = NDArray[np.float64]
@@ -132,4 +133,12 @@ def pose_matrix(p: FloatArray, columns: FloatArray) -> FloatArray:
 def body_pose(motion: RecordedMotion, body: Body, times: FloatArray) -> FloatArray:
     """(nt, 4, 4) of a body's axes at times (nt,) s."""
     frame = Frame(body, np.zeros(3), np.eye(3), None, body.name)
-    return pose_matrix(motion.position(frame, t=times), motion.rotation(frame, t=times))
+    return pose_matrix(motion.position(frame, t=times), frame_axes(motion, frame, times))
+
+
+def frame_axes(motion: RecordedMotion, frame: Frame, times: FloatArray) -> FloatArray:
+    """(nt, 3, 3) axes of a frame at times (nt,) s; of one on a point mass those of what carries the point."""
+    if not is_point(frame.body):
+        return motion.rotation(frame, t=times)
+    rows = motion.body_motion(t=times)[:, motion.scene.index.bodies[frame.body], 3:12]
+    return np.asarray(rows.reshape(-1, 3, 3) @ frame.R_BF)

@@ -59,6 +59,9 @@ class RecordedMotion(Protocol):
     def rotation(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(k, 3, 3) rotations from the frame's axes to inertial ones."""
 
+    def body_motion(self, *, t: ArrayLike | None = None) -> FloatArray:
+        """(k, links, 21) of all bodies' axes: position (3) m, rotation (9), then velocities and accelerations."""
+
     def beta(self, connection: Connection, *, t: ArrayLike | None = None) -> FloatArray:
         """Joint coordinates, (k,) or (k, several)."""
 

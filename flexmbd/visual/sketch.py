@@ -21,7 +21,7 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.visual.palette import GROUND, JOINT
-from flexmbd.visual.part import RigidPart, body_pose, pose_matrix
+from flexmbd.visual.part import RigidPart, body_pose, frame_axes, pose_matrix
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.skin import surface_of
 
@@ -68,7 +68,7 @@ def skeleton(motion: RecordedMotion, times: FloatArray) -> Skeleton:
     joints = _joints(motion)
     frames = _frames(motion, joints)
     poses = IdentityMap(
-        (f, Pose(motion.position(f, t=times), motion.rotation(f, t=times))) for held in frames.values() for f in held
+        (f, Pose(motion.position(f, t=times), frame_axes(motion, f, times))) for held in frames.values() for f in held
     )
     bodies = IdentityMap((body, body_pose(motion, body, times)) for body in motion.bodies.values())
     coms = IdentityMap(
@@ -170,7 +170,7 @@ def _joints(trajectory: RecordedMotion) -> list[Connection]:
     """Joints that hold something: those of the tree, then those that close loops."""
     topology = trajectory.scene.topology
     along = [b.connection for b in topology.branches if b.connection is not None]
-    return [c for c in (*along, *topology.closures) if not any(len(s.pair.angular) == 6 for s in c.joint.steps)]
+    return [c for c in (*along, *topology.closures) if c.rows]
 
 
 def _frames(trajectory: RecordedMotion, joints: Sequence[Connection]) -> IdentityMap[Body, list[Frame]]:
@@ -247,7 +247,7 @@ def _joint_symbols(
         low, high = travel.min() - 6.0 * size, travel.max() + 6.0 * size
         a, b = (parent.p + s * parent.R[:, :, 2] for s in (low, high))
         yield cylinder(a, b, 0.45 * size, GROUND if grounded else JOINT, joint.name)
-    elif pair is None or len(pair.angular) > 0:
+    elif pair is None or pair.turning != kinds.TURN_NONE:
         yield ball(child.p, 1.5 * size, JOINT, joint.name)
     elif grounded:
         yield box(child, (2.0 * size,) * 3, GROUND, joint.name)

@@ -106,6 +106,8 @@ JOINT_TEXTS = {
     "screw": ('axis = "x"\npitch = 0.1', fm.joint.Screw(0.1, "x")),
     "cylindrical": ("", fm.joint.Cylindrical()),
     "planar": ('axis = "y"', fm.joint.Planar("y")),
+    "planar_point": ('axis = "y"', fm.joint.PlanarPoint("y")),
+    "translation": ("", fm.joint.Translation()),
     "universal": ('first = "y"\nsecond = "z"', fm.joint.Universal("y", "z")),
     "generic": ('translations = "xz"\nrotations = "y"', fm.joint.Generic("xz", "y")),
     "spherical": ("", fm.joint.Spherical()),
@@ -225,6 +227,10 @@ FORCE_TEXTS = {
         'joint = "hinge"\ninertia = 0.002\nratio = 30',
         lambda b: fm.force.ShaftInertia(b.joints["hinge"], 0.002, 30.0),
     ),
+    "gravitation": (
+        'bodies = ["bob", "arm"]\nG = 3',
+        lambda b: fm.force.Gravitation((b.bodies["bob"], b.bodies["arm"]), 3.0),
+    ),
     "frame_force": (
         'frame = "bob"\nforce = [1, { t = [0, 1, 2], y = [0, 5, 0], monotone = true }, 0]',
         lambda b: fm.force.FrameForce(
@@ -239,7 +245,8 @@ FORCE_TEXTS = {
 
 
 def test_every_kind_of_force_is_tested():
-    of_users_functions = {"joint_law", "state_force", "kane_force"}  # test_user_files.py
+    # test_user_files.py, test_between_pairs.py
+    of_users_functions = {"joint_law", "state_force", "kane_force", "between_pairs"}
     assert set(FORCES) == {*FORCE_TEXTS, *of_users_functions}
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.given import refuse_no_truth
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
 from flexmbd.multibody.force.six_matrix import semidefinite_matrix
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
@@ -45,10 +46,13 @@ class Bushing(BetweenFrames):
         return any(self._matrix(name)[first:].any() for name in ("stiffness", "damping"))
 
     def check(self) -> None:
-        """Raise SceneError for matrices that store or dissipate a negative energy."""
+        """Raise SceneError for matrices that store or dissipate a negative energy, and turns of a point mass."""
         refuse_no_truth(symmetric=self.symmetric)
         self._matrix("stiffness")
         self._matrix("damping")
+        refuse_turn(self.frame_F, f"{self.what}: acts in the axes of F")
+        if self.resists_turns:
+            refuse_turn(self.frame_G, f"{self.what}: resists turns")
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""

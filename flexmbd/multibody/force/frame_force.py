@@ -11,6 +11,7 @@ import numpy as np
 from flexmbd.errors import SceneError
 from flexmbd.given import is_list, is_number
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.elements.element import ElementKind
@@ -67,6 +68,8 @@ class FrameForce(OffJoints):
                 raise SceneError(f"{self.what}: {name} takes three components, got {given!r:.100}")
         if not all(map(is_number, [c for c in (*self.force, *self.torque) if isinstance(c, (int, float))])):
             raise SceneError(f"{self.what}: a component is not a finite number")
+        if not all(isinstance(c, (int, float)) and c == 0.0 for c in self.torque):
+            refuse_turn(self.frame, f"{self.what}: a torque")
 
     def assemble(self, table: ElementTable) -> None:
         """One row for all numbers, and one for each function of time."""

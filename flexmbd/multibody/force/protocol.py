@@ -20,7 +20,7 @@ from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kane.bearing import Bearing
 from flexmbd.multibody.kane.inertia import UserBody
-from flexmbd.multibody.kernels.elements.element import ElementKind
+from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 
 FloatArray = NDArray[np.float64]
@@ -130,6 +130,15 @@ class ElementTable(Protocol):
         ``numbers``: of the shape and of the law (``kernels.contact.contact_law``).  ``bristle``: the size (m) to which
         rtol is relative for the stretch of friction's bristle, or None where there is no friction; for a force that is
         ``WithStates``.
+        """
+
+    def pairs(
+        self, law: Compiled | PairsElement, what: str, group: Sequence[Frame], *, own: ArrayLike = ((),),
+        numbers: ArrayLike = (),
+    ) -> None:
+        """Let a law of one's own act along the lines between all pairs of a group of frames.
+
+        ``own`` (n, k) are numbers of each frame, ``numbers`` those that all share.
         """
 
     def memory_law(

@@ -29,6 +29,7 @@ class Signature(Enum):
     STATE = 4
     MEMORY = 5
     WRENCH = 6
+    PAIR = 7
     FRAME_STATES = 9
     WRENCH_VARIATION = 10
     SIDED_LAW = -3
@@ -124,6 +125,10 @@ def compiled(
     and the angular velocity (3,).  Where it returns a number this is the energy (J) that it stores, whose derivative
     the wrench must be at rest.  ``f(data, d, R, rate, spin, dd, dtheta, drate, dspin, out)`` writes the change of that
     wrench for d + dd, exp(dtheta) R and so on.  Both are for ``flexmbd.force.ElementTable.frame_law``.
+    ``f(t, data, a, b, r, rate, out)`` is a force along the line between two frames of a group: it writes what pushes
+    them apart (N) into ``out`` (1,), by the time t (s), numbers ``data`` that all pairs share, those of the one frame
+    ``a`` and of the other ``b``, their distance r (m) and its rate (m/s).  Where it returns a number this is the energy
+    (J) that the pair stores.  For ``flexmbd.force.BetweenPairs``.
     ``f(t, data, z, u, d, R, rate, spin, out)`` is such a law with states z of its own, by which, by signals and
     functions of time u, and by the time t (s) it writes force, torque and the states' rates into ``out`` (6 + n,),
     which comes as zeros; for ``frame_states`` there.
@@ -156,7 +161,7 @@ def compiled(
         raise SceneError(
             f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
             "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out), its derivative of ten "
-            "arguments, or f(t, data, z, u, d, R, rate, spin, out)"
+            "arguments, f(t, data, a, b, r, rate, out), or f(t, data, z, u, d, R, rate, spin, out)"
         )
     code = fingerprint(function)
     return _compiled(function, Signature(count), known, code, reads=code)
@@ -170,6 +175,7 @@ def _compiled(
         frame_function,
         frame_states_function,
         memory_function,
+        pair_function,
         scalar_function,
         state_function,
     )
@@ -179,6 +185,8 @@ def _compiled(
         pointer = state_function(function)
     elif signature is Signature.MEMORY:
         pointer = memory_function(function)
+    elif signature is Signature.PAIR:
+        pointer, returns_number = pair_function(function)
     elif signature is Signature.FRAME_STATES:
         pointer = frame_states_function(function)
     elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):

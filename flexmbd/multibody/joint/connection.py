@@ -11,9 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.functions.time_function import TimeFunction, as_row
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
-from flexmbd.multibody.joint.protocol import Joint, step_slices
+from flexmbd.multibody.joint.point_ends import refuse_turned_point, rows_at_point
+from flexmbd.multibody.joint.protocol import Joint, Row, step_slices
 from flexmbd.round_off import TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -50,6 +52,7 @@ class Connection:
         self._position: FloatArray | None = None
         self._velocity: FloatArray | None = None
         self._motion: TimeFunction | None = None
+        refuse_turned_point(self.joint, self.parent.body, self.child.body, self.name)
         self._check(self.way, self.enforce)
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -66,6 +69,11 @@ class Connection:
             refuse_other(
                 enforce, get_args(Enforcement), what, wanted="fm.Multipliers(), fm.Penalty(...) or AugmentedLagrangian"
             )
+        if way is Way.COORDINATES and is_point(self.child.body) and any(self.joint.angular):
+            raise SceneError(
+                f"joint {self.name!r}: the coordinates of a {type(self.joint).__name__} turn point mass "
+                f"{self.child.body.name!r}, which has no orientation; let constraints hold it"
+            )
         if way is Way.COORDINATES and not self.joint.steps:
             raise SceneError(
                 f"joint {self.name!r}: a {type(self.joint).__name__} has no coordinates, only constraints"
@@ -77,9 +85,20 @@ class Connection:
             )
 
     @property
+    def rows(self) -> tuple[Row, ...]:
+        """The constraints that stand for the joint: of a point mass those on its place alone."""
+        return rows_at_point(self.joint.rows) if is_point(self.child.body) else self.joint.rows
+
+    @property
+    def reversible(self) -> bool:
+        """Whether the tree may run from the child to the parent: a point mass has no axes to carry its rail."""
+        return self.joint.reversible and not is_point(self.child.body)
+
+    @property
     def may_be_coordinates(self) -> bool:
         """Whether the tree may carry this joint."""
-        return bool(self.joint.steps) and self.way is not Way.CONSTRAINTS and self.enforce is None
+        by_steps = bool(self.joint.steps) and not (is_point(self.child.body) and any(self.joint.angular))
+        return by_steps and self.way is not Way.CONSTRAINTS and self.enforce is None
 
     @property
     def position(self) -> FloatArray | None:

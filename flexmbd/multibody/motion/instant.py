@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.memory_series import memory_series
@@ -60,6 +61,7 @@ class Instant:
 
     def rotation(self, frame: Frame) -> FloatArray:
         """(3, 3) rotation from the frame's axes to inertial ones."""
+        refuse_turn(frame, "rotation")
         return self._told(frame, "R")
 
     def velocity(self, frame: Frame) -> FloatArray:
@@ -68,6 +70,7 @@ class Instant:
 
     def angular_velocity(self, frame: Frame) -> FloatArray:
         """(3,) rad/s."""
+        refuse_turn(frame, "angular velocity")
         return self._told(frame, "w")
 
     def acceleration(self, frame: Frame) -> FloatArray:
@@ -76,6 +79,7 @@ class Instant:
 
     def angular_acceleration(self, frame: Frame) -> FloatArray:
         """(3,) rad/s^2."""
+        refuse_turn(frame, "angular acceleration")
         return self._told(frame, "alpha")
 
     def beta(self, connection: Connection) -> FloatArray:

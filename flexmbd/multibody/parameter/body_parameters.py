@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, RigidBody
+from flexmbd.multibody.bodies.point_mass import is_point
+from flexmbd.multibody.force.gravitation import Gravitation
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.rotation import check_rotation
@@ -28,6 +30,8 @@ class _OfRigidBody:
     def check(self, scene: CompiledScene) -> None:
         """Raise SceneError unless the scene has this rigid body."""
         refuse_other(self.body, RigidBody, f"the body of a parameter {type(self).__name__}", wanted="a RigidBody")
+        if is_point(self.body) and not isinstance(self, Mass):
+            raise SceneError(f"a parameter {type(self).__name__}: point mass {self.body.name!r} has a mass alone")
         _refuse_foreign(self.body, scene)
 
 
@@ -58,6 +62,16 @@ class CentreOfMass(_OfRigidBody):
     """The centre of mass (3,) of a rigid body from its frame, m, in body axes."""
 
     body: RigidBody
+
+    def check(self, scene: CompiledScene) -> None:
+        """Raise SceneError unless the scene has this rigid body, and no force that acts at its centre."""
+        super().check(scene)
+        for force in scene.index.forces:
+            if isinstance(force, Gravitation) and any(one is self.body for one in force.bodies):
+                raise SceneError(
+                    f"body {self.body.name!r}: {force.what} acts at its centre of mass, which cannot vary from run to "
+                    "run then; build the scene anew"
+                )
 
     def changed(self, now: RigidBody, value: ArrayLike) -> RigidBody:
         """The body with this centre of mass."""
@@ -130,6 +144,8 @@ class FrameOrigin(_OfFrame):
         p = numbers(value)
         if p.shape != (3,) or not np.isfinite(p).all():
             raise SceneError(f"frame {now.label}: p must be three finite numbers (m), got {value!r}")
+        if p.any() and is_point(now.body):
+            raise SceneError(f"frame {now.label}: a point mass has no place but its own, got p = {value!r}")
         return replace(now, p_BF_B=p.copy())
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_no_name, refuse_other
-from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame, RigidBody
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -51,4 +51,10 @@ class OfForce:
         if not is_dataclass(self.force):
             return []
         given = {field.name: getattr(self.force, field.name) for field in fields(self.force) if field.init}
-        return [name for name, value in given.items() if not isinstance(value, Frame | Connection | FlexibleBody)]
+        return [name for name, value in given.items() if not _is_of_scene(value)]
+
+
+def _is_of_scene(value: Any) -> bool:
+    """Whether a value says where a force acts: parts of the scene, or a list of them."""
+    several = value if isinstance(value, list | tuple) and value else [value]
+    return any(isinstance(one, Frame | Connection | FlexibleBody | RigidBody) for one in several)

@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
+from flexmbd.multibody.bodies.point_mass import PointMass
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coordinate_coupling import CoordinateCoupling
@@ -29,14 +30,17 @@ T = TypeVar("T")
 OF_FIELDS = (
     "functions.time_function.Sine joint.enforcement.Multipliers joint.enforcement.Penalty "
     "joint.enforcement.AugmentedLagrangian joint.constant_velocity.ConstantVelocity joint.cylindrical.Cylindrical "
-    "joint.distance.Distance joint.fixed.Fixed joint.free.Free joint.planar.Planar joint.point_on_line.PointOnLine "
+    "joint.distance.Distance joint.fixed.Fixed joint.free.Free joint.planar.Planar joint.planar_point.PlanarPoint "
+    "joint.point_on_line.PointOnLine "
     "joint.point_on_plane.PointOnPlane joint.prismatic.Prismatic joint.revolute.Revolute "
-    "joint.rolling_disc.RollingDisc joint.screw.Screw joint.spherical.Spherical joint.universal.Universal"
+    "joint.rolling_disc.RollingDisc joint.screw.Screw joint.spherical.Spherical joint.translation.Translation "
+    "joint.universal.Universal"
 ).split()
 #: As these, and one is not another that has the same values.
 OF_FIELDS_ALONE = (
     "joint.gear.Gear joint.rack_and_pinion.RackAndPinion force.beam_element.BeamElement force.bushing.Bushing "
     "force.distributed_load.DistributedLoad force.frame_force.FrameForce force.joint_damper.JointDamper "
+    "force.gravitation.Gravitation "
     "force.joint_force.JointForce force.joint_friction.JointFriction force.joint_spring.JointSpring "
     "force.joint_stop.JointStop force.joint_torque.JointTorque force.plastic_joint_spring.PlasticJointSpring "
     "force.plastic_spring.PlasticSpring force.spring_damper.SpringDamper"
@@ -97,6 +101,8 @@ def built_of(
 
 
 def _part_of_body(body: Body) -> tuple[Any, ...]:
+    if type(body) is PointMass:
+        return body, _value(body.mass), body.name
     if type(body) is RigidBody:
         given = body.mass, body.inertia, body.com, body.as_measured, body.name
         return body, *map(_value, given)
@@ -163,6 +169,7 @@ _HOW: dict[type, Callable[[Any], Any]] = {
     np.ndarray: _of_array,
     list: _of_list,
     tuple: _of_list,
+    PointMass: _itself,
     RigidBody: _itself,  # where others name them; their own values are entered once
     FlexibleBody: _itself,
     Ground: _itself,

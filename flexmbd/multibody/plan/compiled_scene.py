@@ -29,6 +29,7 @@ from flexmbd.multibody.plan.forces import assemble_forces
 from flexmbd.multibody.plan.numbering import Numbering, rigid_row
 from flexmbd.multibody.plan.plan_arrays import fill_plan, time_table
 from flexmbd.multibody.plan.plan_digest import plan_digest
+from flexmbd.multibody.plan.point_reach import point_reach
 from flexmbd.multibody.plan.row_structure import RowStructure
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, beam_reach, reaches
@@ -322,7 +323,7 @@ def build(
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
-    reach, beams = reaches(topology, masses), beam_reach(forces)
+    reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces))
     extent = max([beams, *(one.size for one in reach)]) or 1.0
     b = Numbering(ground, extent, Callbacks(team))
     for branch, mass in zip(topology.branches, masses, strict=True):

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
+from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
 from flexmbd.multibody.force.protocol import Force, SwitchValue, WithStates
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction
@@ -23,10 +24,15 @@ from flexmbd.multibody.joint.coordinate_coupling import coordinate_place
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.elements.element import ElementKind
+from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
+from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
+from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
-from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F
-from flexmbd.multibody.kernels.elements.memory_law import MEMORY_LAW, MEMORY_LINE
+from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
+from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
+from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
+from flexmbd.multibody.kernels.elements.pairs import PAIRS_LAW, STORING_PAIRS_LAW
+from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
@@ -36,6 +42,10 @@ from flexmbd.multibody.scene_index import ForceRows, IdentityMap
 
 FloatArray = NDArray[np.float64]
 
+#: What may act on a point mass; where it could turn the point the force's own ``check`` has seen to it.
+_AT_POINTS = (
+    DISTANCE_SPRING, GIVEN_ON_LINE, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_IN_F, GIVEN_IN_G, BUSHING, PENALTY,
+)  # fmt: skip
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
 
 
@@ -89,6 +99,7 @@ class ForceTable(StateTable):
         self._bearings: list[Bearing] = []
         self._given_bodies: list[UserBody] = []
         self._frames: IdentityMap[Frame, int] = IdentityMap()
+        self._at_points: dict[int, Frame] = {}
         self._origin: int | None = None
         self.switches: list[Switch] = []
         self._waiting: list[Callable[[Machine], None]] = []
@@ -147,6 +158,8 @@ class ForceTable(StateTable):
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``; a frame that several elements share has one."""
         if frame not in self._frames:
+            if is_point(frame.body):
+                self._at_points[len(self._numbering.frames)] = frame
             self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), np.eye(3))
         self._asked.append(self._frames[frame])
         return self._frames[frame]
@@ -203,6 +216,29 @@ class ForceTable(StateTable):
             element, what, f=self.frame(frame_F), g=self.frame(frame_G), data=self.numbers([1.0, *values]),
             count=values.size, address=self._numbering.add_compiled(law), derivative=slope,
         )  # fmt: skip
+
+    def pairs(
+        self,
+        law: Compiled | PairsElement,
+        what: str,
+        group: Sequence[Frame],
+        *,
+        own: ArrayLike = ((),),
+        numbers: ArrayLike = (),
+    ) -> None:
+        """Let a law act along the lines between all pairs of a group of frames."""
+        address, share = 0, 0.0
+        if isinstance(law, PairsElement):
+            element = law
+        else:
+            user = checked_law(self._note_breaks(law, what), what, Signature.PAIR, "t, data, a, b, r, rate, out")
+            element = STORING_PAIRS_LAW if user.returns_number else PAIRS_LAW
+            address, share = self._numbering.add_compiled(user), 1.0
+        values, rows = flat(numbers), [float(self.frame(one)) for one in group]
+        each = np.asarray(own, dtype=np.float64)
+        head = [share, float(len(values)), float(each.shape[1])]
+        data = self.numbers([*head, *values, *each.ravel(), *rows])
+        self.element(element, what, data=data, count=len(rows), address=address)
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:
         """Place in x of a switch's side."""
@@ -373,7 +409,13 @@ class ForceTable(StateTable):
         side: int = -1,
         acts: bool = True,
     ) -> None:
-        """Append a row of ``Plan.elements``, or a name to ``idle``."""
+        """Append a row of ``Plan.elements``, or a name to ``idle``.
+
+        Raises:
+            SceneError: it may turn a point mass, or follows its orientation.
+        """
+        if element not in _AT_POINTS and (f in self._at_points or g in self._at_points):
+            refuse_turn(self._at_points.get(f) or self._at_points[g], what)
         if not (acts or self._may_vary):
             self.idle.append(what)
             return

@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.kinematic_pair import REVOLUTE, KinematicPair
 from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
+from flexmbd.multibody.joint.translation import Translation
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.physics.modal_moments import modal_moments
@@ -42,6 +44,11 @@ class Marker:
 
     frame: Frame
     turn: FloatArray
+
+
+def free_joint(body: Body) -> Joint:
+    """The joint of a body that nothing carries: a point mass does not turn."""
+    return Translation() if is_point(body) else Free()
 
 
 def rigid_row(body: Body) -> list[float]:
@@ -113,7 +120,7 @@ class Numbering:
         ``mass`` (N_RIGID,) is the body's ``rigid_row``.
         """
         connection, body = branch.connection, branch.outer.body
-        joint: Joint = Free() if connection is None else connection.joint
+        joint = free_joint(body) if connection is None else connection.joint
         label = f"{body.name} (flying)" if connection is None else connection.name
         slots = self.add_joint(joint, label)
         order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]

@@ -99,7 +99,7 @@ def _add_closure(b: Numbering, rows: RowTable, closure: Connection) -> None:
     f = b.add_frame(closure.parent, b.index.bodies[closure.parent.body], joint.turn)
     g = b.add_frame(closure.child, b.index.bodies[closure.child.body], joint.turn)
     b.index.closures[closure] = (f, g)
-    held: list[tuple[Row, int]] = [(row, -1) for row in joint.rows]
+    held: list[tuple[Row, int]] = [(row, -1) for row in closure.rows]
     if closure.motion is not None:
         what = motion_name(closure)
         time = b.add_time(as_row(closure.motion, what, motion=True), what, motion=True)

@@ -43,7 +43,8 @@ class Sources:
 
     Attributes:
         markers: of each row of ``Plan.frames``; None of those that no marker gives.
-        reach: of bodies that can move, and beams: (m), the largest beam: what the machine's extent is the largest of.
+        reach: of bodies that can move, and beams: (m), the largest beam, or how far point masses lie apart: what the
+            machine's extent is the largest of.
         scaled: numbers that the extent scales.
         forces: rows and parameters of each force element.
         is_awaited: whether functions of the state keep the compiled scene.

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior, ImplicitInterior
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.enforcement import Penalty
@@ -92,7 +93,7 @@ def _branches(start: Start) -> list[_Line]:
             continue
         if branch.connection is None:
             says = (
-                f"  {{}} ({kind}): flies with 6 coordinates, for no joint that goes by "
+                f"  {{}} ({kind}): flies with {3 if is_point(body) else 6} coordinates, for no joint that goes by "
                 "coordinates reaches it at a frame that is rigid in it"
             )
             lines.append(_Line(says, (body.name,)))
@@ -126,6 +127,8 @@ def _told(lines: Sequence[_Line]) -> list[str]:
 def _kind(body: Body) -> str:
     if isinstance(body, PseudoRigidBody):
         return "pseudo-rigid, its stretches held" if body.rigid else "pseudo-rigid, six stretches"
+    if is_point(body):
+        return "point mass"
     record = body.reduced()
     if record is None:
         return "rigid"

@@ -25,6 +25,7 @@ from flexmbd.multibody.plan.scene_matrices import (
     row_sizes,
 )
 from flexmbd.multibody.start.closed_position import ClosedPosition, close_position
+from flexmbd.multibody.start.energy_check import refuse_meeting
 from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, GivenCoordinates, coordinates_given
 from flexmbd.multibody.start.independent_rows import (
     LEADS_ON,
@@ -142,6 +143,7 @@ def consistent_start(
     if scene.switches:
         closed = closed.copy()
         begin_sides(reduced, work, closed, velocity, accelerations)
+    refuse_meeting(reduced, work, closed)
     solve: MassSolver | None = None
     if reduced.interiors is None:
         solve = None if is_dense_tree(reduced) else mass_solver(reduced, work, closed)

@@ -15,6 +15,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.joint.protocol import AlongAxis, Joint
@@ -159,6 +160,15 @@ def _gyration(body: FlexibleBody | ContinuumBody | ExactBeam) -> float:
 def _frame(body: DrawnBody, pose: BodyPose, place: FloatArray, axes: FloatArray, held: _Interface | None) -> Frame:
     """The frame on a body at a place with axes (3, 3) of the drawing."""
     R_BF = pose.R.T @ axes
+    if is_point(body):
+        away = float(np.linalg.norm(place - pose.p))
+        if away > _ROUND_OFF * float(np.linalg.norm(place)):
+            raise SceneError(
+                f"a joint at ({', '.join(f'{value:.6g}' for value in place)}) m: in the drawing point mass "
+                f"{body.name!r} lies {away:.3g} m away and can be held at its own place alone; give that by "
+                "scene.add(body, p=...)"
+            )
+        return body.frame(R=R_BF)  # type: ignore[union-attr, call-arg]
     if held is None:
         return body.frame(p=pose.R.T @ (place - pose.p), R=R_BF)  # type: ignore[union-attr, call-arg]
     turn = held.R_BF.T @ R_BF

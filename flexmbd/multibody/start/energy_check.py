@@ -9,19 +9,21 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.differences import STEP
 from flexmbd.multibody.kernels.elements.frame_law import STORING_FRAME_LAW
-from flexmbd.multibody.kernels.elements.table import are_of
+from flexmbd.multibody.kernels.elements.pairs import STORING_PAIRS_LAW
+from flexmbd.multibody.kernels.elements.table import are_of, of_pairs
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.inverse_dynamics.stored_energy import energy_slopes
+from flexmbd.multibody.kernels.inverse_dynamics.stored_energy import ROUNDINGS, energy_slopes, pair_faults
+from flexmbd.multibody.kernels.reading.force_tables import frames_of_group
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
 
-_ROUNDINGS = 32.0  # in a law's energy: it is some tens of operations
 
 
 def gives_energies(plan: Plan) -> bool:
-    """Whether laws between frames give energies, which ``refuse_false_energies`` compares."""
-    return bool(are_of(plan, STORING_FRAME_LAW).any())
+    """Whether users' laws between frames give energies, which ``refuse_false_energies`` compares."""
+    return bool(are_of(plan, STORING_FRAME_LAW).any() or are_of(plan, STORING_PAIRS_LAW).any())
 
 
 def refuse_false_energies(scene: CompiledScene, work: Work, x: FloatArray) -> None:
@@ -36,10 +38,13 @@ def refuse_false_energies(scene: CompiledScene, work: Work, x: FloatArray) -> No
         SceneError: they differ; the message names the law.
     """
     laws = np.flatnonzero(are_of(scene.plan, STORING_FRAME_LAW))
-    if not len(laws):
+    groups = np.flatnonzero(are_of(scene.plan, STORING_PAIRS_LAW))
+    if not len(laws) + len(groups):
         return
     still = np.zeros(scene.nv)
     residual(scene.plan, work, x, still, still, np.zeros(len(scene.plan.rows)), np.zeros(scene.nv))
+    for k in groups:
+        _refuse_false_pairs(scene, work, int(k))
     for k in laws:
         found = np.zeros((2, 4, 6))
         for twice in range(2):
@@ -51,9 +56,43 @@ def refuse_false_energies(scene: CompiledScene, work: Work, x: FloatArray) -> No
             slope, wider = 0.5 * (before + behind), 0.5 * (found[1, 1, part] + found[1, 2, part])
             known = np.linalg.norm(behind - before) + np.linalg.norm(wider - slope)
             of_values = abs(found[0, 3, 0]) / size + np.linalg.norm(slope)
-            known += _ROUNDINGS * np.finfo(float).eps / (2.0 * STEP) * of_values
+            known += ROUNDINGS * np.finfo(float).eps / (2.0 * STEP) * of_values
             if np.linalg.norm(wrench + slope) > known:
                 raise SceneError(
                     f"{scene.element_names[k]}: at the start its {name} at rest, {wrench} {unit}, is not that of the "
                     f"energy it returns, {-slope} {unit}; mend one of them, or return nothing"
                 )
+
+
+def _refuse_false_pairs(scene: CompiledScene, work: Work, k: int) -> None:
+    found = np.zeros(7)
+    pair_faults(scene.plan, work, k, True, found)
+    scene.refuse_failed(work)
+    if found[2] > 0.0:
+        raise SceneError(
+            f"{scene.element_names[k]}: at the start its force at rest between {_pair(scene, k, *found[3:5])}, "
+            f"{found[5]:g} N, is not that of the energy it returns, {-found[6]:g} N; mend one, or return nothing"
+        )
+
+
+def refuse_meeting(scene: CompiledScene, work: Work, x: FloatArray) -> None:
+    """Raise SceneError where two frames of a group attract or repel each other and are at one place, at x (nx,)."""
+    groups = np.flatnonzero(of_pairs(scene.plan))
+    if not len(groups):
+        return
+    forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
+    for k in map(int, groups):
+        found = np.zeros(7)
+        pair_faults(scene.plan, work, k, False, found)
+        if found[0] >= 0.0:
+            raise SceneError(
+                f"{scene.element_names[k]}: {_pair(scene, k, *found[:2])} meet at the start, where a force along their "
+                "line has no direction"
+            )
+
+
+def _pair(scene: CompiledScene, k: int, i: float, j: float) -> str:
+    """Two frames of the group of element k, in words."""
+    rows = frames_of_group(scene.plan, k)
+    markers = [scene.sources.markers[rows[int(one)]] for one in (i, j)]
+    return " and ".join(marker.frame.label for marker in markers if marker is not None)

@@ -60,7 +60,8 @@ def place_flying(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray)
             continue
         connection = joints[row]
         flies = scene.index.bodies[connection.child.body] == row
-        x[flight.x], v[flight.v] = _state_by_joint(scene, work, connection, flies=flies)
+        place, motion = _state_by_joint(scene, work, connection, flies=flies)
+        x[flight.x], v[flight.v] = place[: flight.x.stop - flight.x.start], motion[: flight.v.stop - flight.v.start]
 
 
 def follow_mates(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, moved: FloatArray) -> None:
@@ -151,7 +152,7 @@ def refuse_turned_over(scene: CompiledScene, work: Work, x: FloatArray) -> None:
         return
     forward_kinematics(scene.plan, work, x, np.zeros(scene.nv), np.zeros(scene.nv))
     for connection in scene.topology.closures:
-        rows = connection.joint.rows
+        rows = connection.rows
         f, g = scene.index.closures[connection]
         R_FG = world_motion(scene.plan, work, f).R.T @ world_motion(scene.plan, work, g).R
         across = {row.index for row in rows if row.kind == kinds.ROW_DIRECTION}

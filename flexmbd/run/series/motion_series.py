@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.protocol import WithStates
 from flexmbd.multibody.force.states import States
@@ -44,7 +45,12 @@ class MotionSeries:
         return self._frame(frame, t)[:, :3]
 
     def rotation(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
-        """(nt, 3, 3) rotations from the frame's axes to inertial ones; or at times ``t`` (k,)."""
+        """(nt, 3, 3) rotations from the frame's axes to inertial ones; or at times ``t`` (k,).
+
+        Raises:
+            SceneError: a point mass has no orientation.
+        """
+        refuse_turn(frame, "rotation")
         return self._frame(frame, t)[:, 3:12].reshape(-1, 3, 3)
 
     def velocity(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
@@ -52,7 +58,12 @@ class MotionSeries:
         return self._frame(frame, t)[:, 12:15]
 
     def angular_velocity(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
-        """(nt, 3) rad/s, angular velocity of the frame, in inertial axes; or at times ``t`` (k,)."""
+        """(nt, 3) rad/s, angular velocity of the frame, in inertial axes; or at times ``t`` (k,).
+
+        Raises:
+            SceneError: a point mass has no orientation.
+        """
+        refuse_turn(frame, "angular velocity")
         return self._frame(frame, t)[:, 15:18]
 
     def acceleration(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:

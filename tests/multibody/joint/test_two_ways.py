@@ -19,6 +19,8 @@ JOINTS = {
     "screw": (fm.joint.Screw(0.05, (1.0, 0.3, -1.0)), [0.4], [2.5]),
     "cylindrical": (fm.joint.Cylindrical((1.0, 2.0, 0.5)), [0.1, 0.3], [0.4, 2.0]),
     "planar": (fm.joint.Planar((1.0, 2.0, 0.5)), [0.1, -0.2, 0.3], [0.4, 0.2, 2.0]),
+    "planar_point": (fm.joint.PlanarPoint((1.0, 2.0, 0.5)), [0.1, -0.2], [0.4, 0.2]),
+    "translation": (fm.joint.Translation(), [0.1, -0.2, 0.3], [0.4, 0.2, -0.6]),
     "universal": (fm.joint.Universal("x", (0.0, 1.0, 1.0)), [0.3, -0.4], [1.0, 1.4]),
     "spherical": (fm.joint.Spherical(), BALL, [1.0, -0.6, 1.4]),
     "fixed": (fm.joint.Fixed(), [], []),

@@ -157,3 +157,34 @@ def frame_function(function: Callable[..., None], *, varied: bool) -> tuple[Any,
 
     outer = variation if varied else storing if returns_number else wrench
     return cfunc(kind, error_model=_MODEL)(outer), returns_number
+
+
+def pair_function(function: Callable[..., float]) -> tuple[Any, bool]:
+    """``f(t, data, a, b, r, rate, out)`` as a function of ``frame_function``'s kind, and whether it returns a number.
+
+    ``motion``: t, r, rate, where in ``data`` the numbers a and b begin, and how many they are.
+
+    Raises:
+        numba.TypingError: it does not compile for such arguments.
+    """
+    inner = njit(error_model=_MODEL)(function)
+    one = types.float64
+    inner.compile((one, _ARRAY, _ARRAY, _ARRAY, one, one, _ARRAY))
+    returns_number = isinstance(inner.nopython_signatures[0].return_type, types.Number)
+    pointer = types.CPointer(types.float64)
+    kind = types.float64(types.int64, pointer, pointer, pointer)
+
+    def force(n, data, motion, out):  # type: ignore[no-untyped-def]
+        m = carray(motion, (6,))
+        i, j, k = int(m[3]), int(m[4]), int(m[5])
+        whole = carray(data, (max(i, j) + k,))
+        inner(m[0], whole[:n], whole[i : i + k], whole[j : j + k], m[1], m[2], carray(out, (1,)))
+        return 0.0
+
+    def storing(n, data, motion, out):  # type: ignore[no-untyped-def]
+        m = carray(motion, (6,))
+        i, j, k = int(m[3]), int(m[4]), int(m[5])
+        whole = carray(data, (max(i, j) + k,))
+        return inner(m[0], whole[:n], whole[i : i + k], whole[j : j + k], m[1], m[2], carray(out, (1,)))
+
+    return cfunc(kind, error_model=_MODEL)(storing if returns_number else force), returns_number

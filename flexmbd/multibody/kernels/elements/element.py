@@ -128,4 +128,27 @@ class GeneralisedForce:
     couples: bool = True
 
 
-ElementKind = CoordinateLaw | FrameElement | GeneralisedForce
+@dataclass(frozen=True, eq=False)
+class PairsElement:
+    """Forces along the lines between the origins of all pairs of a group of frames (``elements.pairs``).
+
+    Attributes:
+        behaviour: what integrators must know.
+        push: (plan, work, row, i, j, r, rate) -> the force (N) that pushes the group's frames i and j apart at the
+            distance r (m), which grows by ``rate`` (m/s), and what the pair stores (J).
+        slope: (plan, work, row, i, j, r) -> the derivative of a force by r alone.  None: by differences.
+        stores: whether it stores energy.
+    """
+
+    behaviour: Behaviour
+    push: Any
+    slope: Any = None
+    stores: bool = False
+
+    @property
+    def energy(self) -> Any:
+        """What gives the energy, None where it stores nothing."""
+        return self.push if self.stores else None
+
+
+ElementKind = CoordinateLaw | FrameElement | GeneralisedForce | PairsElement

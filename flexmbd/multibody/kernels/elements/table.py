@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.elements.element import (
     ElementKind,
     FrameElement,
     GeneralisedForce,
+    PairsElement,
 )
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.frame_states import CONTACT, FRAME_STATES, ROUGH_CONTACT
@@ -37,6 +38,7 @@ from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_EN
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
+from flexmbd.multibody.kernels.elements.pairs import GRAVITATION, PAIRS_LAW, STORING_PAIRS_LAW
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
 from flexmbd.multibody.kernels.elements.state_rates import STATES
@@ -50,7 +52,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     USER_LAW, ELASTOPLASTIC, MEMORY_LAW, MODAL_FORCE, STATE_FORCE, SOLVED_TOGETHER, HOMOGENEOUS_ENERGY,
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
     STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
-    HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES, CONTACT, ROUGH_CONTACT,
+    HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES, GRAVITATION, PAIRS_LAW, STORING_PAIRS_LAW, CONTACT, ROUGH_CONTACT,
 )  # fmt: skip
 
 
@@ -73,12 +75,13 @@ def couple_all(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether the tangent of each element of a plan may join any two coordinates.
 
     Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole; states are
-    joined with the frames that they follow.
+    joined with the frames that they follow; and so are the frames of a group.
     """
     kinds = (ELEMENTS[kind] for kind in plan.elements[:, at.EL_KIND])
     return np.array(
         [
             one is INTERIOR_WRENCH
+            or isinstance(one, PairsElement)
             or one is FRAME_STATES
             or one is ROUGH_CONTACT
             or (isinstance(one, GeneralisedForce) and one.subtract_tangent is not None and one.couples)
@@ -91,6 +94,11 @@ def couple_all(plan: Plan) -> NDArray[np.bool_]:
 def act_between_frames(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan acts between two frames."""
     return np.array([isinstance(ELEMENTS[kind], FrameElement) for kind in plan.elements[:, at.EL_KIND]], bool)
+
+
+def of_pairs(plan: Plan) -> NDArray[np.bool_]:
+    """(k,) whether each element of a plan acts between all pairs of a group."""
+    return np.array([isinstance(ELEMENTS[kind], PairsElement) for kind in plan.elements[:, at.EL_KIND]], bool)
 
 
 def call_users(plan: Plan) -> NDArray[np.bool_]:
@@ -125,6 +133,8 @@ _piece = _calls(CoordinateLaw, "piece")
 _wrench = _calls(FrameElement, "wrench")
 _variation = _calls(FrameElement, "variation")
 _frame_energy = _calls(FrameElement, "energy")
+_push = _calls(PairsElement, "push")
+_push_slope = _calls(PairsElement, "slope")
 _subtract = _calls(GeneralisedForce, "subtract")
 _subtract_tangent = _calls(GeneralisedForce, "subtract_tangent")
 _force_energy = _calls(GeneralisedForce, "energy")
@@ -133,7 +143,10 @@ _changes_piece = _calls(GeneralisedForce, "changes_piece")
 
 # by the numbers of kinds
 _LAWS = _kinds(*(isinstance(one, CoordinateLaw) for one in ELEMENTS))
-_BETWEEN_FRAMES = _kinds(*(isinstance(one, FrameElement) for one in ELEMENTS))
+_BETWEEN_FRAMES = _kinds(*(isinstance(one, FrameElement | PairsElement) for one in ELEMENTS))
+_OF_PAIRS = _kinds(*(isinstance(one, PairsElement) for one in ELEMENTS))
+_SLOPED = _kinds(*(_has(one, PairsElement, "slope") for one in ELEMENTS))
+_STORING_PAIRS = _kinds(*(isinstance(one, PairsElement) and one.stores for one in ELEMENTS))
 _STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
 _STATES = kind_of(STATES)
 _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
@@ -208,6 +221,30 @@ def frame_energy(plan, work, row, d, R, rate, spin):
 
 
 @kernel
+def is_of_pairs(kind):
+    """Whether a kind acts between all pairs of a group of frames."""
+    return _OF_PAIRS[kind]
+
+
+@kernel
+def stores_of_pairs(kind):
+    """Whether such a kind stores energy."""
+    return _STORING_PAIRS[kind]
+
+
+@kernel
+def pair_push(plan, work, row, i, j, r, rate):
+    """The force (N) that pushes frames i and j of a group apart, and what it stores (J)."""
+    return _push(row[at.EL_KIND], (plan, work, row, i, j, r, rate))
+
+
+@kernel
+def pair_slope(plan, work, row, i, j, r):
+    """Whether the derivative of that force by r (N/m) is known, and the derivative."""
+    return _SLOPED[row[at.EL_KIND]], _push_slope(row[at.EL_KIND], (plan, work, row, i, j, r))
+
+
+@kernel
 def subtract_force(plan, work, row, x, v, out):
     """Subtract generalised forces, of a row that is neither of the two."""
     _subtract(row[at.EL_KIND], (plan, work, row, x, v, out))
@@ -245,7 +282,7 @@ def is_coordinate_law(kind):
 
 @kernel
 def is_between_frames(kind):
-    """Whether a kind acts between two frames."""
+    """Whether a kind acts between two frames, or between those of a group."""
     return _BETWEEN_FRAMES[kind]
 
 

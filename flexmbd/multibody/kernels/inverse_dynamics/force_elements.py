@@ -16,10 +16,13 @@ from flexmbd.multibody.kernels.elements.table import (
     frame_energy,
     is_between_frames,
     is_coordinate_law,
+    is_of_pairs,
     is_state_equations,
     stores_between_frames,
+    stores_of_pairs,
     subtract_force,
 )
+from flexmbd.multibody.kernels.inverse_dynamics.pair_forces import load_pairs, pairs_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
 
 
@@ -61,6 +64,9 @@ def load_elements(plan, work, x, v, out):
         row = plan.elements[i]
         if not is_between_frames(row[at.EL_KIND]):
             continue
+        if is_of_pairs(row[at.EL_KIND]):
+            load_pairs(plan, work, row, out)
+            continue
         f, g = row[at.EL_F], row[at.EL_G]
         d, R, rate, spin = relative_rates(plan, work, f, g)
         force, torque = element_wrench(plan, work, row, d, R, rate, spin)
@@ -85,6 +91,8 @@ def elements_energy(plan, work, x):
         elif stores_between_frames(kind):
             d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             energy += frame_energy(plan, work, row, d, R, rate, spin)
+        elif stores_of_pairs(kind):
+            energy += pairs_energy(plan, work, row)
         elif not is_between_frames(kind):
             energy += force_energy(plan, work, row, x)
     return energy

@@ -13,6 +13,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
+from flexmbd.multibody.kernels.elements.pairs import HEAD
 from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
@@ -178,3 +179,11 @@ def is_constant(plan: Plan, time: int) -> bool:
     """Whether a function of time is a polynomial of one piece and order 0."""
     kind, offset, count = plan.times[time, [at.TIME_KIND, at.TIME_OFFSET, at.TIME_COUNT]]
     return bool(kind == kinds.TIME_PIECEWISE and count == 1 and plan.time_data[offset] == 1.0)
+
+
+def frames_of_group(plan: Plan, k: int) -> IntArray:
+    """(n,) rows of ``Plan.frames`` of the group that element k acts in."""
+    o, n = int(plan.elements[k, at.EL_DATA]), int(plan.elements[k, at.EL_COUNT])
+    common, own = map(int, plan.data[o + 1 : o + HEAD])
+    first = o + HEAD + common + n * own
+    return plan.data[first : first + n].astype(np.int64)

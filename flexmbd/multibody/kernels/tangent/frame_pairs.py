@@ -13,7 +13,12 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.differences import difference_step
 from flexmbd.multibody.kernels.elements.frame_states import add_rates, state_count, wrench_by_state
-from flexmbd.multibody.kernels.elements.table import element_wrench, element_wrench_variation, is_between_frames
+from flexmbd.multibody.kernels.elements.table import (
+    element_wrench,
+    element_wrench_variation,
+    is_between_frames,
+    is_of_pairs,
+)
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
@@ -361,7 +366,7 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if is_between_frames(row[at.EL_KIND]):
+        if is_between_frames(row[at.EL_KIND]) and not is_of_pairs(row[at.EL_KIND]):
             count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
             _add_changes(tw, count, moved, matrix)
             if row[at.EL_X] >= 0:
