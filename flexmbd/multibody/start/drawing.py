@@ -162,7 +162,7 @@ def _frame(body: DrawnBody, pose: BodyPose, place: FloatArray, axes: FloatArray,
     R_BF = pose.R.T @ axes
     if is_point(body):
         away = float(np.linalg.norm(place - pose.p))
-        if away > _ROUND_OFF * float(np.linalg.norm(place)):
+        if away > EQUAL * float(np.linalg.norm(place)):
             raise SceneError(
                 f"a joint at ({', '.join(f'{value:.6g}' for value in place)}) m: in the drawing point mass "
                 f"{body.name!r} lies {away:.3g} m away and can be held at its own place alone; give that by "
