@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import large_bends_scenes as scenes
 import matplotlib.pyplot as plt
@@ -119,9 +120,11 @@ def in_turns(runs: Sequence[Callable[[], Found]], rounds: int) -> list[Found]:
     return [replace(one, seconds=float(seconds)) for one, seconds in zip(found[-1], medians, strict=True)]
 
 
-def tell(report: Report, name: str, size: float, exact: np.ndarray, against: str, found: Sequence[Found]) -> list[list]:
+def tell(
+    report: Report, name: str, size: float, exact: np.ndarray, against: str, found: Sequence[Found]
+) -> list[list[Any]]:
     """Rows of a scene; the same as numbers."""
-    rows = []
+    rows: list[list[Any]] = []
     for one in found:
         error = one.error(exact, size)
         told = f"{one.way} | {one.elements} | {error:.1e} | {1e3 * one.seconds:.1f}"

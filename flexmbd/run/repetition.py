@@ -22,10 +22,10 @@ from flexmbd.multibody.start.consistent_start import Start, consistent_start
 from flexmbd.multibody.team import Alone, Team
 from flexmbd.run.asked import Asked, Rung
 from flexmbd.run.controller import Controller
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.simulation import run
 from flexmbd.run.snapshot import new_snapshot
-from flexmbd.run.stepping import evaluate_inputs
 from flexmbd.run.trajectory import Trajectory
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.continuum.contract.formulation import Formulation
-from flexmbd.continuum.contract_suite.measures import EXACT
+from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract_suite.trial import FloatArray, Trial, equilibration
 from flexmbd.continuum.contract_suite.trial_mesh import single_cell
 

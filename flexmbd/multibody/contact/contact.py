@@ -50,9 +50,9 @@ class Contact(BetweenFrames, WithStates):
 
     def assemble(self, table: ElementTable) -> None:
         """One row; with friction that slides, three states of its bristle."""
-        rough = self.friction is not None and self.friction.stretch() > 0.0
+        rough = None if self.friction is None or self.friction.stretch() == 0.0 else self.friction
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
-        numbers = np.array([*self.shape.numbers(), *normal, *(self.friction.numbers() if rough else [0.0] * 6)])
-        bristle = self.friction.stretch() if rough else None
+        numbers = np.array([*self.shape.numbers(), *normal, *([0.0] * 6 if rough is None else rough.numbers())])
+        bristle = None if rough is None else rough.stretch()
         table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)

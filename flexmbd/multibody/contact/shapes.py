@@ -163,7 +163,7 @@ class Box:
         sides = numbers(self.sides)
         if sides.shape != (3,):
             raise SceneError(f"a Box has three sides (m), got {self.sides!r}")
-        _check(self, **{f"sides[{k}]": side for k, side in enumerate(sides.tolist())})
+        _check(self, **{f"sides[{k}]": float(side) for k, side in enumerate(np.asarray(sides).ravel())})
 
     def numbers(self) -> FloatArray:
         """Kind and half the sides."""

@@ -61,10 +61,10 @@ def contacts(
 
 def _group(given: Touching) -> list[TouchShape]:
     """The shapes of a group, or one alone."""
-    shapes = list(given) if isinstance(given, list | tuple) else [given]
+    shapes: list[object] = [*given] if isinstance(given, list | tuple) else [given]
     for shape in shapes:
         refuse_other(shape, SHAPES, "what touches", wanted="a shape as fm.contact.Sphere(body.frame(), radius)")
-    return shapes
+    return [shape for shape in shapes if isinstance(shape, SHAPES)]
 
 
 def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | None) -> list[Contact]:
