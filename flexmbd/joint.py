@@ -34,7 +34,7 @@ from flexmbd.multibody.joint.revolute import Revolute as Revolute
 from flexmbd.multibody.joint.rolling_disc import RollingDisc as RollingDisc
 from flexmbd.multibody.joint.screw import Screw as Screw
 from flexmbd.multibody.joint.spherical import Spherical as Spherical
-from flexmbd.multibody.joint.translation import Translation as Translation
+from flexmbd.multibody.joint.translation_joint import Translation as Translation
 from flexmbd.multibody.joint.universal import Universal as Universal
 from flexmbd.multibody.kernels.base.kinds import ROW_ANGLE as ROW_ANGLE
 from flexmbd.multibody.kernels.base.kinds import ROW_AXIS as ROW_AXIS

@@ -60,7 +60,7 @@ def write_report(report: Report, folder: Path) -> Path:
     part = _new_folder(folder)
     try:
         _fill(report, part)
-        os.replace(part, folder)  # takes the place of an empty one too
+        _take_place(part, folder)
     except OSError as error:
         why = error.strerror or error
         raise ExportError(f"cannot write the report {folder}: {why}; nothing was changed there") from error
@@ -83,24 +83,30 @@ def file_digest(path: Path) -> str:
 
 
 def _new_folder(folder: Path) -> Path:
-    """A new folder beside it, which may take its place."""
-    target = Path(os.path.abspath(folder))
+    """A new folder where a report's is to be, or in it where it is there."""
+    target = Path(os.path.realpath(folder))
     try:
         if folder.exists() and not folder.is_dir():
             raise ExportError(f"{folder} is a file; give a folder for the report that is not there, or empty")
         if folder.is_dir() and any(folder.iterdir()):
             raise ExportError(f"{folder} is not empty; give a folder for the report that is not there, or empty")
-        part = target.with_name(f".{target.name[:100]}.{secrets.token_hex(8)}.part")
+        part = (target if target.is_dir() else target.parent) / f".report.{secrets.token_hex(8)}.part"
         part.mkdir()
-        if folder.is_dir() and not os.access(target, os.W_OK):
-            part.rmdir()
-            raise PermissionError(13, "Permission denied")
     except OSError as error:
         raise ExportError(
             f"cannot write the report {folder}: {error.strerror or error}; give a folder in one that is there and that "
             "you may write to"
         ) from error
     return part
+
+
+def _take_place(part: Path, folder: Path) -> None:
+    """Let a complete part be the report's folder; of one that is there, which someone may stand in, its contents."""
+    if part.parent != Path(os.path.realpath(folder)):
+        os.replace(part, folder)
+        return
+    for one in sorted(part.iterdir(), key=lambda path: path.name == PAGE):  # the page last
+        os.replace(one, folder / one.name)
 
 
 def _fill(report: Report, part: Path) -> None:

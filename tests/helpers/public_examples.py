@@ -138,6 +138,8 @@ BY_WORDS: dict[str, Callable[[World], Any]] = {
     "Sequence[Solid]": lambda w: [fm.Solid.box((1.0, 1.0, 1.0), density=1.0)],
     "Shape": lambda w: fm.Shape.box((1.0, 1.0, 1.0)),
     "Sequence[Force]": lambda w: [],
+    "Sequence[Frame]": lambda w: [w.bob.frame(), w.rod.frame("tip")],
+    "Sequence[RigidBody]": lambda w: [w.bob, w.slide.child.body],
     "Sequence[TimeFunction]": lambda w: (1.0, 0.0, 0.0),
     "float | Points": lambda w: 1.0,
     "ResultTable": lambda w: w.run.table(w.hinge),
@@ -148,6 +150,7 @@ OBJECTS: dict[str, Callable[[World], Any]] = {
     "System": lambda w: w.scene,
     "Trajectory": lambda w: w.run,
     "RigidBody": lambda w: w.bob,
+    "PointMass": lambda w: fm.PointMass(1.0),
     "FlexibleBody": lambda w: w.rod,
     "ReducedBody": lambda w: w.rod.record,
     "WorkingPoint": lambda w: w.point,
@@ -164,6 +167,14 @@ OBJECTS: dict[str, Callable[[World], Any]] = {
 }
 _TETRAHEDRON = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
 _FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
+
+
+@cache
+def _pulling() -> fm.Compiled:
+    def law(t, data, a, b, r, rate, out):  # type: ignore[no-untyped-def]
+        out[0] = -r
+
+    return fm.compiled(law)
 
 
 def _one(moment: fm.Moment) -> float:
@@ -204,6 +215,9 @@ BY_NAME: dict[str, dict[str, Callable[[World], Any]]] = {
     "PseudoRigidBody.coordinates_of": {"stretch": lambda w: np.eye(3)},
     "PseudoRigidBody.stretch_of": {"q": lambda w: np.zeros(6)},
     "RigidBody.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
+    "PointMass.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
+    "PointMass.frame": {"p": lambda w: (0.0, 0.0, 0.0)},
+    "force.BetweenPairs": {"law": lambda w: _pulling()},
     "Solid.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
     "Shape.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
     "FlexibleBody.q=": {"values": lambda w: np.zeros(w.rod.record.n_modes)},

@@ -230,5 +230,5 @@ def of_time(t):
 def test_another_function_is_refused():
     with pytest.raises(SceneError, match=r"OwnLaw .*: of_time must be made by flexmbd.compiled of .* \(data, d"):
         flying(OwnLaw, of_time).simulate(0.1)
-    with pytest.raises(SceneError, match="takes 7 arguments"):
-        fm.compiled(lambda data, d, R, rate, spin, out, more: 0.0)
+    with pytest.raises(SceneError, match="takes 8 arguments"):
+        fm.compiled(lambda data, d, R, rate, spin, out, more, still: 0.0)

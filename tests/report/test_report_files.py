@@ -123,7 +123,18 @@ def test_an_empty_folder_is_taken_and_one_that_may_be_is_left_as_it_is(tmp_path)
     refuse_folder(tmp_path / "report")
     refuse_folder(tmp_path / "other")
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
+    before = (tmp_path / "report").stat().st_ino
     assert write_report(report(), tmp_path / "report").is_file()
+    assert (tmp_path / "report").stat().st_ino == before  # who stands in it sees the files
+    names = {path.name for path in (tmp_path / "report").iterdir()}
+    assert names == {"index.html", "digest.json", "tables", "figures"}
+
+
+def test_a_link_to_an_empty_folder(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "far")
+    write_report(report(), tmp_path / "link")
+    assert (tmp_path / "far/index.html").is_file()
 
 
 def test_a_report_that_fails_leaves_nothing(tmp_path):

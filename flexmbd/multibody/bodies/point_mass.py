@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number
+from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.body import Frame, RigidBody, marker
+from flexmbd.multibody.bodies.shape import Shape
+from flexmbd.multibody.bodies.solid import Solid
 
 FloatArray = NDArray[np.float64]
 
@@ -41,6 +43,23 @@ class PointMass(RigidBody):
         if name in _FIXED:
             raise SceneError(f"point mass {self.name!r} has a mass alone, its {name} cannot be set; use a RigidBody")
         super().__setattr__(name, value)
+
+    @classmethod
+    @checked()
+    def from_solid(cls, solid: Solid) -> PointMass:
+        """The mass of a solid at a point, its centre; pictures show its outline there."""
+        shape = None if solid.outline is None else Shape.of_solid(solid).moved(-solid.com)
+        return cls(solid.mass, shape=shape)
+
+    @classmethod
+    def from_shape(cls, shape: Shape, *, density: float) -> PointMass:
+        """The mass of a homogeneous shape, density kg/m^3, at a point, its centre, where pictures show it.
+
+        Raises:
+            SceneError: as ``RigidBody.from_shape``.
+        """
+        solid = RigidBody.from_shape(shape, density=density)
+        return cls(solid.mass, shape=shape.moved(-np.asarray(solid.com)))
 
     def frame(self, p: ArrayLike = (0.0, 0.0, 0.0), *, R: ArrayLike | None = None) -> Frame:
         """Return a marker at the point with axes ``R`` (3, 3), by default those of what carries it, else the ground's.
@@ -76,5 +95,5 @@ def is_point(body: object) -> bool:
 
 def refuse_turn(frame: Frame, what: str) -> None:
     """Raise SceneError where a frame is on a point mass; ``what`` asks for its orientation or would turn it."""
-    if is_point(frame.body):
+    if isinstance(frame, Frame) and is_point(frame.body):  # what is no frame others refuse
         raise SceneError(f"{what}: point mass {frame.body.name!r} has no orientation; use a RigidBody with an inertia")

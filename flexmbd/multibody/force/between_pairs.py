@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_list, numbers, refuse_other
+from flexmbd.given import checked, is_list, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 
 
+@checked("name")
 @dataclass(frozen=True, eq=False)
 class BetweenPairs(OffJoints):
     """A force along the line between the origins of any two of a group of frames, by a compiled law.

@@ -33,7 +33,7 @@ OF_FIELDS = (
     "joint.distance.Distance joint.fixed.Fixed joint.free.Free joint.planar.Planar joint.planar_point.PlanarPoint "
     "joint.point_on_line.PointOnLine "
     "joint.point_on_plane.PointOnPlane joint.prismatic.Prismatic joint.revolute.Revolute "
-    "joint.rolling_disc.RollingDisc joint.screw.Screw joint.spherical.Spherical joint.translation.Translation "
+    "joint.rolling_disc.RollingDisc joint.screw.Screw joint.spherical.Spherical joint.translation_joint.Translation "
     "joint.universal.Universal"
 ).split()
 #: As these, and one is not another that has the same values.

@@ -18,7 +18,7 @@ from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.joint.free import Free
 from flexmbd.multibody.joint.kinematic_pair import REVOLUTE, KinematicPair
 from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
-from flexmbd.multibody.joint.translation import Translation
+from flexmbd.multibody.joint.translation_joint import Translation
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.physics.modal_moments import modal_moments

@@ -250,3 +250,16 @@ def test_the_drawing_holds_a_point_at_its_own_place():
     scene.connect(fm.joint.Prismatic(), scene.ground, ball, at=(1.0, 2.0, 3.0), axis="x").velocity = 2.0
     run = scene.simulate(0.5)
     np.testing.assert_allclose(run.position(ball.frame())[-1], (2.0, 2.0, 3.0), atol=1e-9)
+
+
+def test_the_mass_of_a_solid_and_of_a_shape_stands_at_its_centre():
+    box = fm.Shape.box((0.2, 0.4, 0.6), at=(1.0, 0.0, 0.0))
+    assert fm.PointMass.from_solid(box.solid(density=10.0)).mass == pytest.approx(0.48)
+    for point in (
+        fm.PointMass.from_shape(box, density=10.0),
+        fm.PointMass.from_solid(fm.Solid.box((0.2, 0.4, 0.6), density=10.0)),
+    ):
+        assert point.mass == pytest.approx(0.48)
+        assert point.shape is not None
+        np.testing.assert_allclose(np.ptp(point.shape.points, axis=0), (0.2, 0.4, 0.6))
+        np.testing.assert_allclose(point.shape.points.max(axis=0), (0.1, 0.2, 0.3))
