@@ -66,7 +66,7 @@ def _collect_paths(plan, tw, f, g):
 
 
 @kernel
-def _clear_path(tw, count):
+def clear_path(tw, count):
     for i in range(count):
         tw.path_mark[tw.path[i]] = 0
 
@@ -143,14 +143,14 @@ def _add_changes(tw, count, moved, matrix):
     path, wrench = tw.path, tw.path_wrench
     for i in range(count):
         r = path[i]
-        motion = _motion_of_pair(tw.path_twist, r)
+        motion = motion_of_pair(tw.path_twist, r)
         for j in range(moved):
             k = path[j]
-            matrix[r, k] += _change(wrench, motion, k)
+            matrix[r, k] += change_by(wrench, motion, k)
 
 
 @kernel
-def _motion_of_pair(twist, r):
+def motion_of_pair(twist, r):
     """What unknown r turns and moves: G relative to F, then G."""
     angular, linear = (twist[6, r], twist[7, r], twist[8, r]), (twist[9, r], twist[10, r], twist[11, r])
     apart = (angular[0] - twist[0, r], angular[1] - twist[1, r], angular[2] - twist[2, r])
@@ -159,8 +159,8 @@ def _motion_of_pair(twist, r):
 
 
 @kernel
-def _change(wrench, motion, k):
-    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``_motion_of_pair``."""
+def change_by(wrench, motion, k):
+    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``motion_of_pair``."""
     apart, away, angular, linear = motion
     t = 0.0
     for c in range(3):
@@ -170,8 +170,11 @@ def _change(wrench, motion, k):
 
 
 @kernel
-def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, matrix):
-    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G."""
+def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, at_f, at_g):
+    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G.
+
+    ``at_f`` and ``at_g`` have the entries of their bodies' modes.
+    """
     for side in range(2):
         end = f if side == 0 else g
         if tw.edge_of[end] >= 0:
@@ -179,6 +182,7 @@ def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_
             for t in range(3):
                 tw.point[tl.C_FORCE + t] = sign * force[t]
                 tw.point[tl.C_TORQUE + t] = sign * torque[t]
+            matrix = at_f if side == 0 else at_g
             frame_columns(plan, work, tw, end, tw.point, x, v, a, per_x, per_v, per_a, matrix)
 
 
@@ -188,7 +192,7 @@ def _same_frames(row, other):
 
 
 @kernel
-def _last_of_group(plan, first):
+def last_of_group(plan, first):
     """One past the last row that joins the same frames as row ``first``."""
     last = first + 1
     while (
@@ -223,7 +227,10 @@ def _total_wrench(plan, first, last, multipliers, d, R):
 
 @kernel
 def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
-    """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
+    """Jacobians of row i, into column k, by an unknown; returns what that changes of the row's wrench.
+
+    The wrench is that of the multiplier.
+    """
     dd, dtheta, drate, dspin, unit, turn = change
     row = plan.rows[i]
     force, torque = row_wrench(plan.data, row, d, R)
@@ -236,15 +243,19 @@ def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
 
 
 @kernel
-def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix):
-    """Rows first .. last - 1, which join the same two frames."""
+def put_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, at_f, at_g, compact):
+    """Store what the unknowns change of the wrench of rows first .. last - 1, which join the same two frames.
+
+    Also write these rows of ``tw.jacobian`` and ``tw.rate_jacobian``: column by column of the path where they are
+    ``compact``.  ``at_f``, ``at_g`` and what is returned: as of ``put_element``.
+    """
     f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
     c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
     force, torque = _total_wrench(plan, first, last, multipliers, d, R)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
     count = _collect_paths(plan, tw, f, g)
     moved = 0
     for j in range(count):
@@ -257,13 +268,12 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
         unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
         change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
         for i in range(first, last):
-            one, turn = _row_column(plan, tw, i, k, d, R, rate, spin, change, multipliers[i])
+            one, turn = _row_column(plan, tw, i, j if compact else k, d, R, rate, spin, change, multipliers[i])
             dforce = add3(dforce, one)
             dtorque = add3(dtorque, turn)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
-    _add_changes(tw, count, moved, matrix)
-    _clear_path(tw, count)
+    return count, moved
 
 
 @deferred_kernel()
@@ -277,16 +287,21 @@ def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matr
             _coupling_row(plan, tw, first, per_v)
             first += 1
             continue
-        last = _last_of_group(plan, first)
-        _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+        last = last_of_group(plan, first)
+        count, moved = put_group(
+            plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix, matrix, False
+        )
+        _add_changes(tw, count, moved, matrix)
+        clear_path(tw, count)
         first = last
 
 
 @kernel
-def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
+def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """Store what the unknowns change of a force between frames, which is applied, so subtracted.
 
-    Returns how many unknowns move one of the frames and how many of these, the first of the path, move them apart.
+    ``at_f`` and ``at_g`` have the entries of the modes that move the frames, and of states.  Returns how many unknowns
+    move one of the frames and how many of these, the first of the path, move them apart.
     """
     f, g = row[at.EL_F], row[at.EL_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
@@ -295,7 +310,7 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
     count = _collect_paths(plan, tw, f, g)
     moved = 0
     for j in range(count):
@@ -307,12 +322,12 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
         step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
         if row[at.EL_V] >= 0:
-            add_rates(plan, work, row, k, 1.0, matrix)
+            add_rates(plan, work, row, k, 1.0, at_g)
         dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
     if row[at.EL_V] >= 0:
-        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, matrix)
+        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, at_g)
     return count, moved
 
 
@@ -352,7 +367,7 @@ def _put_frame_load(plan, work, tw, row, count):
     load = tw.frame_loads[row[at.EL_X]]
     load[:] = 0.0
     for j in range(count):
-        apart, away, _, _ = _motion_of_pair(tw.path_twist, tw.path[j])
+        apart, away, _, _ = motion_of_pair(tw.path_twist, tw.path[j])
         load[tw.path[j]] = dot3(away, pull) + dot3(apart, moment)
 
 
@@ -362,11 +377,11 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]):
-            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
+            count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
             _add_changes(tw, count, moved, matrix)
             if row[at.EL_X] >= 0:
                 _put_frame_load(plan, work, tw, row, count)
-            _clear_path(tw, count)
+            clear_path(tw, count)
 
 
 @kernel
@@ -385,12 +400,12 @@ def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]) and not (placed and is_from_ground(plan, row)):
-            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own)
+            count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own, recursion.own)
             for j in range(moved):
                 k = tw.path[j]
                 for q in range(moved):
-                    motion = _motion_of_pair(tw.path_twist, tw.path[q])
-                    recursion.own[tw.path[q], recursion.place[k]] += _change(tw.path_wrench, motion, k)
+                    motion = motion_of_pair(tw.path_twist, tw.path[q])
+                    recursion.own[tw.path[q], recursion.place[k]] += change_by(tw.path_wrench, motion, k)
                 for c in range(6):
                     recursion.push[k, c] -= tw.path_wrench[6 + c, k]
-            _clear_path(tw, count)
+            clear_path(tw, count)

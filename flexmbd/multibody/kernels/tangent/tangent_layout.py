@@ -87,23 +87,22 @@ class TangentWork(ArrayStruct):
     blocks: DiagonalBlocks
 
 
-def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
+def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, free_alone: bool = False) -> TangentWork:
     """Allocate the tangent's scratch space for ``plan`` with nv velocities.
 
     ``sizes``: (2, nv) of positions and of velocities, kept and not copied, for they may change from step to step;
-    those of velocities may be zero where there is no derivative by them.
+    those of velocities may be zero where there is no derivative by them.  ``free_alone``: no force or row takes
+    prescribed velocities for unknowns.
     """
-    edge_of = np.full(len(plan.frames), -1, np.int64)
-    edges = 0
-    for f, (body, modes, _) in enumerate(plan.frame_of):
-        if modes >= 0:
-            edge_of[f] = edges
-            edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
+    edge_of, edges = edge_columns(plan)
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
     polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
     loaded = _frame_load_times(plan)
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     zeros = np.zeros
+    marks = zeros(nv, np.int64)
+    if free_alone:
+        marks[plan.driven[:, at.DRIVEN_V]] = 1  # as if they were on the path already
     return TangentWork(
         origin=zeros(6),
         body=zeros((len(plan.tree), N_COMPOSITE)),
@@ -118,7 +117,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         second=zeros((polynomial, polynomial)),
         point=zeros(N_COMPOSITE),
         path=zeros(nv, np.int64),
-        path_mark=zeros(nv, np.int64),
+        path_mark=marks,
         path_twist=zeros((18, nv)),
         path_wrench=zeros((12, nv)),
         jacobian=zeros((len(plan.rows), nv)),
@@ -133,6 +132,16 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         frame_load_times=loaded,
         blocks=diagonal_blocks(plan),
     )
+
+
+def edge_columns(plan: Plan) -> tuple[IntArray, int]:
+    """(frames,) the first edge column of a deforming frame, -1 of the others; and how many columns there are."""
+    edge_of = np.full(len(plan.frames), -1, np.int64)
+    edges = 0
+    for f in np.flatnonzero(plan.frame_of[:, at.FRAME_MODES] >= 0):
+        edge_of[f] = edges
+        edges += int(plan.flex[plan.tree[plan.frame_of[f, at.FRAME_BODY], at.FLEX], at.N_MODES])
+    return edge_of, edges
 
 
 def _frame_load_times(plan: Plan) -> IntArray:
