@@ -43,7 +43,7 @@ def sparse(plan, state):
     pairs = blocks.pairs()
     sizes = blocks.size[pairs[:, 0]] * blocks.size[pairs[:, 1]]
     places = np.cumsum(sizes) - sizes
-    to = new_sparse_places(plan, blocks, pairs, places)
+    to = new_sparse_places(plan, blocks, pairs, places, blocks.size[pairs[:, 1]])
     work, tw = new_work(plan), new_tangent_work(plan, len(v), sizes=np.ones((2, len(v))), free_alone=True)
     values = np.full(int(sizes.sum()), np.nan)
     for _ in range(2):  # nothing is left over

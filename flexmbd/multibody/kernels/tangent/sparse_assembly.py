@@ -42,14 +42,14 @@ def _modes_of_frame(plan, f):
 @deferred_kernel()
 def _sparse_modes(plan, work, tw, to, i, x, v, a, per_x, per_v, per_a, values):
     block = to.block[plan.tree[i, at.MODAL_V]]
-    own = block_view(values, to.diagonal[block], to.width[block], v.shape[0])
+    own = block_view(values, to.diagonal[block, 0], to.diagonal[block, 1], v.shape[0])
     add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, own)
 
 
 @deferred_kernel()
 def _sparse_frame(plan, work, tw, to, f, row, x, v, a, per_x, per_v, per_a, values):
     block = to.block[_modes_of_frame(plan, f)]
-    own = block_view(values, to.diagonal[block], to.width[block], v.shape[0])
+    own = block_view(values, to.diagonal[block, 0], to.diagonal[block, 1], v.shape[0])
     frame_columns(plan, work, tw, f, row, x, v, a, per_x, per_v, per_a, own)
 
 
@@ -67,7 +67,7 @@ def _put_columns(plan, work, tw, to, x, v, a, per_x, per_v, per_a, values):
         joint_columns(plan, work, tw, i, per_x, per_v, per_a)
         if tree[at.JOINT_SIZE] > 0 and to.block[tree[at.JOINT_V]] >= 0:
             block = to.block[tree[at.JOINT_V]]
-            joint_block(plan, tw, tree, block_view(values, to.diagonal[block], to.width[block], v.shape[0]))
+            joint_block(plan, tw, tree, block_view(values, to.diagonal[block, 0], to.diagonal[block, 1], v.shape[0]))
         f = tree[at.FRAME_PARENT]
         if plan.frame_of[f, at.FRAME_MODES] >= 0:
             _sparse_frame(plan, work, tw, to, f, tw.body[i], x, v, a, per_x, per_v, per_a, values)
@@ -81,8 +81,8 @@ def _couple_bodies(tw, to, values):
     for p in range(to.pairs.shape[0]):
         pair = to.pairs[p]
         start, stop, first, count = pair[sp.P_START], pair[sp.P_STOP], pair[sp.P_FIRST], pair[sp.P_COUNT]
-        outer = block_view(values, pair[sp.P_OUTER], to.width[to.block[first]], n)
-        inner = block_view(values, pair[sp.P_INNER], to.width[to.block[start]], n)
+        outer = block_view(values, pair[sp.P_OUTER], pair[sp.P_OUTER_STRIDE], n)
+        inner = block_view(values, pair[sp.P_INNER], pair[sp.P_INNER_STRIDE], n)
         if pair[sp.P_EDGE] >= 0:
             mode_block(tw, pair[sp.P_EDGE], count, first, start, stop, outer, inner)
         else:
@@ -90,20 +90,20 @@ def _couple_bodies(tw, to, values):
 
 
 @kernel
-def _own_block(plan, to, f, n, values):
-    """The entries of the block of the modes that move frame f; any where there are none."""
+def _own_block(plan, to, f):
+    """Base and stride of the block of the modes that move frame f; any where there are none."""
     modes = _modes_of_frame(plan, f)
     block = to.block[modes] if modes >= 0 else 0
-    return to.diagonal[block], to.width[block]
+    return to.diagonal[block, 0], to.diagonal[block, 1]
 
 
 @kernel
 def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     """Add stiffness and damping of a force between frames."""
     row, n = plan.elements[e], v.shape[0]
-    base_f, width_f = _own_block(plan, to, row[at.EL_F], n, values)
-    base_g, width_g = _own_block(plan, to, row[at.EL_G], n, values)
-    at_f, at_g = block_view(values, base_f, width_f, n), block_view(values, base_g, width_g, n)
+    base_f, stride_f = _own_block(plan, to, row[at.EL_F])
+    base_g, stride_g = _own_block(plan, to, row[at.EL_G])
+    at_f, at_g = block_view(values, base_f, stride_f, n), block_view(values, base_g, stride_g, n)
     count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
     begin, blocks = to.element_first[e], to.element_first[e + 1] - to.element_first[e]
     for j in range(blocks):
@@ -115,8 +115,8 @@ def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
         line = bases + blocks * to.local[to.block[r]]
         for j in range(moved):
             k = path[j]
-            block = to.block[k]
-            values[to.bases[line + to.local[block]] + to.width[block] * r + k] += change_by(tw.path_wrench, motion, k)
+            place = line + to.local[to.block[k]]
+            values[to.bases[place, 0] + to.bases[place, 1] * r + k] += change_by(tw.path_wrench, motion, k)
     clear_path(tw, count)
 
 
@@ -130,12 +130,12 @@ def _add_sparse_elements(plan, work, tw, to, x, v, a, per_x, per_v, per_a, value
             _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values)
         elif to.block[k] >= 0:
             block = to.block[k]
-            base, width = to.diagonal[block], to.width[block]
+            base, stride = to.diagonal[block, 0], to.diagonal[block, 1]
             if is_coordinate_law(kind):
                 _, slope_x, slope_v = coordinate_law(plan, row, x[row[at.EL_X]], v[k])
-                values[base + width * k + k] -= per_x * slope_x + per_v * slope_v
+                values[base + stride * k + k] -= per_x * slope_x + per_v * slope_v
             else:
-                own = block_view(values, base, width, v.shape[0])
+                own = block_view(values, base, stride, v.shape[0])
                 subtract_force_tangent(plan, work, tw, row, x, v, per_x, per_v, own)
 
 
@@ -152,7 +152,7 @@ def assemble_sparse(plan, work, tw, to, x, v, a, per_x, per_v, per_a, values):
         k = int(plan.shafts[i, at.SHAFT_V])
         block = to.block[k]
         if block >= 0:
-            values[to.diagonal[block] + to.width[block] * k + k] += per_a * plan.shafts[i, at.SHAFT_INERTIA]
+            values[to.diagonal[block, 0] + to.diagonal[block, 1] * k + k] += per_a * plan.shafts[i, at.SHAFT_INERTIA]
     if plan.elements.shape[0] > 0:
         _add_sparse_elements(plan, work, tw, to, x, v, a, per_x, per_v, per_a, values)
     _couple_bodies(tw, to, values)
