@@ -13,12 +13,14 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
-from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
+from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, put_rows
 from flexmbd.multibody.kernels.tangent.sparse_places import new_sparse_places
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
 from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
 
 WEIGHTS = (0.7, 0.4, 1.3)
+SLOPES = (0.3, 0.6, -0.2)
+NONE = np.zeros(0)
 
 
 def state_of(compiled, seed, spread=0.3):
@@ -28,52 +30,72 @@ def state_of(compiled, seed, spread=0.3):
     return x, *rng.standard_normal((2, compiled.nv))
 
 
-def dense(plan, state):
+def dense(plan, state, multipliers=NONE):
+    """The same of free velocities and multipliers by the dense tangent."""
     x, v, a = state
     matrix = np.zeros((len(v), len(v)))
-    scratch = new_work(plan), new_tangent_work(plan, len(v), sizes=np.ones((2, len(v))))
-    tangent(plan, *scratch, x, v, a, np.zeros(0), *WEIGHTS, matrix)
-    return matrix[np.ix_(plan.free, plan.free)]
+    work, tw = new_work(plan), new_tangent_work(plan, len(v), sizes=np.ones((2, len(v))))
+    tangent(plan, work, tw, x, v, a, multipliers, *WEIGHTS, matrix)
+    across = tw.jacobian[:, plan.free]
+    held = SLOPES[0] * across + SLOPES[1] * tw.rate_jacobian[:, plan.free]
+    return np.block([[matrix[np.ix_(plan.free, plan.free)], across.T], [held, SLOPES[2] * np.eye(len(plan.rows))]])
 
 
-def sparse(plan, state):
-    """The same from its blocks, and how many numbers these are."""
+def sparse(plan, state, cut=None, multipliers=NONE):
+    """The matrix of all unknowns but prescribed velocities, and how many numbers its blocks have."""
     x, v, a = state
-    blocks = unknown_blocks(plan)
+    blocks = unknown_blocks(plan, cut)
     pairs = blocks.pairs()
     sizes = blocks.size[pairs[:, 0]] * blocks.size[pairs[:, 1]]
     places = np.cumsum(sizes) - sizes
     to = new_sparse_places(plan, blocks, pairs, places, blocks.size[pairs[:, 1]])
-    work, tw = new_work(plan), new_tangent_work(plan, len(v), sizes=np.ones((2, len(v))), free_alone=True)
+    work, tw = new_work(plan), new_tangent_work(plan, len(v), sizes=np.ones((2, len(v))), blocks=blocks)
     values = np.full(int(sizes.sum()), np.nan)
     for _ in range(2):  # nothing is left over
-        residual(plan, work, x, v, a, np.zeros(0), np.zeros(len(v)))
-        assemble_sparse(plan, work, tw, to, x, v, a, *WEIGHTS, values)
-    matrix = np.zeros((len(v), len(v)))
+        residual(plan, work, x, v, a, multipliers, np.zeros(len(v)))
+        assemble_sparse(plan, work, tw, to, x, v, a, multipliers, *WEIGHTS, values)
+        put_rows(plan, tw, to, np.tile(SLOPES, (len(plan.rows), 1)), values)
+    matrix = np.zeros((blocks.unknowns, blocks.unknowns))
     for (i, j), place, size in zip(pairs, places, sizes, strict=True):
         rows, columns = (slice(blocks.first[k], blocks.first[k] + blocks.size[k]) for k in (i, j))
         matrix[rows, columns] = values[place : place + size].reshape(blocks.size[i], blocks.size[j])
-    return matrix[np.ix_(plan.free, plan.free)], len(values)
+    kept = np.flatnonzero(blocks.of >= 0)
+    return matrix[np.ix_(kept, kept)], len(values)
 
 
-def compare(compiled, seed):
-    plan = compiled.plan.replace(rows=compiled.plan.rows[:0])
+def without_cuts(matrix, count):
+    """Eliminate all but the first unknowns, which are those of cut bodies."""
+    cut = matrix[count:, count:]
+    return matrix[:count, :count] - matrix[:count, count:] @ np.linalg.solve(cut, matrix[count:, :count])
+
+
+def compare(compiled, seed, cut=None):
+    plan = compiled.plan
     state = state_of(compiled, seed)
-    expected = dense(plan, state)
-    found, count = sparse(plan, state)
-    np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max())
+    multipliers = np.random.default_rng(seed + 1).standard_normal(len(plan.rows))
+    expected = dense(plan, state, multipliers)
+    found, count = sparse(plan, state, cut, multipliers)
+    found = without_cuts(found, len(expected))
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
     return count
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees(seed):
-    """Driven hinges, reduced bodies with children on frames that deform, laws on coordinates."""
-    compare(random_tree(seed)[0].compile().scene, seed)
+    """Driven hinges, reduced bodies with children on frames that deform, laws on coordinates; any bodies cut or none."""
+    compiled = random_tree(seed)[0].compile().scene
+    compare(compiled, seed)
+    compare(compiled, seed, np.ones(len(compiled.plan.tree), bool))
+    compare(compiled, seed, np.random.default_rng(seed).random(len(compiled.plan.tree)) < 0.4)
 
 
 @pytest.mark.parametrize("kind", [{}, {"rotors": True}, {"nonlinear": True}])
 def test_every_joint_and_body(kind):
-    compare(mixed_scene(**kind)[0].compile().scene, 3)
+    compiled = mixed_scene(**kind)[0].compile().scene
+    assert len(compiled.plan.rows) > 0
+    compare(compiled, 3)
+    compare(compiled, 3, np.ones(len(compiled.plan.tree), bool))
+    compare(compiled, 3, np.random.default_rng(3).random(len(compiled.plan.tree)) < 0.4)
 
 
 def limbs():
@@ -125,7 +147,9 @@ def lattice(rows, columns):
 
 
 def test_springs_between_branches():
-    compare(limbs().compile().scene, 5)
+    compiled = limbs().compile().scene
+    compare(compiled, 5)
+    compare(compiled, 5, np.ones(len(compiled.plan.tree), bool))
 
 
 def test_a_lattice_has_as_many_entries_as_neighbours():

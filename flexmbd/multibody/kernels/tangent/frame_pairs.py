@@ -20,18 +20,38 @@ from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wr
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_rows
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
-from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION
+from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, RATE, SHIFT, TURN
 
 
 @kernel
-def _add_unknown(tw, count, k, twist, motion, column, o, sign):
-    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+def _enter(tw, count, k):
+    """Put unknown k on the path, without a twist, where it is not there yet; return the path's length."""
     if tw.path_mark[k] == 0:
         tw.path_mark[k] = 1
         tw.path[count] = k
         count += 1
         for t in range(18):
             tw.path_twist[t, k] = 0.0
+    return count
+
+
+@kernel
+def _add_cut(tw, count, first, o, sign):
+    """Add the entries of a cut body's motion, from unknown ``first``, that say where it is and how fast."""
+    for t in range(3):
+        for entry in (t, RATE + t, SHIFT + t, TURN + t):
+            count = _enter(tw, count, first + entry)
+        tw.path_twist[o + t, first + TURN + t] = 1.0
+        tw.path_twist[o + 3 + t, first + SHIFT + t] = 1.0
+        tw.path_twist[12 + t, first + t] += sign
+        tw.path_twist[15 + t, first + RATE + t] += sign
+    return count
+
+
+@kernel
+def _add_unknown(tw, count, k, twist, motion, column, o, sign):
+    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+    count = _enter(tw, count, k)
     for t in range(6):
         tw.path_twist[o + t, k] = twist[t, column]
     for t in range(3):
@@ -51,6 +71,8 @@ def _collect_path(plan, tw, f, o, sign, count):
             for k in range(plan.flex[tree[at.FLEX], at.N_MODES]):
                 q = tree[at.MODAL_V] + k
                 count = _add_unknown(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
+        if tw.cut_of[b] >= 0:
+            return _add_cut(tw, count, tw.cut_of[b], o, sign)
         for k in range(tree[at.JOINT_SIZE]):
             j = tree[at.JOINT_V] + k
             count = _add_unknown(tw, count, j, tw.twist, tw.motion, j, o, sign)
@@ -98,6 +120,8 @@ def _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     turn = (m[12, k], m[13, k], m[14, k])
     rate = (m[15, k], m[16, k], m[17, k])
     any_of = abs(phi[0]) + abs(phi[1]) + abs(phi[2]) + abs(r[0]) + abs(r[1]) + abs(r[2])
+    if k >= tw.twist.shape[1]:  # an entry of a cut body's motion, of which some are rates alone
+        any_of += abs(turn[0]) + abs(turn[1]) + abs(turn[2]) + abs(rate[0]) + abs(rate[1]) + abs(rate[2])
     moved = scale3(per_x, phi), scale3(per_x, r)
     dd, dtheta, drate, dspin = relative_variation(moved[0], moved[1], turn, rate, c_G, v_G, w_F, w_G, R_F)
     return any_of > 0.0, dd, dtheta, drate, dspin, phi, r
@@ -243,6 +267,17 @@ def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
 
 
 @kernel
+def _begin_rows(tw, first, last, count):
+    """Note which unknowns the columns of these rows belong to, and clear them."""
+    tw.row_count[first] = count
+    for j in range(count):
+        tw.row_unknown[first, j] = tw.path[j]
+        for i in range(first, last):
+            tw.jacobian[i, j] = 0.0
+            tw.rate_jacobian[i, j] = 0.0
+
+
+@kernel
 def put_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, at_f, at_g, compact):
     """Store what the unknowns change of the wrench of rows first .. last - 1, which join the same two frames.
 
@@ -257,6 +292,8 @@ def put_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, p
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
     _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
     count = _collect_paths(plan, tw, f, g)
+    if compact:
+        _begin_rows(tw, first, last, count)
     moved = 0
     for j in range(count):
         k = tw.path[j]
@@ -319,7 +356,8 @@ def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
         if not moves:
             continue
         moved = _put_first(tw, moved, j)
-        step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
+        sized = k if k < tw.twist.shape[1] else 0  # laws that need a difference meet no cut bodies
+        step = difference_step(per_x, per_v, tw.size_x[sized], tw.size_v[sized])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
         if row[at.EL_V] >= 0:
             add_rates(plan, work, row, k, 1.0, at_g)
