@@ -105,6 +105,19 @@ def clear(matrix):
 
 
 @entry_kernel
+def add_product(pattern, matrix, vector, weight, out):
+    """Add ``weight`` times the matrix, not yet factored, times ``vector`` (n,) to ``out`` (n,)."""
+    for i in range(pattern.entry_at.shape[0] - 1):
+        for q in range(pattern.entry_at[i], pattern.entry_at[i + 1]):
+            j = pattern.column[q]
+            begin, end = pattern.first[j], pattern.first[j + 1]
+            for r in range(pattern.first[i + 1] - pattern.first[i]):
+                at = pattern.offset[q] + r * pattern.stride[q]
+                row = matrix.values[at : at + end - begin]
+                out[pattern.first[i] + r] += weight * _product(row, vector[begin:end])
+
+
+@entry_kernel
 def factor_sparse(pattern, matrix):
     """Factor in place; False if a pivot is worthless, that of the unknown in ``matrix.worthless``."""
     matrix.worthless[0] = -1
