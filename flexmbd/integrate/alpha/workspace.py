@@ -182,9 +182,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
     side_by_side = diagonal_blocks(plan)
     bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
     recursion = new_tree_recursion(plan, np.diff(free))
-    turning = m > 0 and (plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any()
-    dense_alone = interiors or turning or len(recursion.number)
-    found = None if dense_alone else sparse_blocks(plan, np.diff(bounds))
+    found = None if interiors or len(recursion.number) or not _serves(plan) else sparse_blocks(plan, np.diff(bounds))
     tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
     sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
     full = zeros((0, 0) if found else (nv, nv))
@@ -249,6 +247,16 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),
     )
+
+
+def _serves(plan: Plan) -> bool:
+    """Whether ``sparse_loops`` serves the rows of a plan.
+
+    Not where an augmented Lagrangian enforces some, nor where loops hold balls, whose turns within a step count.
+    """
+    augmented = (plan.rows[:, at.ROW_ENFORCEMENT] > 0).any()
+    balls = len(plan.rows) > 0 and (plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any()
+    return not (augmented or balls)
 
 
 def _ancestor_table(plan: Plan, blocks: DiagonalBlocks, *, serves: bool) -> NDArray[np.int64]:

@@ -261,6 +261,7 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
                 open_at = -1 if i in number else begin + n
         if not (massless[i] and carries[i] == 1 and i + 1 < len(trees) and trees[i + 1][at.PARENT] == i):
             open_at = -1
+    of, first = _sorted(of, first)  # of joints that are turned round, links stand the other way
     groups = _row_groups(plan)
     for begin, end in groups:
         of[nv + begin : nv + end] = len(first)
@@ -271,6 +272,14 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
         first.append(begin)
     size = np.bincount(of + 1, minlength=len(first) + 1)[1:]
     return UnknownBlocks(plan, np.array(first, np.int64), size, of, cuts, joints, modes, inward, outward, groups)
+
+
+def _sorted(of: IntArray, first: list[int]) -> tuple[IntArray, list[int]]:
+    """Blocks in the order of their velocities."""
+    order = np.argsort(first)
+    place = np.full(len(first) + 1, -1, np.int64)
+    place[order] = np.arange(len(first))
+    return place[of], sorted(first)
 
 
 def _inward(plan: Plan, tree: list[int], modes: list[Group | None], outward: list[Way]) -> Way:
