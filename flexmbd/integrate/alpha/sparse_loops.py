@@ -103,25 +103,19 @@ def linearise_loops(plan, work, state, scratch, per_x, per_v):
 
 @kernel
 def _watch_rows(plan, state, scratch):
-    """Write the smallest pivot of the rows, over the terms that it is the sum of, into ``s.least_pivot``.
-
-    These are what a reaction moves its own row by, and what rows eliminated before it take away of that.
-    """
-    pattern, matrix = scratch.sparse.pattern, scratch.sparse.matrix
-    values = matrix.values
+    """Write the smallest pivot of the rows, over the largest that it had, into ``s.least_pivot``."""
+    pattern, values, longest = scratch.sparse.pattern, scratch.sparse.matrix.values, scratch.memory.row_length
     nu, m = plan.free.shape[0], plan.rows.shape[0]
     least = 1.0
     for front in range(pattern.stack_at.shape[0]):
         first, p = pattern.pivots[front], pattern.pivots[front + 1] - pattern.pivots[front]
         width = p + pattern.at[front + 1] - pattern.at[front]
-        begin = pattern.values_at[front]
         for k in range(p):
-            if 0 <= pattern.unknown[first + k] - nu < m:
-                terms = matrix.size[first + k]
-                for i in range(k):
-                    terms += abs(values[begin + k * width + i] * values[begin + i * width + k])
-                pivot = abs(values[begin + k * width + k])
-                least = min(least, pivot / max(pivot, terms))
+            i = pattern.unknown[first + k] - nu
+            if 0 <= i < m:
+                pivot = abs(values[pattern.values_at[front] + k * width + k])
+                longest[i] = max(longest[i], np.sqrt(pivot))
+                least = min(least, pivot / longest[i] ** 2)
     st.watch_pivot(state, least)
     scratch.least_pivot[0] = least
 

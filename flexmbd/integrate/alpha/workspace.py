@@ -173,16 +173,22 @@ class AlphaWorkspace(ArrayStruct):
     memory: AlphaMemory
 
 
-def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> AlphaWorkspace:
-    """Allocate the work arrays of a step for ``plan``; ``interiors`` couple all branches of the tree."""
+def new_workspace(
+    plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False, dense: bool = False
+) -> AlphaWorkspace:
+    """Allocate the work arrays of a step for ``plan``.
+
+    ``interiors`` couple all branches of the tree.  ``dense``: by LAPACK alone, whatever is cheaper.
+    """
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
     side_by_side = diagonal_blocks(plan)
     bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
-    recursion = new_tree_recursion(plan, np.diff(free))
-    found = None if interiors or len(recursion.number) or not _serves(plan) else sparse_blocks(plan, np.diff(bounds))
+    recursion = new_tree_recursion(plan, np.diff(free) if not dense else np.zeros(0, np.int64))
+    whole = dense or interiors or len(recursion.number) > 0 or not _serves(plan)
+    found = None if whole else sparse_blocks(plan, np.diff(bounds))
     tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
     sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
     full = zeros((0, 0) if found else (nv, nv))

@@ -13,7 +13,13 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.elements.table import act_between_frames, call_users, couple_all
-from flexmbd.multibody.kernels.sparse.block_lu import BlockMatrix, new_block_matrix
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.sparse.block_lu import (
+    BlockMatrix,
+    ComplexBlockMatrix,
+    new_block_matrix,
+    new_complex_block_matrix,
+)
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern, new_block_pattern
 from flexmbd.multibody.kernels.tangent.sparse_places import SparsePlaces, new_sparse_places, no_sparse_places
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, unknown_blocks
@@ -58,6 +64,29 @@ class LoopMatrices(ArrayStruct):
     row: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class ShiftedMatrix(ArrayStruct):
+    """For matrices M + s D + s^2 K of any s: their parts, not factored, and the factors for a complex s."""
+
+    stiffness: BlockMatrix
+    damping: BlockMatrix
+    mass: BlockMatrix
+    factors: ComplexBlockMatrix
+
+
+def new_shifted_matrix(pattern: BlockPattern) -> ShiftedMatrix:
+    """Allocate for a pattern, which must be that of a tree that is not cut: what is cut has ones whatever the weights."""
+    return ShiftedMatrix(*(new_block_matrix(pattern) for _ in range(3)), new_complex_block_matrix(pattern))
+
+
+@entry_kernel
+def set_shift(parts, shift, matrix):
+    """Set M + ``shift`` D + ``shift``^2 K up in a real or complex ``matrix``."""
+    stiffness, damping, mass = parts.stiffness.values, parts.damping.values, parts.mass.values
+    for k in range(mass.shape[0]):
+        matrix.values[k] = mass[k] + shift * (damping[k] + shift * stiffness[k])
+
+
 def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | None) -> LoopMatrices:
     """Allocate those of a plan whose matrix is sparse, and has rows."""
     if found is None or len(plan.rows) == 0:
@@ -85,12 +114,17 @@ def no_sparse_matrix() -> SparseMatrix:
     return SparseMatrix(pattern, new_block_matrix(pattern), no_sparse_places(), np.zeros((1, 0)))
 
 
-def sparse_blocks(plan: Plan, sizes: IntArray) -> tuple[UnknownBlocks, BlockPattern] | None:
-    """The blocks and the pattern of a machine whose matrix is cheaper so than by dense blocks of these sizes; else None."""
+def sparse_blocks(
+    plan: Plan, sizes: IntArray, *, cuts: bool = True
+) -> tuple[UnknownBlocks, BlockPattern] | None:
+    """The blocks and the pattern of a machine whose matrix is cheaper so than by dense blocks of these sizes; else None.
+
+    ``cuts``: whether its tree may be cut.
+    """
     dense = 2.0 / 3.0 * float((sizes.astype(float) ** 3).sum()) + float(len(plan.free)) ** 2
     if _ENTRY * (len(plan.free) + len(plan.rows)) >= dense or couple_all(plan).any():
         return None
-    ways = _ways(plan)
+    ways = _ways(plan) if cuts else [None]
     counts = [_entries(plan, way) for way in ways]
     if _ENTRY * min(counts) / _MET_TWICE >= dense:
         return None
