@@ -21,7 +21,6 @@ from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks,
 # In operations of LAPACK's LU: what an entry of a sparse matrix costs, which is found, cleared, assembled and used by
 # each solution, and an operation of its factorisation, which of loops there are two.
 _ENTRY, _OPERATION = 400.0, 2.0
-_MET_TWICE = 3.0  # how often at most forces meet the same entry, in a lattice of springs to eight neighbours
 _SECTIONS = (8, 20, 50)  # unknowns between cuts that are tried
 
 
@@ -57,12 +56,12 @@ def sparse_blocks(
         return None
     ways = _ways(plan) if cuts else [None]
     counts = [_entries(plan, way) for way in ways]
-    if _ENTRY * min(counts) / _MET_TWICE >= dense:
+    if _ENTRY * min(counts) >= dense:
         return None
     found = []
-    for k in np.argsort(counts, kind="stable")[:3]:
+    for k in np.argsort(counts, kind="stable")[:2]:
         blocks = unknown_blocks(plan, ways[k])
-        pattern = _pattern(blocks)
+        pattern = new_pattern(blocks)
         found.append((_OPERATION * pattern.operations + _ENTRY * pattern.fill, blocks, pattern))
     cost, blocks, pattern = min(found, key=lambda one: one[0])
     return (blocks, pattern) if cost < dense else None
@@ -90,7 +89,7 @@ def _ways(plan: Plan) -> list[NDArray[np.bool_] | None]:
     return found
 
 
-def _pattern(blocks: UnknownBlocks) -> BlockPattern:
+def new_pattern(blocks: UnknownBlocks) -> BlockPattern:
     """The pattern by minimum degree, but that blocks come after those that they wait for."""
     pairs, waits = blocks.pairs(), blocks.waits()
     pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
@@ -145,19 +144,28 @@ def _cut(plan: Plan, size: int) -> NDArray[np.bool_]:
 
 
 def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
-    """How many entries the matrix has at most, before it is factored."""
+    """How many entries the matrix has, about: full blocks of sections, each what one cut body or the ground carries.
+
+    And of sections that a cut body, a force or a row joins.
+    """
     own = _own_unknowns(plan)
-    path = np.zeros(len(own) + 1)  # unknowns that move each body; the last: of the ground
-    total = 0.0
-    for i, parent in enumerate(plan.tree[:, at.PARENT]):
-        total += own[i] * (2.0 * path[parent] + own[i])
-        path[i] = path[parent] + own[i]
+    section = np.empty(len(own), np.int64)
+    size = own.astype(float)
+    joined: set[tuple[int, int]] = set()
+    for i, parent in enumerate(plan.tree[:, at.PARENT].tolist()):
+        inner = section[parent] if parent >= 0 else i
+        section[i] = inner
+        if inner != i:
+            size[inner] += size[i]
+            size[i] = 0.0
         if cut is not None and cut[i]:
-            total += 2.0 * CUT * path[i] + CUT**2
-            path[i] = CUT
+            section[i] = i
+            size[i] = CUT
+            joined.add((int(inner), i))
     between = plan.elements[act_between_frames(plan)]
     for rows, f, g in ((between, at.EL_F, at.EL_G), (plan.rows, at.ROW_F, at.ROW_G)):
-        if len(rows):
-            ends = plan.frame_of[rows[:, [f, g]], at.FRAME_BODY]
-            total += float((path[ends].sum(axis=1) ** 2).sum())
-    return total
+        ends = plan.frame_of[rows[:, [f, g]], at.FRAME_BODY]
+        ends = section[ends[(ends >= 0).all(axis=1)]]
+        joined.update(map(tuple, np.unique(ends, axis=0).tolist()))
+    pairs = np.array([pair for pair in joined if pair[0] != pair[1]], np.int64).reshape(-1, 2)
+    return float((size**2).sum() + 2.0 * (size[pairs[:, 0]] * size[pairs[:, 1]]).sum())
