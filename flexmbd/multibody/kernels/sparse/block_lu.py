@@ -184,7 +184,7 @@ def _take(pattern, matrix, child, begin, to, p, u):
 
 @kernel
 def _eliminate(matrix, first, begin, p, w, reach):
-    """LU of the first p columns of p rows at ``begin``, the rows up to column ``reach``; which pivot is worthless, or -1."""
+    """LU of p rows at ``begin`` by their first p columns, up to column ``reach``; which pivot is worthless, or -1."""
     values, columns = matrix.values, matrix.columns
     for j in range(p):
         columns[0, j] = 0.0
