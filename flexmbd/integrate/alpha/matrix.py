@@ -17,13 +17,15 @@ from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
+from flexmbd.multibody.kernels.sparse.block_lu import factor_sparse, solve_sparse
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns, turn_row_columns
 from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
 
-# In place of LAPACK's first pivot: the factors are those of the tree, of its lines of ancestors or of the recursion.
-_OF_TREE, _OF_RECURSION = -1, -2
+# In place of LAPACK's first pivot: the factors are those of the tree, of its lines of ancestors, of the recursion or of a
+# sparse matrix.
+_OF_TREE, _OF_RECURSION, _OF_SPARSE = -1, -2, -3
 
 
 @kernel
@@ -251,6 +253,47 @@ def _solve_recursion(plan, scratch, rhs):
     solve_recursion(plan, scratch.recursion, rhs)
 
 
+@deferred_kernel(FLAG)
+def _linearise_sparse(plan, work, scratch, per_x, per_v):
+    """Build and factor the sparse matrix; False if a pivot is worthless."""
+    sparse = scratch.sparse
+    x, v, a, multipliers = scratch.x, scratch.v, scratch.a, scratch.multipliers
+    call_separate(
+        scratch.kernels[2],
+        (
+            plan,
+            work,
+            scratch.tangent,
+            sparse.to,
+            x,
+            v,
+            a,
+            multipliers,
+            per_x,
+            per_v,
+            1.0,
+            sparse.matrix.values,
+        ),
+    )
+    scratch.pivot[0] = _OF_SPARSE
+    return factor_sparse(sparse.pattern, sparse.matrix)
+
+
+@deferred_kernel()
+def _solve_sparse(scratch, rhs):
+    """Solve with its factors; unknowns of cut bodies come last, and no force acts on them."""
+    sparse = scratch.sparse
+    right = sparse.rhs[0]
+    for q in range(rhs.shape[0]):
+        for i in range(rhs.shape[1]):
+            right[i] = rhs[q, i]
+        for i in range(rhs.shape[1], right.shape[0]):
+            right[i] = 0.0
+        solve_sparse(sparse.pattern, sparse.matrix, sparse.rhs)
+        for i in range(rhs.shape[1]):
+            rhs[q, i] = right[i]
+
+
 @kernel
 def linearise(plan, work, state, scratch, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
@@ -262,6 +305,8 @@ def linearise(plan, work, state, scratch, h):
     scratch.memory.contraction[0] = 1.0
     if scratch.recursion.number.shape[0] > 0 and _recur(plan, work, scratch, per_x, per_v):
         return True
+    if scratch.kernels[2] != 0:
+        return _linearise_sparse(plan, work, scratch, per_x, per_v)
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False
@@ -284,6 +329,8 @@ def solve_factored(plan, scratch, rhs):
         solve_tree(scratch.ancestors, scratch.matrix, rhs)
     elif scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
+    elif scratch.pivot[0] == _OF_SPARSE:
+        _solve_sparse(scratch, rhs)
     elif scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, rhs)
     else:

@@ -15,8 +15,15 @@ from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, block_matrix, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, block_matrix, diagonal_blocks, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
+from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
+from flexmbd.multibody.kernels.tangent.sparse_matrix import (
+    SparseMatrix,
+    new_sparse_matrix,
+    no_sparse_matrix,
+    sparse_blocks,
+)
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_than_dense
 from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
@@ -108,7 +115,9 @@ class AlphaWorkspace(ArrayStruct):
     unit length, 1 without rows.
     bounds: (c + 1,) of the blocks of the iteration matrix; sorted_rhs: (1, n) a right-hand side sorted by them.
     phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
-    kernels: addresses of the tangent, and of that for the recursion where it serves.
+    sparse: the matrix where that is cheaper; what is dense has no entries there.
+    kernels: addresses of the tangent (0: of a sparse matrix), of that for the recursion where it serves, and of that of
+    a sparse matrix.
     """
 
     x: FloatArray
@@ -152,6 +161,7 @@ class AlphaWorkspace(ArrayStruct):
     sizes: NDArray[np.int32]
     ancestors: NDArray[np.int64]
     recursion: TreeRecursion
+    sparse: SparseMatrix
     kernels: NDArray[np.int64]
     tangent: TangentWork
     data: DataLoads
@@ -164,12 +174,21 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
-    tangent = new_tangent_work(plan, nv, sizes=scales)
-    full = zeros((nv, nv))
-    state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
-    bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
+    side_by_side = diagonal_blocks(plan)
+    bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
     recursion = new_tree_recursion(plan, np.diff(free))
-    kernels = [address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)), 0]
+    found = None if interiors or m or len(recursion.number) else sparse_blocks(plan, np.diff(bounds))
+    tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
+    sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
+    full = zeros((0, 0) if found else (nv, nv))
+    state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
+    kernels = [0, 0, 0]
+    if found:
+        arguments = (plan, work, tangent, sparse.to, *state, 0.0, 0.0, 0.0, sparse.matrix.values)
+        kernels[2] = address_of(assemble_sparse, arguments)
+        bounds = free = free[:1]
+    else:
+        kernels[0] = address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))
     if len(recursion.number):
         kernels[1] = address_of(
             tree_tangent_after_residual, (plan, work, tangent, recursion, *state[:3], 0.0, 0.0, 0.0)
@@ -214,8 +233,9 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         pivot=zeros(max(1, n), np.int32),
         tree_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(N_SIZES, np.int32),
-        ancestors=_ancestor_table(plan, tangent.blocks, serves=not (interiors or len(recursion.number))),
+        ancestors=_ancestor_table(plan, tangent.blocks, serves=not (interiors or found or len(recursion.number))),
         recursion=recursion,
+        sparse=sparse,
         kernels=np.array(kernels),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),

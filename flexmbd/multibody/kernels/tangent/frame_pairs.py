@@ -20,18 +20,38 @@ from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wr
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_rows
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
-from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION
+from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, RATE, SHIFT, TURN
 
 
 @kernel
-def _add_unknown(tw, count, k, twist, motion, column, o, sign):
-    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+def _enter(tw, count, k):
+    """Put unknown k on the path, without a twist, where it is not there yet; return the path's length."""
     if tw.path_mark[k] == 0:
         tw.path_mark[k] = 1
         tw.path[count] = k
         count += 1
         for t in range(18):
             tw.path_twist[t, k] = 0.0
+    return count
+
+
+@kernel
+def _add_cut(tw, count, first, o, sign):
+    """Add the entries of a cut body's motion, from unknown ``first``, that say where it is and how fast."""
+    for t in range(3):
+        for entry in (t, RATE + t, SHIFT + t, TURN + t):
+            count = _enter(tw, count, first + entry)
+        tw.path_twist[o + t, first + TURN + t] = 1.0
+        tw.path_twist[o + 3 + t, first + SHIFT + t] = 1.0
+        tw.path_twist[12 + t, first + t] += sign
+        tw.path_twist[15 + t, first + RATE + t] += sign
+    return count
+
+
+@kernel
+def _add_unknown(tw, count, k, twist, motion, column, o, sign):
+    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+    count = _enter(tw, count, k)
     for t in range(6):
         tw.path_twist[o + t, k] = twist[t, column]
     for t in range(3):
@@ -51,6 +71,8 @@ def _collect_path(plan, tw, f, o, sign, count):
             for k in range(plan.flex[tree[at.FLEX], at.N_MODES]):
                 q = tree[at.MODAL_V] + k
                 count = _add_unknown(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
+        if tw.cut_of[b] >= 0:
+            return _add_cut(tw, count, tw.cut_of[b], o, sign)
         for k in range(tree[at.JOINT_SIZE]):
             j = tree[at.JOINT_V] + k
             count = _add_unknown(tw, count, j, tw.twist, tw.motion, j, o, sign)
@@ -66,7 +88,7 @@ def _collect_paths(plan, tw, f, g):
 
 
 @kernel
-def _clear_path(tw, count):
+def clear_path(tw, count):
     for i in range(count):
         tw.path_mark[tw.path[i]] = 0
 
@@ -98,6 +120,8 @@ def _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     turn = (m[12, k], m[13, k], m[14, k])
     rate = (m[15, k], m[16, k], m[17, k])
     any_of = abs(phi[0]) + abs(phi[1]) + abs(phi[2]) + abs(r[0]) + abs(r[1]) + abs(r[2])
+    if k >= tw.twist.shape[1]:  # an entry of a cut body's motion, of which some are rates alone
+        any_of += abs(turn[0]) + abs(turn[1]) + abs(turn[2]) + abs(rate[0]) + abs(rate[1]) + abs(rate[2])
     moved = scale3(per_x, phi), scale3(per_x, r)
     dd, dtheta, drate, dspin = relative_variation(moved[0], moved[1], turn, rate, c_G, v_G, w_F, w_G, R_F)
     return any_of > 0.0, dd, dtheta, drate, dspin, phi, r
@@ -143,14 +167,14 @@ def _add_changes(tw, count, moved, matrix):
     path, wrench = tw.path, tw.path_wrench
     for i in range(count):
         r = path[i]
-        motion = _motion_of_pair(tw.path_twist, r)
+        motion = motion_of_pair(tw.path_twist, r)
         for j in range(moved):
             k = path[j]
-            matrix[r, k] += _change(wrench, motion, k)
+            matrix[r, k] += change_by(wrench, motion, k)
 
 
 @kernel
-def _motion_of_pair(twist, r):
+def motion_of_pair(twist, r):
     """What unknown r turns and moves: G relative to F, then G."""
     angular, linear = (twist[6, r], twist[7, r], twist[8, r]), (twist[9, r], twist[10, r], twist[11, r])
     apart = (angular[0] - twist[0, r], angular[1] - twist[1, r], angular[2] - twist[2, r])
@@ -159,8 +183,8 @@ def _motion_of_pair(twist, r):
 
 
 @kernel
-def _change(wrench, motion, k):
-    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``_motion_of_pair``."""
+def change_by(wrench, motion, k):
+    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``motion_of_pair``."""
     apart, away, angular, linear = motion
     t = 0.0
     for c in range(3):
@@ -170,8 +194,11 @@ def _change(wrench, motion, k):
 
 
 @kernel
-def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, matrix):
-    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G."""
+def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, at_f, at_g):
+    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G.
+
+    ``at_f`` and ``at_g`` have the entries of their bodies' modes.
+    """
     for side in range(2):
         end = f if side == 0 else g
         if tw.edge_of[end] >= 0:
@@ -179,6 +206,7 @@ def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_
             for t in range(3):
                 tw.point[tl.C_FORCE + t] = sign * force[t]
                 tw.point[tl.C_TORQUE + t] = sign * torque[t]
+            matrix = at_f if side == 0 else at_g
             frame_columns(plan, work, tw, end, tw.point, x, v, a, per_x, per_v, per_a, matrix)
 
 
@@ -188,7 +216,7 @@ def _same_frames(row, other):
 
 
 @kernel
-def _last_of_group(plan, first):
+def last_of_group(plan, first):
     """One past the last row that joins the same frames as row ``first``."""
     last = first + 1
     while (
@@ -223,7 +251,10 @@ def _total_wrench(plan, first, last, multipliers, d, R):
 
 @kernel
 def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
-    """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
+    """Jacobians of row i, into column k, by an unknown; returns what that changes of the row's wrench.
+
+    The wrench is that of the multiplier.
+    """
     dd, dtheta, drate, dspin, unit, turn = change
     row = plan.rows[i]
     force, torque = row_wrench(plan.data, row, d, R)
@@ -236,16 +267,33 @@ def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
 
 
 @kernel
-def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix):
-    """Rows first .. last - 1, which join the same two frames."""
+def _begin_rows(tw, first, last, count):
+    """Note which unknowns the columns of these rows belong to, and clear them."""
+    tw.row_count[first] = count
+    for j in range(count):
+        tw.row_unknown[first, j] = tw.path[j]
+        for i in range(first, last):
+            tw.jacobian[i, j] = 0.0
+            tw.rate_jacobian[i, j] = 0.0
+
+
+@kernel
+def put_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, at_f, at_g, compact):
+    """Store what the unknowns change of the wrench of rows first .. last - 1, which join the same two frames.
+
+    Also write these rows of ``tw.jacobian`` and ``tw.rate_jacobian``: column by column of the path where they are
+    ``compact``.  ``at_f``, ``at_g`` and what is returned: as of ``put_element``.
+    """
     f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
     c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
     force, torque = _total_wrench(plan, first, last, multipliers, d, R)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
     count = _collect_paths(plan, tw, f, g)
+    if compact:
+        _begin_rows(tw, first, last, count)
     moved = 0
     for j in range(count):
         k = tw.path[j]
@@ -257,13 +305,12 @@ def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, 
         unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
         change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
         for i in range(first, last):
-            one, turn = _row_column(plan, tw, i, k, d, R, rate, spin, change, multipliers[i])
+            one, turn = _row_column(plan, tw, i, j if compact else k, d, R, rate, spin, change, multipliers[i])
             dforce = add3(dforce, one)
             dtorque = add3(dtorque, turn)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
-    _add_changes(tw, count, moved, matrix)
-    _clear_path(tw, count)
+    return count, moved
 
 
 @deferred_kernel()
@@ -277,16 +324,21 @@ def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matr
             _coupling_row(plan, tw, first, per_v)
             first += 1
             continue
-        last = _last_of_group(plan, first)
-        _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix)
+        last = last_of_group(plan, first)
+        count, moved = put_group(
+            plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix, matrix, False
+        )
+        _add_changes(tw, count, moved, matrix)
+        clear_path(tw, count)
         first = last
 
 
 @kernel
-def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
+def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """Store what the unknowns change of a force between frames, which is applied, so subtracted.
 
-    Returns how many unknowns move one of the frames and how many of these, the first of the path, move them apart.
+    ``at_f`` and ``at_g`` have the entries of the modes that move the frames, and of states.  Returns how many unknowns
+    move one of the frames and how many of these, the first of the path, move them apart.
     """
     f, g = row[at.EL_F], row[at.EL_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
@@ -295,7 +347,7 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
+    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
     count = _collect_paths(plan, tw, f, g)
     moved = 0
     for j in range(count):
@@ -304,15 +356,16 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
         if not moves:
             continue
         moved = _put_first(tw, moved, j)
-        step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
+        sized = k if k < tw.twist.shape[1] else 0  # laws that need a difference meet no cut bodies
+        step = difference_step(per_x, per_v, tw.size_x[sized], tw.size_v[sized])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
         if row[at.EL_V] >= 0:
-            add_rates(plan, work, row, k, 1.0, matrix)
+            add_rates(plan, work, row, k, 1.0, at_g)
         dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
     if row[at.EL_V] >= 0:
-        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, matrix)
+        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, at_g)
     return count, moved
 
 
@@ -352,7 +405,7 @@ def _put_frame_load(plan, work, tw, row, count):
     load = tw.frame_loads[row[at.EL_X]]
     load[:] = 0.0
     for j in range(count):
-        apart, away, _, _ = _motion_of_pair(tw.path_twist, tw.path[j])
+        apart, away, _, _ = motion_of_pair(tw.path_twist, tw.path[j])
         load[tw.path[j]] = dot3(away, pull) + dot3(apart, moment)
 
 
@@ -362,11 +415,11 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]):
-            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
+            count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
             _add_changes(tw, count, moved, matrix)
             if row[at.EL_X] >= 0:
                 _put_frame_load(plan, work, tw, row, count)
-            _clear_path(tw, count)
+            clear_path(tw, count)
 
 
 @kernel
@@ -385,12 +438,12 @@ def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]) and not (placed and is_from_ground(plan, row)):
-            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own)
+            count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own, recursion.own)
             for j in range(moved):
                 k = tw.path[j]
                 for q in range(moved):
-                    motion = _motion_of_pair(tw.path_twist, tw.path[q])
-                    recursion.own[tw.path[q], recursion.place[k]] += _change(tw.path_wrench, motion, k)
+                    motion = motion_of_pair(tw.path_twist, tw.path[q])
+                    recursion.own[tw.path[q], recursion.place[k]] += change_by(tw.path_wrench, motion, k)
                 for c in range(6):
                     recursion.push[k, c] -= tw.path_wrench[6 + c, k]
-            _clear_path(tw, count)
+            clear_path(tw, count)

@@ -1,0 +1,126 @@
+"""The sparse matrix of a machine: whether it has one, where its tree is cut, its pattern and places; made at compile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
+from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
+from flexmbd.multibody.kernels.elements.table import act_between_frames, call_users, couple_all
+from flexmbd.multibody.kernels.sparse.block_lu import BlockMatrix, new_block_matrix
+from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern, new_block_pattern
+from flexmbd.multibody.kernels.tangent.sparse_places import SparsePlaces, new_sparse_places, no_sparse_places
+from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, unknown_blocks
+
+_DENSE_GAIN = 3.0  # how much faster LAPACK does a flop than the loops over fronts do, at some 50 unknowns
+_ENTRY = 4.0  # operations that it costs to find an entry of a sparse matrix and to clear it
+_SECTIONS = (4, 12, 36)  # unknowns between cuts that are tried
+
+
+@dataclass(frozen=True, eq=False)
+class SparseMatrix(ArrayStruct):
+    """A matrix, its factors, and where the tangent writes; all are empty where the machine's matrix is dense.
+
+    rhs: (1, unknowns) a right-hand side of all unknowns: free velocities, multipliers, then those of cut bodies.
+    """
+
+    pattern: BlockPattern
+    matrix: BlockMatrix
+    to: SparsePlaces
+    rhs: FloatArray
+
+
+@cache
+def no_sparse_matrix() -> SparseMatrix:
+    """That of a machine whose matrix is dense."""
+    pattern = new_block_pattern(np.zeros(0, np.int64), np.zeros((0, 2), np.int64))
+    return SparseMatrix(pattern, new_block_matrix(pattern), no_sparse_places(), np.zeros((1, 0)))
+
+
+def sparse_blocks(plan: Plan, sizes: IntArray) -> tuple[UnknownBlocks, BlockPattern] | None:
+    """The blocks and the pattern of a machine whose matrix is cheaper so than by dense blocks of these sizes; else None."""
+    dense = 2.0 / 3.0 * float((sizes.astype(float) ** 3).sum()) + float(len(plan.free)) ** 2
+    if _DENSE_GAIN * _least_operations(plan) >= dense or couple_all(plan).any():
+        return None
+    found = [(_cost(pattern), blocks, pattern) for blocks, pattern in _candidates(plan)]
+    cost, blocks, pattern = min(found, key=lambda one: one[0])
+    return (blocks, pattern) if cost < dense else None
+
+
+def new_sparse_matrix(plan: Plan, blocks: UnknownBlocks, pattern: BlockPattern) -> SparseMatrix:
+    """Allocate the matrix of a plan."""
+    pairs = blocks.pairs()
+    places = new_sparse_places(plan, blocks, pairs, *pattern.entries(*pairs.T))
+    return SparseMatrix(pattern, new_block_matrix(pattern), places, np.zeros((1, pattern.unknowns)))
+
+
+def _cost(pattern: BlockPattern) -> float:
+    return _DENSE_GAIN * pattern.operations + _ENTRY * pattern.fill
+
+
+def _least_operations(plan: Plan) -> float:
+    """What any sparse matrix costs at least: an entry for each unknown and each row with what it acts on."""
+    return _ENTRY * (len(plan.free) + 4.0 * len(plan.rows))
+
+
+def _candidates(plan: Plan) -> Iterator[tuple[UnknownBlocks, BlockPattern]]:
+    """The two ways of cutting the tree that promise the fewest entries."""
+    ways: list[NDArray[np.bool_] | None] = [None]
+    if not call_users(plan)[act_between_frames(plan)].any():  # laws that have to be differenced, by unknowns' sizes
+        ways += [_cut(plan, size) for size in _SECTIONS]
+    counts = [_entries(plan, way) for way in ways]
+    tried: list[bytes] = []
+    for k in np.argsort(counts, kind="stable")[:2]:
+        way = ways[k]
+        key = b"" if way is None or not way.any() else way.tobytes()
+        if key in tried:
+            continue
+        tried.append(key)
+        blocks = unknown_blocks(plan, way)
+        yield blocks, new_block_pattern(blocks.size, blocks.pairs(), ranks=blocks.ranks())
+
+
+def _own_unknowns(plan: Plan) -> IntArray:
+    """(bodies,) unknowns of each body's joint and modes, prescribed ones included."""
+    modes = np.concatenate([plan.flex[:, at.N_MODES], np.zeros(1, np.int64)])
+    return np.asarray(plan.tree[:, at.JOINT_SIZE] + modes[plan.tree[:, at.FLEX]], np.int64)
+
+
+def _cut(plan: Plan, size: int) -> NDArray[np.bool_]:
+    """(bodies,) cuts that leave some ``size`` unknowns between one and the next ones outwards."""
+    own, massless = _own_unknowns(plan).tolist(), (~plan.rigid.any(axis=1)).tolist()
+    cut = np.zeros(len(own), bool)
+    for i in range(len(own) - 1, -1, -1):
+        parent = plan.tree[i, at.PARENT]
+        if parent < 0:
+            continue
+        if own[i] >= size and not massless[i]:
+            cut[i] = True
+        else:
+            own[parent] += own[i]
+    return cut
+
+
+def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
+    """How many entries the matrix has at most, before it is factored."""
+    own = _own_unknowns(plan)
+    path = np.zeros(len(own) + 1)  # unknowns that move each body; the last: of the ground
+    total = 0.0
+    for i, parent in enumerate(plan.tree[:, at.PARENT]):
+        total += own[i] * (2.0 * path[parent] + own[i])
+        path[i] = path[parent] + own[i]
+        if cut is not None and cut[i]:
+            total += 2.0 * CUT * path[i] + CUT**2
+            path[i] = CUT
+    between = plan.elements[act_between_frames(plan)]
+    for rows, f, g in ((between, at.EL_F, at.EL_G), (plan.rows, at.ROW_F, at.ROW_G)):
+        if len(rows):
+            ends = plan.frame_of[rows[:, [f, g]], at.FRAME_BODY]
+            total += float((path[ends].sum(axis=1) ** 2).sum())
+    return total
