@@ -31,10 +31,10 @@ from flexmbd.continuum.slow_loading.loading import LoadPath, SlowLoads
 from flexmbd.continuum.slow_loading.static_path import equilibrium
 from flexmbd.errors import ConvergenceError, FormulationError, PathError, SceneError
 from flexmbd.given import checked
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_HELD = 1e-14  # of a motion of the whole, what counts as none of it at given dofs
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
     held[prescribed] = columns[prescribed]
     whole, left = (inner(body.comm, part, part) for part in (columns, held))
     # of each motion, what the given dofs take part in
-    if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= _HELD:
+    if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= ROUND_OFF:
         raise SceneError(
             "the body can move as a whole, and no path of single equilibria goes through there: give prescribed= dofs "
             "that hold it (prescribed_dofs, clamped_dofs)"

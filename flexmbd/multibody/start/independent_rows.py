@@ -23,12 +23,12 @@ from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
 LEADS_ON = 1e-6  #: of rates' squares: what may stay open of second derivatives that no acceleration changes
 _BLUR = 10.0  # the slopes' error over the gaps, at most
-_ROUND_OFF = 1e-12  # and by this share at least
 _CLEAR = 1e3  # singular values that are not round-off stand this far above it
 _BESIDE = 0.05  # of each coordinate's size: where regular positions are looked for, first
 _PLACES = 2  # how many are enough
@@ -193,7 +193,7 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
     found = []
     for block, part in constraint_slopes(scene, work, x).over(rows):
         slopes, driven = np.hsplit(part * sizes[np.concatenate([block.free, block.driven])], [len(block.free)])
-        blur = max(_BLUR * float(np.abs(phi[block.rows]).max()), _ROUND_OFF)
+        blur = max(_BLUR * float(np.abs(phi[block.rows]).max()), EQUAL)
         found.append(_decomposed(slopes, driven, holds[block.rows], blur))
     return found
 
