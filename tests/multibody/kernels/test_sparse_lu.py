@@ -6,6 +6,8 @@ import pytest
 from flexmbd.multibody.kernels.sparse.block_lu import (
     add_product,
     clear,
+    count_signs,
+    factor_holding,
     factor_sparse,
     new_block_matrix,
     new_complex_block_matrix,
@@ -261,3 +263,30 @@ def test_no_unknowns():
     matrix = new_block_matrix(pattern)
     assert factor_sparse(pattern, matrix)
     solve_sparse(pattern, matrix, np.zeros((1, 0)))
+
+
+def test_what_nothing_resists_is_held():
+    # three chains, the second free: with forces in balance on it the solution is that of the least-squares problem
+    # up to a shift; negative eigenvalues are counted without what is held
+    random = np.random.default_rng(6)
+    chains = [free_chain(10.0 ** random.uniform(-1, 1, 9)) for _ in range(3)]
+    dense = np.zeros((30, 30))
+    for k, chain in enumerate(chains):
+        dense[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = chain
+    dense[0, 0] += 1.0
+    dense[25, 25] -= 0.5
+    pairs = [(k, k + 1) for k in range(29) if k % 10 != 9]
+    pattern = new_block_pattern(np.ones(30, int), pairs)
+    matrix = new_block_matrix(pattern)
+    put(pattern, matrix, dense)
+    assert factor_holding(pattern, matrix) and (matrix.held > 0.0).sum() == 1
+    held = int(np.argmax(matrix.held))
+    assert 10 <= held < 20
+    values = np.linalg.eigvalsh(dense)
+    assert count_signs(pattern, matrix) == (np.sum(values < -1e-12), 0)
+    force = random.standard_normal(30)
+    force[10:20] -= force[10:20].mean()
+    found = force[None].copy()
+    solve_sparse(pattern, matrix, found)
+    assert found[0, held] == pytest.approx(0.0, abs=1e-13)
+    np.testing.assert_allclose(dense @ found[0], force, atol=1e-12)
