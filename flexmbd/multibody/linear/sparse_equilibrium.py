@@ -21,13 +21,14 @@ from flexmbd.multibody.linear.forces_at_play import BALANCED
 from flexmbd.multibody.linear.sparse_stiffness import SparseStiffness, sparse_stiffness
 from flexmbd.multibody.linear.stability import HAS_POTENTIAL, SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.round_off import EQUAL
+from flexmbd.round_off import EQUAL, ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
 _CORRECTIONS = 12
 _REFINEMENTS = 3
 _GROWS = 2.0
+_COUPLED = 1e-3  # of stiffnesses at play: times the least pivot it is their round-off
 _ASTRAY = 0.4  # of Newton's step: the first correction after it
 _DENSE_UP_TO = 3000  # velocities: of more, dense matrices and their singular values take minutes
 
@@ -76,19 +77,17 @@ class _Balance:
         stiffness = self.stiffness
         force = stiffness.force(x, multipliers) - self.kept
         stiffness.assemble(x, multipliers)
-        values = stiffness.values()
-        if not stiffness.factor():
+        values, entries = stiffness.values(), stiffness.entries
+        energies = entries.nearby(entries.energies(values, self.size))
+        if not stiffness.factor(_COUPLED * energies / self.size**2):
             raise _NotSoSimpleError("its rows have no pivots")
         step, change = stiffness.solve(-force)
         if not (np.isfinite(step).all() and np.isfinite(change).all()):
             raise _NotSoSimpleError("its stiffness is no number")
         holding = stiffness.held() * step
-        free = self.stiffness.scene.plan.free
-        energy = max(
-            float(stiffness.entries.energies(values, self.size).max(initial=0.0)) * step_size(self.size, step),
-            float(np.abs(force * self.size)[free].max(initial=0.0)),
-        )
-        loose = np.abs(holding * self.size) > BALANCED * energy
+        at_play = energies * step_size(self.size, step) + entries.nearby(np.abs(force * self.size))
+        # places are known to round-off, too
+        loose = np.abs(holding * self.size) > np.maximum(BALANCED * at_play, ROUND_OFF * energies)
         return _Place(x, multipliers, force, values, step, change, np.where(loose, holding, 0.0))
 
     def is_solved(self, here: _Place, *, close: bool) -> bool:

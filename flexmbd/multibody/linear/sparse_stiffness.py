@@ -19,6 +19,7 @@ from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, p
 from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
+from flexmbd.multibody.linear.stability import SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
@@ -48,9 +49,16 @@ class Entries:
         """(nv,) J, all that a coordinate's row has in sizes (nv,)."""
         return np.bincount(self.row, np.abs(values) * size[self.row] * size[self.column], len(size))
 
+    def nearby(self, energies: FloatArray) -> FloatArray:
+        """(nv,) the largest of those that a coordinate may be coupled with."""
+        found = energies.copy()
+        np.maximum.at(found, self.row, energies[self.column])
+        return found
+
     def skewness(self, values: FloatArray, size: FloatArray) -> float:
-        """The largest K_ij - K_ji over the coordinates' own stiffness."""
+        """The largest K_ij - K_ji over the coordinates' own stiffness, that of soft ones by what they are coupled with."""
         energy = self.energies(values, size)
+        energy = np.maximum(energy, SOFT * self.nearby(energy))
         own = np.where(energy > 0.0, np.sqrt(energy) / size, 1.0)
         skew = np.abs(values - values[self.mirrored]) / (own[self.row] * own[self.column])
         return float(skew.max(initial=0.0))
@@ -93,8 +101,13 @@ class SparseStiffness:
             slopes = np.tile((1.0, 0.0, 0.0), (len(plan.rows), 1))
             put_rows(plan, self.tangents, sparse.to, slopes, values)
 
-    def factor(self) -> bool:
-        """Factor what was assembled, what nothing resists being held; False if rows have no pivots."""
+    def factor(self, terms: FloatArray) -> bool:
+        """Factor what was assembled, what nothing resists being held; False if rows have no pivots.
+
+        ``terms``: (nv,) what diagonal entries may be the sum of, beside which smaller ones are round-off.
+        """
+        free = self.scene.plan.free
+        self.sparse.matrix.terms[: len(free)] = terms[free]
         factor_holding(self.sparse.pattern, self.sparse.matrix)
         return not self.sparse.matrix.held[len(self.scene.plan.free) :].any()
 
@@ -115,6 +128,7 @@ class SparseStiffness:
             return np.zeros(0)
         force = self.force(x, np.zeros(m))
         self._assemble(x, np.zeros(m), (0.0, 0.0, 1.0))  # forces do not depend on accelerations
+        self.sparse.matrix.terms[:] = 0.0
         if not factor_sparse(self.sparse.pattern, self.sparse.matrix):
             return None
         return -self.solve(force)[1]

@@ -32,7 +32,8 @@ class BlockMatrix(ArrayStruct):
 
     values: (fill,) entries by ``BlockPattern``.  worthless: (1,) the unknown whose pivot was, -1 if none.
     held: (n,) what ``factor_holding`` has added to the diagonal.  least: (1,) the smallest pivot over the terms that it
-    is the sum of.  exchanges: (n,) with which column of its front each was exchanged.
+    is the sum of.  terms: (n,) what diagonal entries are known to be the sum of when they are put in, zeros at first:
+    what is round-off beside sqrt(terms_i terms_j) is no entry.  exchanges: (n,) with which column of its front each was exchanged.
     stack (stack,), size (n,), columns (2, pivots), right (n,) and gathered (widest,) are scratch; blas, sizes and units
     are for BLAS.
     """
@@ -42,6 +43,7 @@ class BlockMatrix(ArrayStruct):
     worthless: IntArray
     held: FloatArray
     least: FloatArray
+    terms: FloatArray
     stack: FloatArray
     size: FloatArray
     columns: FloatArray
@@ -61,6 +63,7 @@ class ComplexBlockMatrix(ArrayStruct):
     worthless: IntArray
     held: FloatArray
     least: FloatArray
+    terms: FloatArray
     stack: ComplexArray
     size: FloatArray
     columns: FloatArray
@@ -90,6 +93,7 @@ def _arrays(pattern: BlockPattern, kind: type) -> dict[str, NDArray]:
         "worthless": np.full(1, -1, np.int64),
         "held": np.zeros(unknowns),
         "least": np.ones(1),
+        "terms": np.zeros(unknowns),
         "stack": np.zeros(pattern.stack, kind),
         "size": np.zeros(unknowns),
         "columns": np.zeros((2, deepest)),
@@ -140,7 +144,8 @@ def _factor(pattern, matrix, holds):
     matrix.worthless[0] = -1
     matrix.least[0] = 1.0
     matrix.held[:] = 0.0
-    matrix.size[:] = 0.0
+    for k in range(matrix.size.shape[0]):
+        matrix.size[k] = matrix.terms[pattern.unknown[k]]
     for front in range(pattern.stack_at.shape[0]):
         first = pattern.pivots[front]
         p = pattern.pivots[front + 1] - first

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.round_off import WORTHLESS_PIVOT
 
-_LEAST_PIVOT = 1e-12  # of the terms that it is the sum of: below, its round-off is no longer small
 _DIAGONAL_SHARE = 0.1  # of the largest in its row, from which the diagonal entry is the pivot
 
 
@@ -60,7 +60,7 @@ def eliminate(pattern, matrix, first, begin, p, w, reach, holds):
         row = values[begin + k * w : begin + (k + 1) * w]
         other = _pivot_column(row, columns, k, p)
         kept = _kept(matrix, first, begin, k, other, w)
-        if not abs(row[other]) > _LEAST_PIVOT * kept:
+        if not abs(row[other]) > WORTHLESS_PIVOT * kept:
             if not holds:
                 return k
             other = k
