@@ -101,9 +101,7 @@ class _Balance:
         return self.at(x, here.multipliers + here.change)
 
 
-def stable_equilibrium(
-    scene: CompiledScene, work: Work, x: FloatArray, size: FloatArray
-) -> StableEquilibrium | None:
+def stable_equilibrium(scene: CompiledScene, work: Work, x: FloatArray, size: FloatArray) -> StableEquilibrium | None:
     """The equilibrium at rest that Newton's step from x (nx,) leads to; None where the dense way has to look.
 
     Args:
@@ -123,6 +121,8 @@ def stable_equilibrium(
     except (_NotSoSimpleError, SceneError) as reason:
         if scene.nv <= _DENSE_UP_TO:
             return None
+        if isinstance(reason, SceneError):
+            raise
         raise SceneError(
             f"no equilibrium found: {reason}; a machine of {scene.nv} velocities is too large to look for another way: "
             "start nearer to it, as from one under a part of the load (about=)"
@@ -135,12 +135,12 @@ def _found(stiffness: SparseStiffness, x: FloatArray, size: FloatArray) -> Stabl
         raise _NotSoSimpleError("some motion moves no mass")
     balance = _Balance(stiffness, size)
     start = balance.at(x, multipliers)
-    _refuse_loose(stiffness, start)
+    _refuse_loose(stiffness, start, size)
     length = step_size(size, start.step)
     place = start if length <= SETTLED else _corrected(balance, start, length)
     digits = _Balance(stiffness, size, least=EQUAL * min(1.0, length))
     place = newton(digits, place, most=_REFINEMENTS, close=0.0, grows=0.5).place
-    _refuse_loose(stiffness, place)
+    _refuse_loose(stiffness, place, size)
     return _judged(stiffness, place, size)
 
 
@@ -178,12 +178,12 @@ def _judged(stiffness: SparseStiffness, place: _Place, size: FloatArray) -> Stab
     return StableEquilibrium(place.x, place.multipliers, neutral)
 
 
-def _refuse_loose(stiffness: SparseStiffness, place: _Place) -> None:
-    """Leave to the dense way, or refuse, a machine with forces that nothing resists."""
+def _refuse_loose(stiffness: SparseStiffness, place: _Place, size: FloatArray) -> None:
+    """Raise SceneError where there are forces that nothing resists."""
     if place.holding.any():
-        worst = int(np.argmax(np.abs(place.holding)))
+        worst = int(np.argmax(np.abs(place.holding * size)))
         name = stiffness.scene.velocity_names[worst]
-        raise _NotSoSimpleError(
-            f"at {name!r} a force of {-place.holding[worst]:.6g} (N, N m, or modal) stays unbalanced, for nothing "
-            "resists it"
+        raise SceneError(
+            f"no equilibrium found: at {name!r} a force of {place.holding[worst]:.6g} (N, N m, or modal) stays "
+            "unbalanced, for nothing resists it; check that something carries this load, or prescribe the motion"
         )

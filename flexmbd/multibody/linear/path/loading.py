@@ -22,7 +22,6 @@ FloatArray = NDArray[np.float64]
 Inputs = Callable[[CompiledScene, Work, float], None]
 
 
-
 class Loading(Protocol):
     """How a machine's loads follow one factor."""
 
@@ -123,4 +122,3 @@ def load_slopes(
     motion, row = np.zeros((3, scene.nv, 1)), np.zeros((2, m, 1))
     motion[0, :, 0], row[0, :, 0] = place, gap
     return LoadSlopes(force, Prescribed(motion, row, np.zeros((1, 1))))
-
