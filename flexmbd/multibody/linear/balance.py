@@ -29,6 +29,7 @@ from flexmbd.multibody.start.placement import follow_mates
 FloatArray = NDArray[np.float64]
 
 
+
 @dataclass(frozen=True, eq=False)
 class ForceBalance:
     """What is out of balance at a state.
@@ -188,7 +189,9 @@ def reactions(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, fo
     return multipliers
 
 
-def moved(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, *, driven: bool = False) -> FloatArray:
+def moved(
+    scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray, *, driven: bool = False
+) -> FloatArray:
     """(nx,) configuration after a step (nv,), with its loops closed.
 
     With ``driven`` prescribed coordinates are set where ``work.time`` has them now.

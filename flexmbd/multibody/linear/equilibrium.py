@@ -132,7 +132,9 @@ def equilibrium_at_rest(start: Start, work: Work, *, stable: bool = False) -> To
     return find_equilibrium(replace(start, v=np.zeros_like(start.v)), work, stable=stable)
 
 
-def _working_point(scene: CompiledScene, work: Work, there: ForceBalance, after: MotionSpectrum | None) -> WorkingPoint:
+def _working_point(
+    scene: CompiledScene, work: Work, there: ForceBalance, after: MotionSpectrum | None
+) -> WorkingPoint:
     """A state in balance, with what force elements and bodies with history remember there."""
     kept = NO_INTERIORS
     if scene.interiors is not None:
@@ -142,7 +144,9 @@ def _working_point(scene: CompiledScene, work: Work, there: ForceBalance, after:
     return point if after is None else replace(point, unstable=after.unstable, neutral=_neutral(scene, after))
 
 
-def _point(scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray) -> WorkingPoint:
+def _point(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray
+) -> WorkingPoint:
     """A state in balance, with what force elements remember there."""
     t = float(work.time[-1, 0])
     if memories_end(scene.plan):

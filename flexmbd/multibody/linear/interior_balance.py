@@ -25,6 +25,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 
+
 def equilibrate_interiors(
     scene: CompiledScene, interiors: Interiors, work: Work, x: FloatArray, v: FloatArray
 ) -> FloatArray:

@@ -24,7 +24,6 @@ from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
 
-
 @dataclass(frozen=True, eq=False)
 class OutputDerivatives:
     """Derivatives of an output: it is L xi, or L dv + G xi, or the rate of that.
@@ -63,7 +62,7 @@ def output_derivatives(scene: CompiledScene, x: FloatArray, v: FloatArray, outpu
         return OutputDerivatives(tuple(f"{kind} {axis} of {of.label}" for axis in "xyz"), order, L, G)
     if isinstance(output, Rotation) or not isinstance(of, Connection | FlexibleBody | PseudoRigidBody):
         raise SceneError(f"an output {type(output).__name__} of {of!r}: there is none; give a frame")
-    slots = scene.index.joints.get(of) if isinstance(of, Connection) else scene.index.modes.get(of)
+    slots = (scene.index.joints.get(of) if isinstance(of, Connection) else scene.index.modes.get(of))
     if slots is None:
         raise SceneError(
             f"an output of {of.name!r}: it has no coordinates in this scene, as a joint held by constraints or one of "

@@ -26,6 +26,7 @@ from flexmbd.round_off import ROUND_OFF
 FloatArray = NDArray[np.float64]
 
 
+
 def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
     """(nv,) J, what the forces on all bodies that a coordinate carries would do along the machine's extent, or 1 rad.
 

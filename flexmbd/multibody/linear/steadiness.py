@@ -353,3 +353,4 @@ WHAT_IS = (
     "a steady motion turns the whole at one rate about one line, with gravity along it and what holds it to the ground "
     "symmetric about it, or moves it straight on, and inside turns symmetric rotors; check the velocities set"
 )
+

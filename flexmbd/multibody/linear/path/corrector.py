@@ -122,7 +122,9 @@ class MachineSpace:
         """
         slopes = self.loading.slopes(self.work, x, self.v, factor=factor, width=self.width)
         further = self.loading.apply(self.work, factor)
-        found = balance(self.scene, self.work, x, self.v, given=slopes.given, further=further, motion=self.motion)
+        found = balance(
+            self.scene, self.work, x, self.v, given=slopes.given, further=further, motion=self.motion
+        )
         return MachinePoint(x, factor, found, slopes, iterations)
 
     def spectrum(self, here: MachinePoint) -> MotionSpectrum:

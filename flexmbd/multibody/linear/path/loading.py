@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 Inputs = Callable[[CompiledScene, Work, float], None]
 
 
+
 class Loading(Protocol):
     """How a machine's loads follow one factor."""
 
@@ -122,3 +123,4 @@ def load_slopes(
     motion, row = np.zeros((3, scene.nv, 1)), np.zeros((2, m, 1))
     motion[0, :, 0], row[0, :, 0] = place, gap
     return LoadSlopes(force, Prescribed(motion, row, np.zeros((1, 1))))
+
