@@ -1,8 +1,8 @@
 """The equilibrium of a machine of many bodies, where Newton's method leads to a stable one: by the sparse stiffness.
 
 As `path.force_homotopy` does at once: Newton's step, if it does work and is near what the linear equations predict, and
-corrections; what nothing resists stays where it is.  What is not so simple is left to the dense way: unstable equilibria,
-forces without a potential, strains that are unknowns of their own, paths.
+corrections; what nothing resists stays where it is.  What is not so simple is left to the dense way: unstable
+equilibria, forces without a potential, strains that are unknowns of their own, paths.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
-from flexmbd.multibody.linear.sparse_stiffness import SparseStiffness, sparse_stiffness
 from flexmbd.multibody.linear.stability import HAS_POTENTIAL, SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.plan.sparse_stiffness import SparseStiffness, sparse_stiffness
 from flexmbd.round_off import EQUAL, ROUND_OFF
 
 FloatArray = NDArray[np.float64]
@@ -172,7 +172,7 @@ def _judged(stiffness: SparseStiffness, place: _Place, size: FloatArray) -> Stab
         raise _NotSoSimpleError("what is there is unstable" if negative else "its rows give no pivots")
     if least <= SOFT and scene.nv <= _DENSE_UP_TO:
         raise _NotSoSimpleError("some motions are soft")
-    if stiffness.entries.skewness(place.values, size) > HAS_POTENTIAL:
+    if stiffness.entries.skewness(place.values, size, least=SOFT) > HAS_POTENTIAL:
         raise _NotSoSimpleError("some forces follow what they act on")
     neutral = tuple(scene.velocity_names[k] for k in np.flatnonzero(held))
     return StableEquilibrium(place.x, place.multipliers, neutral)

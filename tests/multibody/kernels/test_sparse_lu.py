@@ -279,7 +279,8 @@ def test_what_nothing_resists_is_held():
     pattern = new_block_pattern(np.ones(30, int), pairs)
     matrix = new_block_matrix(pattern)
     put(pattern, matrix, dense)
-    assert factor_holding(pattern, matrix) and (matrix.held > 0.0).sum() == 1
+    assert factor_holding(pattern, matrix)
+    assert (matrix.held > 0.0).sum() == 1
     held = int(np.argmax(matrix.held))
     assert 10 <= held < 20
     values = np.linalg.eigvalsh(dense)

@@ -33,7 +33,8 @@ class BlockMatrix(ArrayStruct):
     values: (fill,) entries by ``BlockPattern``.  worthless: (1,) the unknown whose pivot was, -1 if none.
     held: (n,) what ``factor_holding`` has added to the diagonal.  least: (1,) the smallest pivot over the terms that it
     is the sum of.  terms: (n,) what diagonal entries are known to be the sum of when they are put in, zeros at first:
-    what is round-off beside sqrt(terms_i terms_j) is no entry.  exchanges: (n,) with which column of its front each was exchanged.
+    what is round-off beside sqrt(terms_i terms_j) is no entry.  exchanges: (n,) with which column of its front each was
+    exchanged.
     stack (stack,), size (n,), columns (2, pivots), right (n,) and gathered (widest,) are scratch; blas, sizes and units
     are for BLAS.
     """

@@ -1,4 +1,4 @@
-"""The tangent stiffness of a machine of many bodies as a sparse matrix, with the rows of its loops: factors, solutions.
+"""Stiffness, damping or mass of a machine of many bodies as a sparse matrix with the rows of its loops; solutions.
 
 Unknowns are changes of the free coordinates and of the reactions, [K C^T; C 0].
 """
@@ -19,7 +19,6 @@ from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, p
 from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
-from flexmbd.multibody.linear.stability import SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
@@ -55,10 +54,13 @@ class Entries:
         np.maximum.at(found, self.row, energies[self.column])
         return found
 
-    def skewness(self, values: FloatArray, size: FloatArray) -> float:
-        """The largest K_ij - K_ji over the coordinates' own stiffness, that of soft ones by what they are coupled with."""
+    def skewness(self, values: FloatArray, size: FloatArray, *, least: float) -> float:
+        """The largest K_ij - K_ji over the coordinates' own stiffness.
+
+        That counts as no less than a share ``least`` of the stiffness that it is coupled with.
+        """
         energy = self.energies(values, size)
-        energy = np.maximum(energy, SOFT * self.nearby(energy))
+        energy = np.maximum(energy, least * self.nearby(energy))
         own = np.where(energy > 0.0, np.sqrt(energy) / size, 1.0)
         skew = np.abs(values - values[self.mirrored]) / (own[self.row] * own[self.column])
         return float(skew.max(initial=0.0))
@@ -70,6 +72,7 @@ class SparseStiffness:
 
     Attributes:
         scene: compiled, without redundant rows.
+        plan: of the scene, or with some of its forces.
         work: scratch; ``work.time`` holds the functions of time.
         sparse: pattern, values and factors.
         tangents: scratch.
@@ -77,6 +80,7 @@ class SparseStiffness:
     """
 
     scene: CompiledScene
+    plan: Plan
     work: Work
     sparse: SparseMatrix
     tangents: TangentWork
@@ -85,18 +89,27 @@ class SparseStiffness:
     def force(self, x: FloatArray, multipliers: FloatArray) -> FloatArray:
         """(nv,) what is out of balance at rest at x (nx,) with reactions (m,)."""
         rest, force = np.zeros(self.scene.nv), np.zeros(self.scene.nv)
-        residual(self.scene.plan, self.work, x, rest, rest, multipliers, force)
+        residual(self.plan, self.work, x, rest, rest, multipliers, force)
         self.scene.refuse_failed(self.work)
         return force
 
     def assemble(self, x: FloatArray, multipliers: FloatArray) -> None:
         """Set the matrix up at x, after ``force`` there."""
-        self._assemble(x, multipliers, (1.0, 0.0, 0.0))
+        rest = np.zeros(self.scene.nv)
+        self.assemble_at(x, rest, rest, multipliers, weights=(1.0, 0.0, 0.0))
 
-    def _assemble(self, x: FloatArray, multipliers: FloatArray, weights: tuple[float, float, float]) -> None:
-        plan, sparse, rest = self.scene.plan, self.sparse, np.zeros(self.scene.nv)
-        values = sparse.matrix.values
-        assemble_sparse(plan, self.work, self.tangents, sparse.to, x, rest, rest, multipliers, *weights, values)
+    def assemble_at(
+        self,
+        x: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        multipliers: FloatArray,
+        *,
+        weights: tuple[float, float, float],
+    ) -> None:
+        """Set up the derivatives by x, v and a, each times its weight, after ``residual`` there."""
+        plan, sparse, values = self.plan, self.sparse, self.sparse.matrix.values
+        assemble_sparse(plan, self.work, self.tangents, sparse.to, x, v, a, multipliers, *weights, values)
         if len(plan.rows):
             slopes = np.tile((1.0, 0.0, 0.0), (len(plan.rows), 1))
             put_rows(plan, self.tangents, sparse.to, slopes, values)
@@ -127,7 +140,8 @@ class SparseStiffness:
         if not m:
             return np.zeros(0)
         force = self.force(x, np.zeros(m))
-        self._assemble(x, np.zeros(m), (0.0, 0.0, 1.0))  # forces do not depend on accelerations
+        rest = np.zeros(self.scene.nv)
+        self.assemble_at(x, rest, rest, np.zeros(m), weights=(0.0, 0.0, 1.0))
         self.sparse.matrix.terms[:] = 0.0
         if not factor_sparse(self.sparse.pattern, self.sparse.matrix):
             return None
@@ -154,9 +168,18 @@ class SparseStiffness:
         return self.sparse.matrix.values[self.entries.place]
 
 
-def sparse_stiffness(scene: CompiledScene, work: Work) -> SparseStiffness | None:
-    """Of a machine for which it takes less than a dense one; None of others."""
-    plan = scene.plan
+def sparse_stiffness(
+    scene: CompiledScene, work: Work, plan: Plan | None = None, *, sizes: FloatArray | None = None
+) -> SparseStiffness | None:
+    """Of a machine for which it takes less than a dense one; None of others.
+
+    Args:
+        scene: without redundant rows.
+        work: scratch of its plan; ``work.time`` holds the functions of time.
+        plan: with some of the scene's forces; by default with all.
+        sizes: (2, nv) of places and rates, by shares of which users' laws are differenced; by default of places alone.
+    """
+    plan = scene.plan if plan is None else plan
     n = len(plan.free) + len(plan.rows)
     if n < _LEAST_UNKNOWNS or couple_all(plan).any():
         return None
@@ -167,9 +190,11 @@ def sparse_stiffness(scene: CompiledScene, work: Work) -> SparseStiffness | None
     pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
     if _SLOWER * pattern.operations > 2.0 / 3.0 * float(n) ** 3:
         return None
-    sizes = np.stack([coordinate_sizes(scene), np.zeros(scene.nv)])
+    if sizes is None:
+        sizes = np.stack([coordinate_sizes(scene), np.zeros(scene.nv)])
     tangents = new_tangent_work(plan, scene.nv, sizes=sizes, blocks=blocks)
-    return SparseStiffness(scene, work, new_sparse_matrix(plan, blocks, pattern), tangents, _entries(plan, pattern))
+    matrix = new_sparse_matrix(plan, blocks, pattern)
+    return SparseStiffness(scene, plan, work, matrix, tangents, _entries(plan, pattern))
 
 
 def _entries(plan: Plan, pattern: BlockPattern) -> Entries:
