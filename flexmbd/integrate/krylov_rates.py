@@ -23,7 +23,7 @@ from flexmbd.round_off import SQUARED
 FloatArray = NDArray[np.float64]
 
 _FOLLOWED = 20  # applications of each operator to the start's accelerations, and to its velocities
-_AT_RANDOM = 30  # of M^-1 K, and half as many of M^-1 D, to motions at random: the fastest ones
+_AT_RANDOM = 30  # of M^-1 K and of M^-1 D to motions at random: the fastest ones
 
 
 def krylov_motions(start: Start, plan: Plan, work: Work, *, rate: float) -> Motions | None:
@@ -51,7 +51,7 @@ def krylov_motions(start: Start, plan: Plan, work: Work, *, rate: float) -> Moti
     for operator, first, count in (
         *((stiffness, force, _FOLLOWED) for force in forces),
         (stiffness, noise[0], _AT_RANDOM),
-        (damping, noise[1], _AT_RANDOM // 2),
+        (damping, noise[1], _AT_RANDOM),
     ):
         space.follow(matrix, operator, first, count)
     if rate > 0.0 and _factored(start, matrix, (1.0, 0.0, rate * rate)):
