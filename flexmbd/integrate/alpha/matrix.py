@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha.sparse_loops import assemble, is_sparse, linearise_loops, solve_loops
 from flexmbd.integrate.alpha.workspace import (
     coefficients,
     holds_position_alone,
@@ -255,28 +256,9 @@ def _solve_recursion(plan, scratch, rhs):
 
 @deferred_kernel(FLAG)
 def _linearise_sparse(plan, work, scratch, per_x, per_v):
-    """Build and factor the sparse matrix; False if a pivot is worthless."""
-    sparse = scratch.sparse
-    x, v, a, multipliers = scratch.x, scratch.v, scratch.a, scratch.multipliers
-    call_separate(
-        scratch.kernels[2],
-        (
-            plan,
-            work,
-            scratch.tangent,
-            sparse.to,
-            x,
-            v,
-            a,
-            multipliers,
-            per_x,
-            per_v,
-            1.0,
-            sparse.matrix.values,
-        ),
-    )
-    scratch.pivot[0] = _OF_SPARSE
-    return factor_sparse(sparse.pattern, sparse.matrix)
+    """Build and factor the sparse matrix of a tree; False if a pivot is worthless."""
+    assemble(plan, work, scratch, per_x, per_v, 1.0)
+    return factor_sparse(scratch.sparse.pattern, scratch.sparse.matrix)
 
 
 @deferred_kernel()
@@ -305,7 +287,10 @@ def linearise(plan, work, state, scratch, h):
     scratch.memory.contraction[0] = 1.0
     if scratch.recursion.number.shape[0] > 0 and _recur(plan, work, scratch, per_x, per_v):
         return True
-    if scratch.kernels[2] != 0:
+    if is_sparse(scratch):
+        scratch.pivot[0] = _OF_SPARSE
+        if m > 0:
+            return linearise_loops(plan, work, state, scratch, per_x, per_v)
         return _linearise_sparse(plan, work, scratch, per_x, per_v)
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
@@ -330,7 +315,10 @@ def solve_factored(plan, scratch, rhs):
     elif scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
     elif scratch.pivot[0] == _OF_SPARSE:
-        _solve_sparse(scratch, rhs)
+        if plan.rows.shape[0] > 0:
+            solve_loops(plan, scratch, rhs)
+        else:
+            _solve_sparse(scratch, rhs)
     elif scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, rhs)
     else:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -19,7 +21,9 @@ from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, bl
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
 from flexmbd.multibody.kernels.tangent.sparse_matrix import (
+    LoopMatrices,
     SparseMatrix,
+    new_loop_matrices,
     new_sparse_matrix,
     no_sparse_matrix,
     sparse_blocks,
@@ -115,7 +119,7 @@ class AlphaWorkspace(ArrayStruct):
     unit length, 1 without rows.
     bounds: (c + 1,) of the blocks of the iteration matrix; sorted_rhs: (1, n) a right-hand side sorted by them.
     phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
-    sparse: the matrix where that is cheaper; what is dense has no entries there.
+    sparse: the matrix where that is cheaper; what is dense has no entries there.  loops: see ``sparse_loops``.
     kernels: addresses of the tangent (0: of a sparse matrix), of that for the recursion where it serves, and of that of
     a sparse matrix.
     """
@@ -162,22 +166,29 @@ class AlphaWorkspace(ArrayStruct):
     ancestors: NDArray[np.int64]
     recursion: TreeRecursion
     sparse: SparseMatrix
+    loops: LoopMatrices
     kernels: NDArray[np.int64]
     tangent: TangentWork
     data: DataLoads
     memory: AlphaMemory
 
 
-def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> AlphaWorkspace:
-    """Allocate the work arrays of a step for ``plan``; ``interiors`` couple all branches of the tree."""
+def new_workspace(
+    plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False, dense: bool = False
+) -> AlphaWorkspace:
+    """Allocate the work arrays of a step for ``plan``.
+
+    ``interiors`` couple all branches of the tree.  ``dense``: by LAPACK alone, whatever is cheaper.
+    """
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
     side_by_side = diagonal_blocks(plan)
     bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
-    recursion = new_tree_recursion(plan, np.diff(free))
-    found = None if interiors or m or len(recursion.number) else sparse_blocks(plan, np.diff(bounds))
+    recursion = new_tree_recursion(plan, np.diff(free) if not dense else np.zeros(0, np.int64))
+    whole = dense or interiors or len(recursion.number) > 0 or not _serves(plan)
+    found = None if whole else sparse_blocks(plan, np.diff(bounds))
     tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
     sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
     full = zeros((0, 0) if found else (nv, nv))
@@ -214,8 +225,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         rate_stiffness=zeros((m, int(np.diff(free).max(initial=0)))),
         tangent_stiffness=zeros((len(plan.elements) if stiffness_may_change(plan) else 0, 2)),
         interior_stiffness=zeros((nu, nu) if interiors else (0, 0)),
-        shift_direction=zeros((m, nu)),
-        row_factors=zeros((m, m)),
+        shift_direction=zeros((0, 0) if found else (m, nu)),
+        row_factors=zeros((0, 0) if found else (m, m)),
         row_order=zeros(m, np.int64),
         row_rank=zeros(len(tangent.blocks.velocity), np.int64),
         least_pivot=np.ones(1),
@@ -236,11 +247,22 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         ancestors=_ancestor_table(plan, tangent.blocks, serves=not (interiors or found or len(recursion.number))),
         recursion=recursion,
         sparse=sparse,
+        loops=new_loop_matrices(plan, found),
         kernels=np.array(kernels),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),
     )
+
+
+def _serves(plan: Plan) -> bool:
+    """Whether ``sparse_loops`` serves the rows of a plan.
+
+    Not where an augmented Lagrangian enforces some, nor where loops hold balls, whose turns within a step count.
+    """
+    augmented = (plan.rows[:, at.ROW_ENFORCEMENT] > 0).any()
+    balls = len(plan.rows) > 0 and (plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any()
+    return not (augmented or balls)
 
 
 def _ancestor_table(plan: Plan, blocks: DiagonalBlocks, *, serves: bool) -> NDArray[np.int64]:

@@ -28,7 +28,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix, diagonal_blocks, unknown_bounds
 from flexmbd.multibody.kernels.tangent.recursion_parts import (
     ComplexRecursion,
     RecursionParts,
@@ -36,6 +36,15 @@ from flexmbd.multibody.kernels.tangent.recursion_parts import (
     new_recursion_parts,
 )
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
+from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
+from flexmbd.multibody.kernels.tangent.sparse_matrix import (
+    ShiftedMatrix,
+    SparseMatrix,
+    new_shifted_matrix,
+    new_sparse_matrix,
+    no_sparse_matrix,
+    sparse_blocks,
+)
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
 from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
 
@@ -44,7 +53,7 @@ IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
 # Entries of RadauWorkspace.kernels: kernels called by their addresses.
-RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, TREE_TANGENT, N_KERNELS = range(5)
+RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, TREE_TANGENT, SPARSE_TANGENT, N_KERNELS = range(6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +130,7 @@ class RadauWorkspace(ArrayStruct):
     own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     kernels: addresses of large kernels, which are compiled once and not within each of the method's kernels.
     recursion, complex_recursion, parts: the tangent and its factors where ``tree_recursion`` serves; the matrices have
-    no entries there, the others none elsewhere.
+    no entries there, the others none elsewhere.  sparse, shifted: likewise, where a sparse matrix is cheaper.
     """
 
     x: FloatArray
@@ -186,6 +195,8 @@ class RadauWorkspace(ArrayStruct):
     recursion: TreeRecursion
     complex_recursion: ComplexRecursion
     parts: RecursionParts
+    sparse: SparseMatrix
+    shifted: ShiftedMatrix
     tangent: TangentWork
     data: DataLoads
     memory: RadauMemory
@@ -197,12 +208,17 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
-    tangent = new_tangent_work(plan, nv, sizes=scales)
-    bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
+    side_by_side = diagonal_blocks(plan)
+    bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
     recursion = new_tree_recursion(plan, np.diff(free))
-    if len(recursion.number):  # no matrix
+    dense = len(recursion.number) > 0 or m > 0
+    found = None if dense else sparse_blocks(plan, np.diff(bounds), cuts=False)
+    tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
+    sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
+    no_matrix = len(recursion.number) > 0 or found is not None
+    if no_matrix:
         bounds = free = free[:1]
-    phi, full = zeros((3, m)), zeros((0, 0) if len(recursion.number) else (nv, nv))
+    phi, full = zeros((3, m)), zeros((0, 0) if no_matrix else (nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = zeros(N_KERNELS, np.int64)
     kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
@@ -211,6 +227,9 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     if len(recursion.number):
         by_tree = (plan, work, tangent, recursion, *state[:3], 0.0, 0.0, 0.0)
         kernels[TREE_TANGENT] = address_of(tree_tangent_after_residual, by_tree)
+    elif found:
+        by_blocks = (plan, work, tangent, sparse.to, *state, 0.0, 0.0, 0.0, sparse.matrix.values)
+        kernels[SPARSE_TANGENT] = address_of(assemble_sparse, by_blocks)
     else:
         whole = (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
         kernels[TANGENT_AFTER_RESIDUAL] = address_of(tangent_after_residual, whole)
@@ -277,6 +296,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         recursion=recursion,
         complex_recursion=new_complex_recursion(recursion),
         parts=new_recursion_parts(recursion),
+        sparse=sparse,
+        shifted=new_shifted_matrix(sparse.pattern),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),

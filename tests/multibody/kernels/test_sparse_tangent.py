@@ -9,6 +9,7 @@ from particles import particle_body
 from random_trees import random_tree
 
 import flexmbd as fm
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
@@ -60,6 +61,8 @@ def sparse(plan, state, cut=None, multipliers=NONE):
         rows, columns = (slice(blocks.first[k], blocks.first[k] + blocks.size[k]) for k in (i, j))
         matrix[rows, columns] = values[place : place + size].reshape(blocks.size[i], blocks.size[j])
     kept = np.flatnonzero(blocks.of >= 0)
+    np.testing.assert_array_equal(to.number[kept], np.arange(len(kept)))
+    assert (np.diff(blocks.first) > 0).all()
     return matrix[np.ix_(kept, kept)], len(values)
 
 
@@ -118,6 +121,18 @@ def limbs():
     scene.add_force(fm.force.SpringDamper(driven.frame((0.3, 0.2, 0.0)), ends[0], 40.0, 3.0, 0.1))
     scene.add_force(fm.force.SpringDamper(scene.ground.frame((0.3, 0.2, 0.0)), last[0].frame(), 40.0, 3.0, 0.1))
     return scene
+
+
+def test_a_joint_that_is_turned_round():
+    """Its links, and so their velocities, stand in the tree the other way."""
+    scene = fm.System()
+    inner, outer = (scene.add(_brick()) for _ in range(2))
+    scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), inner.frame())
+    scene.connect(fm.joint.Universal(), outer.frame((0.1, 0.0, 0.2)), inner.frame((0.4, 0.1, 0.0)))
+    compiled = scene.compile().scene
+    assert (np.diff(compiled.plan.tree[:, at.JOINT_V]) < 0).any()
+    compare(compiled, 4)
+    compare(compiled, 4, np.ones(len(compiled.plan.tree), bool))
 
 
 def _brick():

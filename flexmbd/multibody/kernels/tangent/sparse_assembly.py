@@ -202,7 +202,7 @@ def _number_blocks(to, e):
 
 
 @kernel
-def _row_of(to, r):
+def row_of(to, r):
     """The row of the matrix in which what acts on unknown r stands, and its sign; -1: there is none.
 
     A wrench on what a cut body carries is part of the equation of its wrench: that is the one on its place and turn.
@@ -218,7 +218,7 @@ def _add_changes(tw, to, e, count, moved, values):
     blocks = _number_blocks(to, e)
     path = tw.path
     for i in range(count):
-        r, sign = _row_of(to, path[i])
+        r, sign = row_of(to, path[i])
         if r < 0:
             continue
         motion = motion_of_pair(tw.path_twist, path[i])
@@ -310,7 +310,7 @@ def put_rows(plan, tw, to, slopes, values):
             values[to.diagonal[own, 0] + to.diagonal[own, 1] * nu + nu] = slopes[i, 2]
             for j in range(tw.row_count[first]):
                 k = tw.row_unknown[first, j]
-                r, sign = _row_of(to, k)
+                r, sign = row_of(to, k)
                 place = to.element_first[e] - begin + to.local[to.block[k]]
                 slope = slopes[i, 0] * tw.jacobian[i, j] + slopes[i, 1] * tw.rate_jacobian[i, j]
                 values[to.row_bases[place, 0] + to.row_bases[place, 1] * nu + k] = slope

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,14 +13,22 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.elements.table import act_between_frames, call_users, couple_all
-from flexmbd.multibody.kernels.sparse.block_lu import BlockMatrix, new_block_matrix
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.sparse.block_lu import (
+    BlockMatrix,
+    ComplexBlockMatrix,
+    new_block_matrix,
+    new_complex_block_matrix,
+)
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern, new_block_pattern
 from flexmbd.multibody.kernels.tangent.sparse_places import SparsePlaces, new_sparse_places, no_sparse_places
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, unknown_blocks
 
-_DENSE_GAIN = 3.0  # how much faster LAPACK does a flop than the loops over fronts do, at some 50 unknowns
-_ENTRY = 4.0  # operations that it costs to find an entry of a sparse matrix and to clear it
-_SECTIONS = (4, 12, 36)  # unknowns between cuts that are tried
+# In operations of LAPACK's LU: what an entry of a sparse matrix costs, which is found, cleared, assembled and used by
+# each solution, and an operation of its factorisation, which of loops there are two.
+_ENTRY, _OPERATION = 400.0, 2.0
+_MET_TWICE = 3.0  # how often at most forces meet the same entry, in a lattice of springs to eight neighbours
+_SECTIONS = (8, 20, 50)  # unknowns between cuts that are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +44,69 @@ class SparseMatrix(ArrayStruct):
     rhs: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class LoopMatrices(ArrayStruct):
+    """What an implicit step needs besides of a sparse matrix with constraint rows; empty without these.
+
+    tree: factors of the matrix without rows.  stiffness: the part by positions, not factored.  rate_jacobian: (m, longest
+    path) derivative of the rows' rates by positions, as ``TangentWork.rate_jacobian``.  slopes: (m, 3) see ``put_rows``.
+    per_v: (1,) weight of the part by velocities.  shifts: (m,) of positions, and shifted: (free,) what they move.  vectors: (3, unknowns) and row: (m,) scratch.
+    """
+
+    tree: BlockMatrix
+    stiffness: BlockMatrix
+    rate_jacobian: FloatArray
+    slopes: FloatArray
+    per_v: FloatArray
+    shifts: FloatArray
+    shifted: FloatArray
+    vectors: FloatArray
+    row: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftedMatrix(ArrayStruct):
+    """For matrices M + s D + s^2 K of any s: their parts, not factored, and the factors for a complex s."""
+
+    stiffness: BlockMatrix
+    damping: BlockMatrix
+    mass: BlockMatrix
+    factors: ComplexBlockMatrix
+
+
+def new_shifted_matrix(pattern: BlockPattern) -> ShiftedMatrix:
+    """Allocate for a pattern, which must be that of a tree that is not cut: what is cut has ones whatever the weights."""
+    return ShiftedMatrix(*(new_block_matrix(pattern) for _ in range(3)), new_complex_block_matrix(pattern))
+
+
+@entry_kernel
+def set_shift(parts, shift, matrix):
+    """Set M + ``shift`` D + ``shift``^2 K up in a real or complex ``matrix``."""
+    stiffness, damping, mass = parts.stiffness.values, parts.damping.values, parts.mass.values
+    for k in range(mass.shape[0]):
+        matrix.values[k] = mass[k] + shift * (damping[k] + shift * stiffness[k])
+
+
+def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | None) -> LoopMatrices:
+    """Allocate those of a plan whose matrix is sparse, and has rows."""
+    if found is None or len(plan.rows) == 0:
+        none = no_sparse_matrix().matrix
+        return LoopMatrices(none, none, np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(1), np.zeros(0), np.zeros(0), np.zeros((3, 0)), np.zeros(0))
+    blocks, pattern = found
+    m = len(plan.rows)
+    return LoopMatrices(
+        tree=new_block_matrix(pattern),
+        stiffness=new_block_matrix(pattern),
+        rate_jacobian=np.zeros((m, blocks.longest_path)),
+        slopes=np.zeros((m, 3)),
+        per_v=np.zeros(1),
+        shifts=np.zeros(m),
+        shifted=np.zeros(len(plan.free)),
+        vectors=np.zeros((3, pattern.unknowns)),
+        row=np.zeros(m),
+    )
+
+
 @cache
 def no_sparse_matrix() -> SparseMatrix:
     """That of a machine whose matrix is dense."""
@@ -43,12 +114,25 @@ def no_sparse_matrix() -> SparseMatrix:
     return SparseMatrix(pattern, new_block_matrix(pattern), no_sparse_places(), np.zeros((1, 0)))
 
 
-def sparse_blocks(plan: Plan, sizes: IntArray) -> tuple[UnknownBlocks, BlockPattern] | None:
-    """The blocks and the pattern of a machine whose matrix is cheaper so than by dense blocks of these sizes; else None."""
+def sparse_blocks(
+    plan: Plan, sizes: IntArray, *, cuts: bool = True
+) -> tuple[UnknownBlocks, BlockPattern] | None:
+    """The blocks and the pattern of a machine whose matrix is cheaper so than by dense blocks of these sizes; else None.
+
+    ``cuts``: whether its tree may be cut.
+    """
     dense = 2.0 / 3.0 * float((sizes.astype(float) ** 3).sum()) + float(len(plan.free)) ** 2
-    if _DENSE_GAIN * _least_operations(plan) >= dense or couple_all(plan).any():
+    if _ENTRY * (len(plan.free) + len(plan.rows)) >= dense or couple_all(plan).any():
         return None
-    found = [(_cost(pattern), blocks, pattern) for blocks, pattern in _candidates(plan)]
+    ways = _ways(plan) if cuts else [None]
+    counts = [_entries(plan, way) for way in ways]
+    if _ENTRY * min(counts) / _MET_TWICE >= dense:
+        return None
+    found = []
+    for k in np.argsort(counts, kind="stable")[:3]:
+        blocks = unknown_blocks(plan, ways[k])
+        pattern = _pattern(blocks)
+        found.append((_OPERATION * pattern.operations + _ENTRY * pattern.fill, blocks, pattern))
     cost, blocks, pattern = min(found, key=lambda one: one[0])
     return (blocks, pattern) if cost < dense else None
 
@@ -60,30 +144,52 @@ def new_sparse_matrix(plan: Plan, blocks: UnknownBlocks, pattern: BlockPattern) 
     return SparseMatrix(pattern, new_block_matrix(pattern), places, np.zeros((1, pattern.unknowns)))
 
 
-def _cost(pattern: BlockPattern) -> float:
-    return _DENSE_GAIN * pattern.operations + _ENTRY * pattern.fill
+def _ways(plan: Plan) -> list[NDArray[np.bool_] | None]:
+    """Ways to cut the tree, each another one, and first not to cut it at all."""
+    found: list[NDArray[np.bool_] | None] = [None]
+    if call_users(plan)[act_between_frames(plan)].any():  # laws that have to be differenced, by unknowns' sizes
+        return found
+    known = {b""}
+    for size in _SECTIONS:
+        way = _cut(plan, size)
+        key = way.tobytes() if way.any() else b""
+        if key not in known:
+            known.add(key)
+            found.append(way)
+    return found
 
 
-def _least_operations(plan: Plan) -> float:
-    """What any sparse matrix costs at least: an entry for each unknown and each row with what it acts on."""
-    return _ENTRY * (len(plan.free) + 4.0 * len(plan.rows))
+def _pattern(blocks: UnknownBlocks) -> BlockPattern:
+    """The pattern by minimum degree, but that blocks come after those that they wait for."""
+    pairs, waits = blocks.pairs(), blocks.waits()
+    pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
+    if not waits:
+        return pattern
+    number = np.repeat(np.arange(len(blocks.first)), blocks.size)
+    return new_block_pattern(blocks.size, pairs, order=_in_turn(dict.fromkeys(number[pattern.unknown].tolist()), waits))
 
 
-def _candidates(plan: Plan) -> Iterator[tuple[UnknownBlocks, BlockPattern]]:
-    """The two ways of cutting the tree that promise the fewest entries."""
-    ways: list[NDArray[np.bool_] | None] = [None]
-    if not call_users(plan)[act_between_frames(plan)].any():  # laws that have to be differenced, by unknowns' sizes
-        ways += [_cut(plan, size) for size in _SECTIONS]
-    counts = [_entries(plan, way) for way in ways]
-    tried: list[bytes] = []
-    for k in np.argsort(counts, kind="stable")[:2]:
-        way = ways[k]
-        key = b"" if way is None or not way.any() else way.tobytes()
-        if key in tried:
-            continue
-        tried.append(key)
-        blocks = unknown_blocks(plan, way)
-        yield blocks, new_block_pattern(blocks.size, blocks.pairs(), ranks=blocks.ranks())
+def _in_turn(order: Iterable[int], waits: dict[int, list[int]]) -> list[int]:
+    """An order in which blocks come as soon as those that they wait for have come."""
+    left = {block: set(others) for block, others in waits.items()}
+    followers: dict[int, list[int]] = {}
+    for block, others in waits.items():
+        for other in others:
+            followers.setdefault(other, []).append(block)
+    found: list[int] = []
+    ready: set[int] = set()  # that come when nothing keeps them any more
+    for block in order:
+        ready.add(block)
+        come = [block]
+        while come:
+            one = come.pop()
+            if one in ready and not left.get(one):
+                ready.remove(one)
+                found.append(one)
+                for follower in followers.get(one, ()):
+                    left[follower].discard(one)
+                    come.append(follower)
+    return found
 
 
 def _own_unknowns(plan: Plan) -> IntArray:

@@ -33,7 +33,8 @@ class SparsePlaces(ArrayStruct):
     ``element_blocks``; base_first: likewise, and bases and strides of all pairs of them, row by row, in ``bases`` (k, 2).
     row_first: (groups + 1,) of rows; row_bases: (k, 4) in the order of ``element_blocks``, from that of the first group
     on: base and stride of the rows' block with each of these, and of that transposed.
-    starts: (3,) first unknowns of rows and of cut bodies, and how many unknowns there are.  local: (b,) scratch.
+    starts: (3,) first unknowns of rows and of cut bodies, and how many unknowns there are.  number: (unknowns,) places
+    in right-hand sides, which have no prescribed velocities; -1 of these.  local: (b,) scratch.
     """
 
     block: IntArray
@@ -49,6 +50,7 @@ class SparsePlaces(ArrayStruct):
     row_first: IntArray
     row_bases: IntArray
     starts: IntArray
+    number: IntArray
     local: IntArray
 
 
@@ -56,7 +58,7 @@ def no_sparse_places() -> SparsePlaces:
     """That of a matrix that is dense."""
     none, two, pairs = np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, N_PAIR), np.int64)
     return SparsePlaces(
-        none, two, pairs, pairs, pairs, pairs, none, none, none, two, none, np.zeros((0, 4), np.int64), none, none
+        none, two, pairs, pairs, pairs, pairs, none, none, none, two, none, np.zeros((0, 4), np.int64), none, none, none
     )
 
 
@@ -99,6 +101,7 @@ def new_sparse_places(
         row_first=np.array([first for first, _ in blocks.row_groups] + [len(plan.rows)], np.int64),
         row_bases=_table([[*table[r * b + k], *table[k * b + r]] for r, k in with_rows], 4),
         starts=np.array([blocks.rows_begin, blocks.cut(0), blocks.unknowns], np.int64),
+        number=np.where(blocks.of >= 0, np.cumsum(blocks.of >= 0) - 1, -1),
         local=np.zeros(b, np.int64),
     )
 

@@ -191,15 +191,44 @@ class UnknownBlocks:
         return np.stack(np.divmod(keys, max(b, 1)), axis=1)
 
     def ranks(self) -> IntArray:
-        """(b,) 1 of blocks whose diagonal may be zero before others are eliminated: those of rows, and joints of cuts."""
+        """(b,) 1 of the rows' blocks, whose diagonals are zero before others are eliminated."""
         found = np.zeros(len(self.first), np.int64)
-        for body in self.cuts:
+        for first, _ in self.row_groups:
+            found[self.of[self.rows_begin + first]] = 1
+        return found
+
+    def waits(self) -> dict[int, list[int]]:
+        """Blocks that get pivots from others alone: from which.
+
+        A cut body's joint from that body; rows from all that moves one of their two frames and not the other, of which
+        they are independent as a whole.
+        """
+        found: dict[int, list[int]] = {}
+        for number, body in enumerate(self.cuts):
             joint = self.joints[body]
             if joint is not None and self.of[joint.first] >= 0:
-                found[self.of[joint.first]] = 1
-        for first, _ in self.row_groups:
-            found[self.of[self.rows_begin + first]] = 2
+                found.setdefault(int(self.of[joint.first]), []).append(int(self.of[self.cut(number)]))
+        for (first, _), joined in zip(self.row_groups, self.closures, strict=True):
+            row = self.plan.rows[first]
+            own = int(self.of[self.rows_begin + first])
+            if row[at.ROW_KIND] == kinds.ROW_COUPLING:
+                found[own] = joined
+                continue
+            one, other = ([*self._whole_path(int(row[k]))] for k in (at.ROW_F, at.ROW_G))
+            found[own] = [k for k in dict.fromkeys([*one, *other]) if (k in one) != (k in other)]
         return found
+
+    def _whole_path(self, frame: int) -> Iterator[int]:
+        """The blocks that move a frame, through cut bodies to the ground."""
+        way = self.path(frame)
+        while True:
+            yield from (int(self.of[group.first]) for group in way.groups if self.of[group.first] >= 0)
+            if way.root < 0:
+                return
+            yield int(self.of[self.cut(way.root)])
+            body = self.cuts[way.root]
+            joint, inward = self.joints[body], self.inward[body]
+            way = Way([*([joint] if joint is not None else []), *inward.groups], inward.root)
 
 
 def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownBlocks:
@@ -232,6 +261,7 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
                 open_at = -1 if i in number else begin + n
         if not (massless[i] and carries[i] == 1 and i + 1 < len(trees) and trees[i + 1][at.PARENT] == i):
             open_at = -1
+    of, first = _sorted(of, first)  # of joints that are turned round, links stand the other way
     groups = _row_groups(plan)
     for begin, end in groups:
         of[nv + begin : nv + end] = len(first)
@@ -242,6 +272,14 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
         first.append(begin)
     size = np.bincount(of + 1, minlength=len(first) + 1)[1:]
     return UnknownBlocks(plan, np.array(first, np.int64), size, of, cuts, joints, modes, inward, outward, groups)
+
+
+def _sorted(of: IntArray, first: list[int]) -> tuple[IntArray, list[int]]:
+    """Blocks in the order of their velocities."""
+    order = np.argsort(first)
+    place = np.full(len(first) + 1, -1, np.int64)
+    place[order] = np.arange(len(first))
+    return place[of], sorted(first)
 
 
 def _inward(plan: Plan, tree: list[int], modes: list[Group | None], outward: list[Way]) -> Way:
