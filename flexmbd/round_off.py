@@ -13,14 +13,29 @@ ROUND_OFF = 1e-14
 EQUAL = 1e-12
 """Of a value: by how much two ways to it may differ, each a chain of sums as through a tree or products of matrices."""
 
-SAME_PLACE = 1e-9
-"""Of an extent or a size: how far apart one place, or one motion, may be found; people and files write ten digits."""
+TEN_DIGITS = 1e-9
+"""Of a value: by how much it may differ from another if both have ten digits, as people, files and iterations leave."""
+
+SAME_PLACE = TEN_DIGITS
+"""Of an extent: how far apart one place, or one motion, may be found."""
+
+SEVEN_DIGITS = 1e-6
+"""Of a value that a person or a program wrote with seven or eight digits: what rounding leaves."""
+
+SIX_DIGITS = 1e-5
+"""The same of six digits, as programs write at least."""
 
 WORTHLESS_PIVOT = 1e-12
 """Of what a pivot, or a singular value, was summed of: below it too few of its digits are right to divide by it."""
 
 SQUARED = 1e-8
 """Of a size that was found by its square, as lengths by energies: half of the digits are left."""
+
+STALLED = 1e-6
+"""Of a size: what an iteration no longer halves below this is round-off of badly scaled equations, and good."""
+
+NO_LENGTH = 1e-150
+"""m: a length that is none; its square is still a number."""
 
 
 def of_solver(n: int) -> float:

@@ -15,7 +15,7 @@ _LEAST = 0.1  # of a share: the next one at least
 
 
 @dataclass(frozen=True, eq=False)
-class Trial(Generic[AnyPlace]):
+class ShareTrial(Generic[AnyPlace]):
     """What a share of a step leads to.
 
     Attributes:
@@ -32,8 +32,8 @@ class Trial(Generic[AnyPlace]):
 
 
 def searched(
-    trial: Callable[[float], Trial[AnyPlace]], *, most: int, fails: tuple[type[FlexmbdError], ...] = ()
-) -> Trial[AnyPlace]:
+    trial: Callable[[float], ShareTrial[AnyPlace]], *, most: int, fails: tuple[type[FlexmbdError], ...] = ()
+) -> ShareTrial[AnyPlace]:
     """The first good trial of a step, or the best of as many as there may be.
 
     Args:
@@ -61,7 +61,7 @@ def searched(
     return best
 
 
-def by_work(place: AnyPlace, share: float, *, work: float, before: float, ratio: float) -> Trial[AnyPlace]:
+def by_work(place: AnyPlace, share: float, *, work: float, before: float, ratio: float) -> ShareTrial[AnyPlace]:
     """A trial that is good where the forces do no more work on the step than a ratio of that at its beginning.
 
     Args:
@@ -73,6 +73,6 @@ def by_work(place: AnyPlace, share: float, *, work: float, before: float, ratio:
     """
     excess = abs(work) - ratio * abs(before)
     if work * before >= 0.0:
-        return Trial(place, share, excess)
+        return ShareTrial(place, share, excess)
     # where the work would vanish if it were linear in the share
-    return Trial(place, share, excess, min(max(before / (before - work), _LEAST), _HALF))
+    return ShareTrial(place, share, excess, min(max(before / (before - work), _LEAST), _HALF))

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from flexmbd.continuation.line_search import Trial, searched
+from flexmbd.continuation.line_search import ShareTrial, searched
 from flexmbd.continuation.newton import Correction, newton
 from flexmbd.errors import ConvergenceError
 from flexmbd.record.groups import FloatArray, IntArray
@@ -176,11 +176,11 @@ class _LoadedPolynomial:
         step, decrease, body = correction.change, correction.size**2, self.polynomial
         before = float(body.energy(here) - self.force @ here)
 
-        def trial(share: float) -> Trial[FloatArray]:
+        def trial(share: float) -> ShareTrial[FloatArray]:
             after = here + share * step
             change = float(body.energy(after) - self.force @ after) - before
             # of terms that cancel, as the linear energy of a bent body's membrane does
             noise = ROUND_OFF * (float(body.stiffness @ after**2) + abs(before))
-            return Trial(after, share, change - noise + _PROMISED * share * decrease)
+            return ShareTrial(after, share, change - noise + _PROMISED * share * decrease)
 
         return searched(trial, most=_TRIALS).place

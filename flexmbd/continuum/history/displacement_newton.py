@@ -11,7 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuation.line_search import Trial, by_work, searched
+from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuation.newton import Correction, newton
 from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
@@ -20,6 +20,7 @@ from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import ConvergenceError
 from flexmbd.given import checked
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 
@@ -97,7 +98,7 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _TrialDisplacement:
     """A trial displacement (local dofs including ghosts,) m, the forces there, and what given dofs still lack, m."""
 
     increment: FloatArray
@@ -163,7 +164,7 @@ class Newton:
         Raises:
             ConvergenceError: on all ranks: it did not converge; the message has the residuals.
         """
-        step = _Step(self, forces, tangent, constraints)
+        step = _StepProblem(self, forces, tangent, constraints)
         found = newton(step, step.begin(start, target), most=self.convergence.max_iterations, close=0.0)
         if found.is_solution:
             return Solution(found.place.increment, tuple(step.residuals), found.place.balance)
@@ -264,7 +265,7 @@ class Newton:
 
     def search(
         self,
-        here: _Place,
+        here: _TrialDisplacement,
         change: FloatArray,
         forces: Callable[[FloatArray], Balance],
         *,
@@ -283,7 +284,7 @@ class Newton:
             return increment + change, balance
         before, tried = self._work(change, here.balance.residual), 1.0
 
-        def trial(share: float) -> Trial[Balance]:
+        def trial(share: float) -> ShareTrial[Balance]:
             nonlocal tried
             tried = share
             balance = forces(increment + share * change)
@@ -305,7 +306,7 @@ class Newton:
         diagonal = matrix.getDiagonal()
         n = self.body.n_owned
         forces = diagonal.array_r * (self.body.displacement[:n] + increment[:n])
-        return _LAST_PLACES * float(np.finfo(float).eps) * self.free_norm(forces)
+        return _LAST_PLACES * EPSILON * self.free_norm(forces)
 
     def _work(self, change: FloatArray, residual: FloatArray) -> float:
         mine = change[self._free] @ residual[self._free]
@@ -323,7 +324,7 @@ class Newton:
         return float(np.sqrt(self.body.comm.allreduce(values @ values, op=MPI.SUM)))
 
 
-class _Step:
+class _StepProblem:
     """One step as a problem for Newton's method; ``residuals``: on the dofs that are not prescribed, relative."""
 
     def __init__(
@@ -340,14 +341,14 @@ class _Step:
         self._left: FloatArray = np.zeros(0)
         self._matrix = PETSc.Mat()  # no handle before the first
 
-    def begin(self, start: FloatArray, target: FloatArray) -> _Place:
+    def begin(self, start: FloatArray, target: FloatArray) -> _TrialDisplacement:
         method, increment = self._method, start.copy()
         balance = self._forces(increment)
         if method.predicts:
             method.body.predict_stress(np.zeros_like(increment), increment)
-        return _Place(increment, balance, target - increment[method.prescribed])
+        return _TrialDisplacement(increment, balance, target - increment[method.prescribed])
 
-    def is_solved(self, here: _Place, *, close: bool) -> bool:
+    def is_solved(self, here: _TrialDisplacement, *, close: bool) -> bool:
         """Whether the residual is small, or stays where it is and is round-off."""
         method, rule, size, residuals = self._method, self._method.convergence, here.balance.size, self.residuals
         self._left = method.without_constraint_forces(here.balance.residual, self._constraints)
@@ -356,7 +357,7 @@ class _Step:
         stalled = len(residuals) > 2 and 0.5 * residuals[-2] < residuals[-1] <= noise
         return (residuals[-1] <= rule.tolerance or stalled) and not self._jumps(here)
 
-    def correction(self, here: _Place) -> Correction[FloatArray]:
+    def correction(self, here: _TrialDisplacement) -> Correction[FloatArray]:
         """The linear solution, by the tangent there or, as long as it serves, by the one before."""
         method, residuals, reused = self._method, self.residuals, True
         if len(residuals) < 3 or residuals[-1] > method.reuse_below * residuals[-2]:
@@ -367,14 +368,14 @@ class _Step:
         )
         return Correction(change, residuals[-1])
 
-    def moved(self, here: _Place, correction: Correction[FloatArray], *, close: bool) -> _Place:
+    def moved(self, here: _TrialDisplacement, correction: Correction[FloatArray], *, close: bool) -> _TrialDisplacement:
         full = self._jumps(here)
         if self._open is not None:
             self._open = replace(self._open, gap=np.zeros_like(self._open.gap))
         found = self._method.search(here, correction.change, self._forces, full=full)
-        return _Place(*found, np.zeros_like(here.gap))
+        return _TrialDisplacement(*found, np.zeros_like(here.gap))
 
-    def _jumps(self, here: _Place) -> bool:
+    def _jumps(self, here: _TrialDisplacement) -> bool:
         """Whether prescribed dofs or constraints still have to be moved where they are wanted. Collective."""
         if len(self.residuals) > 1:
             return False

@@ -20,7 +20,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuation.line_search import Trial, by_work, searched
+from flexmbd.continuation.line_search import ShareTrial, by_work, searched
 from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WORK_RATIO, LinearConstraints
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
@@ -202,13 +202,13 @@ class CondensedNewton:
     ) -> _Found:
         """Go along the last correction until what is out of balance does less work on it. Collective."""
 
-        def trial(share: float) -> Trial[_Found]:
+        def trial(share: float) -> ShareTrial[_Found]:
             increment, constraints = self._placed(equations, motion, last, share)
             balance = equations.residual(increment)
             left = self._without_constraint_forces(balance, constraints)
             found = increment, constraints, balance, left
             if not last.work:  # nothing to compare: the step is taken
-                return Trial(found, share, 0.0)
+                return ShareTrial(found, share, 0.0)
             work = float(self._bonds.total(np.array(last.change @ left)))
             return by_work(found, share, work=work, before=last.work, ratio=WORK_RATIO)
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from flexmbd.continuation.line_search import Trial, searched
+from flexmbd.continuation.line_search import ShareTrial, searched
 from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
@@ -29,7 +29,7 @@ _LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium is l
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _DownhillPlace:
     """Forces and derivatives at a configuration, and the strains there by the linear equations of the last step."""
 
     at: ForceBalance
@@ -46,7 +46,7 @@ class _Step:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _DownhillProblem:
     """The equilibrium of a machine as a problem for Newton's method.
 
     Attributes:
@@ -65,13 +65,13 @@ class _Search:
     leaves: bool
     stays_stable: bool
 
-    def begin(self, start: ForceBalance) -> _Place:
-        return _Place(start, self.strains.at(start.x))
+    def begin(self, start: ForceBalance) -> _DownhillPlace:
+        return _DownhillPlace(start, self.strains.at(start.x))
 
-    def is_solved(self, here: _Place, *, close: bool) -> bool:
+    def is_solved(self, here: _DownhillPlace, *, close: bool) -> bool:
         return close
 
-    def correction(self, here: _Place) -> Correction[_Step]:
+    def correction(self, here: _DownhillPlace) -> Correction[_Step]:
         """The next step; in it the strains of slender bodies are unknowns of their own (`strain_predictor`).
 
         Raises:
@@ -87,7 +87,7 @@ class _Search:
             return Correction(replace(step, along=aside), _LEAVE)
         return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP)))
 
-    def moved(self, here: _Place, correction: Correction[_Step], *, close: bool) -> _Place:
+    def moved(self, here: _DownhillPlace, correction: Correction[_Step], *, close: bool) -> _DownhillPlace:
         """Where a step leads.
 
         It is halved until interiors find their balance there and, where the machine is stable, the forces no longer
@@ -99,7 +99,7 @@ class _Search:
         linear = strains.at(at.x) + strains.change(at.x, step)
         allowed = _SLOPE * abs(float(at.lacking @ along))
 
-        def trial(part: float) -> Trial[_Place]:
+        def trial(part: float) -> ShareTrial[_DownhillPlace]:
             x = moved(scene, self.work, at.x, part * step)
             try:
                 there = balance(scene, self.work, x, at.v, motion=at.motion)
@@ -110,9 +110,9 @@ class _Search:
             then = here.predicted + part * (linear - here.predicted)
             # other coordinates are the independent ones there: no work along the step to be compared
             if not searches or not np.array_equal(there.by.z, at.by.z):
-                return Trial(_Place(there, then), part, 0.0)
+                return ShareTrial(_DownhillPlace(there, then), part, 0.0)
             open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
-            return Trial(_Place(there, then), part, float(open_forces @ along) - allowed)
+            return ShareTrial(_DownhillPlace(there, then), part, float(open_forces @ along) - allowed)
 
         fails = () if scene.interiors is None else (SceneError,)
         return searched(trial, most=_TRIALS, fails=fails).place
@@ -136,7 +136,7 @@ def stable_below(
     Raises:
         SceneError: none is found; the message names the coordinate where most is lacking.
     """
-    search = _Search(scene, work, strains, sizes, leaves=True, stays_stable=False)
+    search = _DownhillProblem(scene, work, strains, sizes, leaves=True, stays_stable=False)
     found = newton(search, search.begin(start), most=_ITERATIONS, close=SETTLED)
     if found.is_solution:
         return found.place.at
@@ -170,7 +170,7 @@ def newton_cut(
         ConvergenceError: they lead to none.
         SceneError: as ``balance``.
     """
-    search = _Search(scene, work, strains, sizes, leaves=False, stays_stable=stays_stable)
+    search = _DownhillProblem(scene, work, strains, sizes, leaves=False, stays_stable=stays_stable)
     found = newton(search, search.begin(start), most=_FEW, close=SETTLED)
     if not found.is_solution:
         raise ConvergenceError("Newton's steps lead to no equilibrium")
@@ -184,7 +184,7 @@ def most_lacking(scene: CompiledScene, at: ForceBalance) -> str:
     return f"at {name!r} a force of {-at.lacking[worst]:.6g} (N, N m, or modal) stays unbalanced"
 
 
-def _newton_step(search: _Search, here: ForceBalance, more: FloatArray) -> _Step:
+def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray) -> _Step:
     """Newton's own step where nothing is unstable.
 
     Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they

@@ -33,14 +33,13 @@ from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.loaded_forms import LoadedForms, assembled_vector, loaded_forms
 from flexmbd.reduction.stiffening.stability import is_stable
 from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
+from flexmbd.round_off import EQUAL
 
 # Size of the last Newton step, by the energy norm, relative to the largest: its square is what is left after it.
 _STEP = 1e-6
 _STEPS = 20
 # A step that is that much larger than the one before is not converging.
 _GROWTH = 10.0
-# Relative change of the stiffness that is round-off.
-_SAME = 1e-12
 # Largest rotation, rad, up to which a formulation's rotations are taken for those of small motions.
 _ROTATION = 1e-3
 # Smallest part of the load in which it is brought up.
@@ -125,7 +124,7 @@ def prestressed(
     _check_rotations(model, found)
     tangent = model.tangent(found.displacement[: model.n_owned])
     change = tangent - model.K
-    if change.norm() <= _SAME * model.K.norm():
+    if change.norm() <= EQUAL * model.K.norm():
         found = replace(found, note=f"{found.note}; no change of the stiffness, as of a quadratic strain energy")
     change.destroy()
     return PrestressedModel(model, found, tangent)
@@ -300,6 +299,8 @@ class _Equilibrium:
             found = newton(problem, problem.last, most=_STEPS, close=_STEP, grows=_GROWTH)
         except np.linalg.LinAlgError:
             raise _NotFoundError(_BUCKLES, problem.last.displacement) from None
+        except ConvergenceError as error:
+            raise _NotFoundError(str(error), problem.last.displacement) from error
         except (ReductionError, FormulationError) as error:
             raise _NotFoundError(f"the tangent stiffness fails, {error}", problem.last.displacement) from error
         if found.is_solution:

@@ -29,6 +29,7 @@ from flexmbd.multibody.start.sides import refuse_other_sides
 FloatArray = NDArray[np.float64]
 
 _OFF = 1e-3  # rad, or of the extent: how far a given start may lie from its equilibrium
+_AHEAD = (1.0, 0.3819660)  # of the range: where loads are looked at that do nothing at first; they may come back to it
 
 
 def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs: Inputs) -> EquilibriumPath:
@@ -123,7 +124,9 @@ def _does_anything(space: MachineSpace, there: MachinePoint, to: float) -> bool:
     by = there.at.by
     if by.Xu.any() or (by.Vz.T @ there.slopes.force).any():
         return True
-    return not np.array_equal(there.at.stiffness(), space.at(there.x, to).at.stiffness())
+    stiffness = there.at.stiffness()
+    ahead = (there.factor + share * (to - there.factor) for share in _AHEAD)
+    return any(not np.array_equal(stiffness, space.at(there.x, factor).at.stiffness()) for factor in ahead)
 
 
 def _working_point(scene: CompiledScene, here: Station[MachinePoint]) -> WorkingPoint:
