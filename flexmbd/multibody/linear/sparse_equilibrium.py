@@ -21,14 +21,14 @@ from flexmbd.multibody.linear.forces_at_play import BALANCED
 from flexmbd.multibody.linear.stability import HAS_POTENTIAL, SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.sparse_stiffness import SparseStiffness, sparse_stiffness
-from flexmbd.round_off import EQUAL, ROUND_OFF
+from flexmbd.round_off import EQUAL, ROUND_OFF, WORTHLESS_PIVOT
 
 FloatArray = NDArray[np.float64]
 
 _CORRECTIONS = 12
 _REFINEMENTS = 3
 _GROWS = 2.0
-_COUPLED = 1e-3  # of stiffnesses at play: times the least pivot it is their round-off
+_COUPLED = ROUND_OFF / WORTHLESS_PIVOT  # of stiffnesses at play: of this share a worthless pivot is their round-off
 _ASTRAY = 0.4  # of Newton's step: the first correction after it
 _DENSE_UP_TO = 3000  # velocities: of more, dense matrices and their singular values take minutes
 

@@ -291,3 +291,21 @@ def test_what_nothing_resists_is_held():
     solve_sparse(pattern, matrix, found)
     assert found[0, held] == pytest.approx(0.0, abs=1e-13)
     np.testing.assert_allclose(dense @ found[0], force, atol=1e-12)
+
+
+def test_a_column_that_fills_gives_a_pivot():
+    # the second unknown's column is zero among the pivots of its front until the first has gone
+    dense = np.array([[0.0, 1.0, 2.0], [1.0, 0.0, 0.0], [3.0, 0.0, 1e-3]])
+    rhs = np.array([[1.0, 2.0, 3.0]])
+    found, matrix = solved(new_block_pattern([3], []), dense, rhs)
+    np.testing.assert_allclose(found[0], np.linalg.solve(dense, rhs[0]), rtol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_regular_blocks_of_many_zeros_have_pivots(seed):
+    random = np.random.default_rng(seed)
+    upper = np.triu(random.standard_normal((12, 12)) * (random.random((12, 12)) < 0.2), 1)
+    dense = (np.eye(12) + upper)[random.permutation(12)]
+    rhs = random.standard_normal((1, 12))
+    found, _ = solved(new_block_pattern([12], []), dense, rhs)
+    np.testing.assert_allclose(found[0], np.linalg.solve(dense, rhs[0]), atol=1e-12 * abs(found).max())

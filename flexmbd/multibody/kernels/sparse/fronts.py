@@ -58,7 +58,7 @@ def eliminate(pattern, matrix, first, begin, p, w, reach, holds):
             columns[0, j] = max(columns[0, j], abs(values[begin + i * w + j]))
     for k in range(p):
         row = values[begin + k * w : begin + (k + 1) * w]
-        other = _pivot_column(row, columns, k, p)
+        other = _pivot_column(row, columns, matrix.size[first + k], k, p)
         kept = _kept(matrix, first, begin, k, other, w)
         if not abs(row[other]) > WORTHLESS_PIVOT * kept:
             if not holds:
@@ -108,14 +108,17 @@ def _exchange_columns(matrix, first, begin, k, other, p, w):
 
 
 @kernel
-def _pivot_column(row, columns, k, p):
-    """Which column gives the pivot of row k: its own, unless that is small by the columns' scales."""
+def _pivot_column(row, columns, terms, k, p):
+    """Which column gives the pivot of row k: its own, unless that is small by the columns' scales.
+
+    ``terms``: what its diagonal entry is the sum of; beside these and the columns' own round-off is no pivot.
+    """
     if k == p - 1:
         return k
     best, largest, own = k, 0.0, 0.0
     for j in range(k, p):
-        if columns[0, j] > 0.0:
-            size = abs(row[j]) / columns[0, j]
+        if abs(row[j]) > WORTHLESS_PIVOT * np.sqrt(terms * columns[1, j]):
+            size = abs(row[j]) / max(columns[0, j], abs(row[j]))
             if j == k:
                 own = size
             if size > largest:
