@@ -20,6 +20,7 @@ from flexmbd.continuation.request import Continuation
 from flexmbd.errors import EquilibriumWarning, SceneError, warn
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
+from flexmbd.integrate.matrix_text import matrix_text
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.linearization import linear_machine, working_point
 from flexmbd.linearized import LinearizedMachine
@@ -384,10 +385,11 @@ class System(MachineAssembly):
         start = self.start()
         if integrator == "auto":
             choice = choose(start, t=0.0, rtol=rtol, h=h)
-            method = f"{choice.method.name} ({choice.why})"
+            chosen, why = choice.method, choice.why
         else:
             refuse_no_integrator(integrator)
-            method = f"{integrator.name} (as asked)"
+            chosen, why = integrator, "as asked"
+        method = f"{chosen.name} ({why}){matrix_text(chosen, start.scene)}"
         sampled = "".join(f"{one.explained}\n" for one in self._controllers)
         return f"{explain(start)}\n{sampled}integrator: {method}"
 

@@ -21,12 +21,10 @@ from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, 
 from flexmbd.multibody.kernels.sparse.block_lu import factor_sparse, solve_sparse
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns, turn_row_columns
-from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
 
-# In place of LAPACK's first pivot: the factors are those of the tree, of its lines of ancestors, of the recursion or of a
-# sparse matrix.
-_OF_TREE, _OF_RECURSION, _OF_SPARSE = -1, -2, -3
+# In place of LAPACK's first pivot: the factors are those of the recursion over the tree or of a sparse matrix.
+_OF_RECURSION, _OF_SPARSE = -1, -2
 
 
 @kernel
@@ -279,7 +277,6 @@ def _solve_sparse(scratch, rhs):
 @kernel
 def linearise(plan, work, state, scratch, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
-    nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     per_x, per_v = coefficients(scratch.memory.scheme, h)
     state.counts[st.FACTORISATIONS] += 1
@@ -297,22 +294,13 @@ def linearise(plan, work, state, scratch, h):
         return False
     if not _is_finite(scratch):
         return False
-    scratch.pivot[0] = _OF_TREE
-    if scratch.ancestors.shape[0] > 0 and factor_tree(scratch.ancestors, scratch.matrix):
-        return True
-    if scratch.ancestors.shape[0] > 0:  # it failed without pivoting, and is overwritten
-        for i in range(nu):
-            for j in range(nu):
-                scratch.matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
     return factor_blocks(plan.lapack, scratch.matrix, scratch.bounds, scratch.pivot, scratch.sizes)
 
 
 @kernel
 def solve_factored(plan, scratch, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
-    if scratch.pivot[0] == _OF_TREE:
-        solve_tree(scratch.ancestors, scratch.matrix, rhs)
-    elif scratch.pivot[0] == _OF_RECURSION:
+    if scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
     elif scratch.pivot[0] == _OF_SPARSE:
         if plan.rows.shape[0] > 0:

@@ -1,7 +1,7 @@
 """A step of generalized-alpha of a machine with loops whose matrix is sparse.
 
-With B the tree's iteration matrix, K its part by positions and C the rows, unknowns are corrections of the accelerations
-a, of the reactions nu and of the shifts s = B^-1 C^T kappa of positions:
+With B the tree's iteration matrix, K its part by positions and C the rows, unknowns are corrections of accelerations a,
+of reactions nu and of shifts s = B^-1 C^T kappa of positions:
 
     B a + C^T nu + K s = r1,   C (a + s) = r2,   C a + R (a + s) = r3,
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.integrate.matrix_choice import alpha_matrix
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -17,20 +16,13 @@ from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, block_matrix, diagonal_blocks, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
-from flexmbd.multibody.kernels.tangent.sparse_matrix import (
-    LoopMatrices,
-    SparseMatrix,
-    new_loop_matrices,
-    new_sparse_matrix,
-    no_sparse_matrix,
-    sparse_blocks,
-)
-from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_than_dense
-from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
+from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix
+from flexmbd.multibody.kernels.tangent.sparse_parts import LoopMatrices, new_loop_matrices
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion
 
 FloatArray = NDArray[np.float64]
 
@@ -118,7 +110,7 @@ class AlphaWorkspace(ArrayStruct):
     row_factors: (m, m) of the blocks of C B^-1 C^T, with row_order (m,) and row_rank (c,); least_pivot: (1,) of rows of
     unit length, 1 without rows.
     bounds: (c + 1,) of the blocks of the iteration matrix; sorted_rhs: (1, n) a right-hand side sorted by them.
-    phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
+    phi, phi_rate, phi_rate2: (m,) residuals of the rows.
     sparse: the matrix where that is cheaper; what is dense has no entries there.  loops: see ``sparse_loops``.
     kernels: addresses of the tangent (0: of a sparse matrix), of that for the recursion where it serves, and of that of
     a sparse matrix.
@@ -163,7 +155,6 @@ class AlphaWorkspace(ArrayStruct):
     pivot: NDArray[np.int32]
     tree_pivot: NDArray[np.int32]
     sizes: NDArray[np.int32]
-    ancestors: NDArray[np.int64]
     recursion: TreeRecursion
     sparse: SparseMatrix
     loops: LoopMatrices
@@ -184,13 +175,10 @@ def new_workspace(
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
-    side_by_side = diagonal_blocks(plan)
-    bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
-    recursion = new_tree_recursion(plan, np.diff(free) if not dense else np.zeros(0, np.int64))
-    whole = dense or interiors or len(recursion.number) > 0 or not _serves(plan)
-    found = None if whole else sparse_blocks(plan, np.diff(bounds))
-    tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
-    sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
+    choice = alpha_matrix(plan, dense=dense or interiors)
+    recursion, found = choice.recursion, choice.sparse
+    bounds, free = choice.bounds, choice.side_by_side.free
+    tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
     full = zeros((0, 0) if found else (nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = [0, 0, 0]
@@ -244,7 +232,6 @@ def new_workspace(
         pivot=zeros(max(1, n), np.int32),
         tree_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(N_SIZES, np.int32),
-        ancestors=_ancestor_table(plan, tangent.blocks, serves=not (interiors or found or len(recursion.number))),
         recursion=recursion,
         sparse=sparse,
         loops=new_loop_matrices(plan, found),
@@ -253,24 +240,6 @@ def new_workspace(
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),
     )
-
-
-def _serves(plan: Plan) -> bool:
-    """Whether ``sparse_loops`` serves the rows of a plan.
-
-    Not where an augmented Lagrangian enforces some, nor where loops hold balls, whose turns within a step count.
-    """
-    augmented = (plan.rows[:, at.ROW_ENFORCEMENT] > 0).any()
-    balls = len(plan.rows) > 0 and (plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any()
-    return not (augmented or balls)
-
-
-def _ancestor_table(plan: Plan, blocks: DiagonalBlocks, *, serves: bool) -> NDArray[np.int64]:
-    """Ancestors of the unknowns where it ``serves`` and to factor by the tree is cheaper than as a whole; else none."""
-    if not serves or len(plan.rows) or len(blocks.velocity) != 1:
-        return np.zeros((0, 1), np.int64)
-    lines = ancestors(plan)
-    return lines if is_cheaper_than_dense(lines) else lines[:0]
 
 
 @kernel

@@ -10,7 +10,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.sparse.block_lu import add_product, factor_sparse, solve_sparse
-from flexmbd.multibody.kernels.tangent.sparse_matrix import set_shift
+from flexmbd.multibody.kernels.tangent.sparse_parts import set_shift
 
 
 @kernel
@@ -66,16 +66,19 @@ def factor_both(scratch, h):
 
 @deferred_kernel()
 def solve_real_blocks(scratch):
+    """Solve with the real factors for ``s.rhs_real``, in place."""
     solve_sparse(scratch.sparse.pattern, scratch.sparse.matrix, scratch.rhs_real)
 
 
 @deferred_kernel()
 def solve_complex_blocks(scratch):
+    """Solve with the complex factors for ``s.rhs_complex``, in place."""
     solve_sparse(scratch.sparse.pattern, scratch.shifted.factors, scratch.rhs_complex)
 
 
 @deferred_kernel()
 def put_block_imbalance(scratch, step):
+    """As ``matrix.put_imbalance``."""
     scratch.rhs_real[0, :] = 0.0
     pattern, parts, out = scratch.sparse.pattern, scratch.shifted, scratch.rhs_real[0]
     add_product(pattern, parts.mass, scratch.error_v, 1.0, out)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
+from flexmbd.integrate.matrix_choice import radau_matrix
 from flexmbd.integrate.radau.coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, scale3, store3
@@ -28,7 +29,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix, diagonal_blocks, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix
 from flexmbd.multibody.kernels.tangent.recursion_parts import (
     ComplexRecursion,
     RecursionParts,
@@ -37,16 +38,10 @@ from flexmbd.multibody.kernels.tangent.recursion_parts import (
 )
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
-from flexmbd.multibody.kernels.tangent.sparse_matrix import (
-    ShiftedMatrix,
-    SparseMatrix,
-    new_shifted_matrix,
-    new_sparse_matrix,
-    no_sparse_matrix,
-    sparse_blocks,
-)
-from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
+from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix
+from flexmbd.multibody.kernels.tangent.sparse_parts import ShiftedMatrix, new_shifted_matrix
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -208,14 +203,11 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
-    side_by_side = diagonal_blocks(plan)
-    bounds, free = unknown_bounds(side_by_side, 2), side_by_side.free
-    recursion = new_tree_recursion(plan, np.diff(free))
-    dense = len(recursion.number) > 0 or m > 0
-    found = None if dense else sparse_blocks(plan, np.diff(bounds), cuts=False)
-    tangent = new_tangent_work(plan, nv, sizes=scales, blocks=found[0] if found else None)
-    sparse = new_sparse_matrix(plan, *found) if found else no_sparse_matrix()
-    no_matrix = len(recursion.number) > 0 or found is not None
+    choice = radau_matrix(plan)
+    recursion, found = choice.recursion, choice.sparse
+    bounds, free = choice.bounds, choice.side_by_side.free
+    tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
+    no_matrix = choice.recurs or found is not None
     if no_matrix:
         bounds = free = free[:1]
     phi, full = zeros((3, m)), zeros((0, 0) if no_matrix else (nv, nv))

@@ -85,7 +85,7 @@ def compare(compiled, seed, cut=None):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees(seed):
-    """Driven hinges, reduced bodies with children on frames that deform, laws on coordinates; any bodies cut or none."""
+    """Driven hinges, reduced bodies with children on frames that deform, laws on coordinates; none cut, some or all."""
     compiled = random_tree(seed)[0].compile().scene
     compare(compiled, seed)
     compare(compiled, seed, np.ones(len(compiled.plan.tree), bool))

@@ -1,4 +1,4 @@
-"""The tangent of what acts between two frames: reactions of constraint rows and force elements.
+"""The tangent of what acts between two frames: force elements, and by ``row_pairs`` reactions of constraint rows.
 
 Both give a wrench from the motion of frame G against frame F in F's axes, and its variation.  Columns that move one of
 the frames and not the other change it; that it goes along with the bodies is part of their columns already.
@@ -7,18 +7,15 @@ the frames and not the other change it; that it goes along with the bodies is pa
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.differences import difference_step
 from flexmbd.multibody.kernels.elements.frame_states import add_rates, state_count, wrench_by_state
 from flexmbd.multibody.kernels.elements.table import element_wrench, element_wrench_variation, is_between_frames
-from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, relative_motion
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
-from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_rows
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
 from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, RATE, SHIFT, TURN
 
@@ -82,13 +79,14 @@ def _collect_path(plan, tw, f, o, sign, count):
 
 
 @kernel
-def _collect_paths(plan, tw, f, g):
+def collect_paths(plan, tw, f, g):
     """Enter all unknowns that move frames f or g into the path; return their number."""
     return _collect_path(plan, tw, g, 6, 1.0, _collect_path(plan, tw, f, 0, -1.0, 0))
 
 
 @kernel
 def clear_path(tw, count):
+    """Take all unknowns off the path."""
     for i in range(count):
         tw.path_mark[tw.path[i]] = 0
 
@@ -109,7 +107,7 @@ def relative_variation(phi, r, turn, rate, c_G, v_G, w_F, w_G, R_F):
 
 
 @kernel
-def _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
+def variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     """Variation of G's motion against F by unknown k: whether there is one, dd, dtheta, drate, dspin (F's axes).
 
     Also the relative twist (phi, r) itself, in world axes.
@@ -138,7 +136,7 @@ def pair_frames(plan, work, tw, f, g):
 
 
 @kernel
-def _put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
+def put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
     """Store what unknown k changes of the wrench between F and G, about o in world axes.
 
     ``dforce``, ``dmoment`` about F's origin in F's axes; (force, torque) the wrench itself in world axes.
@@ -152,14 +150,14 @@ def _put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
 
 
 @kernel
-def _put_first(tw, moved, j):
+def put_first(tw, moved, j):
     """Exchange the path's unknown j with the one at ``moved``; one more than that."""
     tw.path[moved], tw.path[j] = tw.path[j], tw.path[moved]
     return moved + 1
 
 
 @kernel
-def _add_changes(tw, count, moved, matrix):
+def add_changes(tw, count, moved, matrix):
     """Add the stored changes, on the ``count`` unknowns that move F or G, by the first ``moved`` of them.
 
     The others move both alike, as all that lies between the two and the ground does, and change nothing.
@@ -194,7 +192,7 @@ def change_by(wrench, motion, k):
 
 
 @kernel
-def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, at_f, at_g):
+def load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G.
 
     ``at_f`` and ``at_g`` have the entries of their bodies' modes.
@@ -211,129 +209,6 @@ def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_
 
 
 @kernel
-def _same_frames(row, other):
-    return row[at.ROW_F] == other[at.ROW_F] and row[at.ROW_G] == other[at.ROW_G]
-
-
-@kernel
-def last_of_group(plan, first):
-    """One past the last row that joins the same frames as row ``first``."""
-    last = first + 1
-    while (
-        last < plan.rows.shape[0]
-        and plan.rows[last, at.ROW_KIND] != kinds.ROW_COUPLING
-        and _same_frames(plan.rows[first], plan.rows[last])
-    ):
-        last += 1
-    return last
-
-
-@kernel
-def _coupling_row(plan, tw, i, per_v):
-    """Jacobian of a coupling of coordinates."""
-    o = plan.rows[i, at.ROW_DATA]
-    for k in range(int(plan.data[o])):
-        v, share = coupling_term(plan, o, k)
-        tw.jacobian[i, v] += share
-        tw.rate_jacobian[i, v] += per_v * share
-
-
-@kernel
-def _total_wrench(plan, first, last, multipliers, d, R):
-    """Wrench of rows first .. last - 1 together, at G, in F's axes."""
-    force = torque = (0.0, 0.0, 0.0)
-    for i in range(first, last):
-        one, turn = row_wrench(plan.data, plan.rows[i], d, R)
-        force = add3(force, scale3(multipliers[i], one))
-        torque = add3(torque, scale3(multipliers[i], turn))
-    return force, torque
-
-
-@kernel
-def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
-    """Jacobians of row i, into column k, by an unknown; returns what that changes of the row's wrench.
-
-    The wrench is that of the multiplier.
-    """
-    dd, dtheta, drate, dspin, unit, turn = change
-    row = plan.rows[i]
-    force, torque = row_wrench(plan.data, row, d, R)
-    dforce, dtorque = row_wrench_variation(plan.data, row, d, R, dd, dtheta)
-    tw.jacobian[i, k] = dot3(force, unit) + dot3(torque, turn)
-    tw.rate_jacobian[i, k] = (
-        dot3(dforce, rate) + dot3(dtorque, spin) + dot3(force, drate) + dot3(torque, dspin)
-    )
-    return scale3(multiplier, dforce), scale3(multiplier, dtorque)
-
-
-@kernel
-def _begin_rows(tw, first, last, count):
-    """Note which unknowns the columns of these rows belong to, and clear them."""
-    tw.row_count[first] = count
-    for j in range(count):
-        tw.row_unknown[first, j] = tw.path[j]
-        for i in range(first, last):
-            tw.jacobian[i, j] = 0.0
-            tw.rate_jacobian[i, j] = 0.0
-
-
-@kernel
-def put_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, at_f, at_g, compact):
-    """Store what the unknowns change of the wrench of rows first .. last - 1, which join the same two frames.
-
-    Also write these rows of ``tw.jacobian`` and ``tw.rate_jacobian``: column by column of the path where they are
-    ``compact``.  ``at_f``, ``at_g`` and what is returned: as of ``put_element``.
-    """
-    f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
-    d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-    c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
-    force, torque = _total_wrench(plan, first, last, multipliers, d, R)
-    pull = rotate(R_F, force)
-    moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
-    count = _collect_paths(plan, tw, f, g)
-    if compact:
-        _begin_rows(tw, first, last, count)
-    moved = 0
-    for j in range(count):
-        k = tw.path[j]
-        moves, dd, dtheta, drate, dspin, phi, r = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
-        if not moves:
-            continue
-        moved = _put_first(tw, moved, j)
-        dforce = dtorque = (0.0, 0.0, 0.0)
-        unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
-        change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
-        for i in range(first, last):
-            one, turn = _row_column(plan, tw, i, j if compact else k, d, R, rate, spin, change, multipliers[i])
-            dforce = add3(dforce, one)
-            dtorque = add3(dtorque, turn)
-        dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
-        _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
-    return count, moved
-
-
-@deferred_kernel()
-def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
-    """Add the geometric stiffness of the rows' reactions; write ``tw.jacobian`` and ``tw.rate_jacobian``."""
-    clear_rows(tw.blocks, tw.jacobian)
-    clear_rows(tw.blocks, tw.rate_jacobian)
-    first = 0
-    while first < plan.rows.shape[0]:
-        if plan.rows[first, at.ROW_KIND] == kinds.ROW_COUPLING:
-            _coupling_row(plan, tw, first, per_v)
-            first += 1
-            continue
-        last = last_of_group(plan, first)
-        count, moved = put_group(
-            plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix, matrix, False
-        )
-        _add_changes(tw, count, moved, matrix)
-        clear_path(tw, count)
-        first = last
-
-
-@kernel
 def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """Store what the unknowns change of a force between frames, which is applied, so subtracted.
 
@@ -347,15 +222,15 @@ def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
-    count = _collect_paths(plan, tw, f, g)
+    load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
+    count = collect_paths(plan, tw, f, g)
     moved = 0
     for j in range(count):
         k = tw.path[j]
-        moves, dd, dtheta, drate, dspin, phi, r = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        moves, dd, dtheta, drate, dspin, phi, r = variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
         if not moves:
             continue
-        moved = _put_first(tw, moved, j)
+        moved = put_first(tw, moved, j)
         sized = k if k < tw.twist.shape[1] else 0  # laws that need a difference meet no cut bodies
         step = difference_step(per_x, per_v, tw.size_x[sized], tw.size_v[sized])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
@@ -363,7 +238,7 @@ def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
             add_rates(plan, work, row, k, 1.0, at_g)
         dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
-        _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
+        put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
     if row[at.EL_V] >= 0:
         count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, at_g)
     return count, moved
@@ -384,10 +259,10 @@ def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v, matrix):
             tw.path_twist[t, k] = 0.0
         tw.path[count] = k
         count += 1
-        moved = _put_first(tw, moved, count - 1)
+        moved = put_first(tw, moved, count - 1)
         dforce = scale3(-per_v, force)
         dmoment = add3(scale3(-per_v, torque), cross3(d, dforce))
-        _put_change(tw, k, 0.0, none, none, dforce, dmoment, none, none, c_F, R_F)
+        put_change(tw, k, 0.0, none, none, dforce, dmoment, none, none, c_F, R_F)
     return count, moved
 
 
@@ -416,7 +291,7 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]):
             count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
-            _add_changes(tw, count, moved, matrix)
+            add_changes(tw, count, moved, matrix)
             if row[at.EL_X] >= 0:
                 _put_frame_load(plan, work, tw, row, count)
             clear_path(tw, count)

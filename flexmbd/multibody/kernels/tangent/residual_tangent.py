@@ -22,9 +22,10 @@ from flexmbd.multibody.kernels.tangent.body_moments import (
     rigid_composite,
 )
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, clear_blocks
-from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements, add_elements_of_joints
+from flexmbd.multibody.kernels.tangent.frame_pairs import add_elements, add_elements_of_joints
 from flexmbd.multibody.kernels.tangent.ground_forces import add_ground_forces
 from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
+from flexmbd.multibody.kernels.tangent.row_pairs import add_closures
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
     add_product,
     add_products,

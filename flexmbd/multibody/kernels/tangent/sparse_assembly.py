@@ -30,7 +30,6 @@ from flexmbd.multibody.kernels.tangent.frame_pairs import (
     clear_path,
     motion_of_pair,
     put_element,
-    put_group,
 )
 from flexmbd.multibody.kernels.tangent.residual_tangent import (
     add_modes,
@@ -40,6 +39,7 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import (
     joint_coupling_block,
     mode_block,
 )
+from flexmbd.multibody.kernels.tangent.row_pairs import put_group
 from flexmbd.multibody.kernels.tangent.tangent_columns import composite_change, frame_columns, joint_columns
 from flexmbd.multibody.kernels.tangent.tree_recursion import SHIFT, TURN
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, MOTION, WRENCH

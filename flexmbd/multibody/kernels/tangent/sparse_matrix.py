@@ -1,8 +1,8 @@
-"""The sparse matrix of a machine: whether it has one, where its tree is cut, its pattern and places; made at compile."""
+"""The sparse matrix of a machine: whether it has one, where its tree is cut, its pattern; made at compile."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,13 +13,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.elements.table import act_between_frames, call_users, couple_all
-from flexmbd.multibody.kernels.base.compiling import entry_kernel
-from flexmbd.multibody.kernels.sparse.block_lu import (
-    BlockMatrix,
-    ComplexBlockMatrix,
-    new_block_matrix,
-    new_complex_block_matrix,
-)
+from flexmbd.multibody.kernels.sparse.block_lu import BlockMatrix, new_block_matrix
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern, new_block_pattern
 from flexmbd.multibody.kernels.tangent.sparse_places import SparsePlaces, new_sparse_places, no_sparse_places
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, unknown_blocks
@@ -44,69 +38,6 @@ class SparseMatrix(ArrayStruct):
     rhs: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class LoopMatrices(ArrayStruct):
-    """What an implicit step needs besides of a sparse matrix with constraint rows; empty without these.
-
-    tree: factors of the matrix without rows.  stiffness: the part by positions, not factored.  rate_jacobian: (m, longest
-    path) derivative of the rows' rates by positions, as ``TangentWork.rate_jacobian``.  slopes: (m, 3) see ``put_rows``.
-    per_v: (1,) weight of the part by velocities.  shifts: (m,) of positions, and shifted: (free,) what they move.  vectors: (3, unknowns) and row: (m,) scratch.
-    """
-
-    tree: BlockMatrix
-    stiffness: BlockMatrix
-    rate_jacobian: FloatArray
-    slopes: FloatArray
-    per_v: FloatArray
-    shifts: FloatArray
-    shifted: FloatArray
-    vectors: FloatArray
-    row: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class ShiftedMatrix(ArrayStruct):
-    """For matrices M + s D + s^2 K of any s: their parts, not factored, and the factors for a complex s."""
-
-    stiffness: BlockMatrix
-    damping: BlockMatrix
-    mass: BlockMatrix
-    factors: ComplexBlockMatrix
-
-
-def new_shifted_matrix(pattern: BlockPattern) -> ShiftedMatrix:
-    """Allocate for a pattern, which must be that of a tree that is not cut: what is cut has ones whatever the weights."""
-    return ShiftedMatrix(*(new_block_matrix(pattern) for _ in range(3)), new_complex_block_matrix(pattern))
-
-
-@entry_kernel
-def set_shift(parts, shift, matrix):
-    """Set M + ``shift`` D + ``shift``^2 K up in a real or complex ``matrix``."""
-    stiffness, damping, mass = parts.stiffness.values, parts.damping.values, parts.mass.values
-    for k in range(mass.shape[0]):
-        matrix.values[k] = mass[k] + shift * (damping[k] + shift * stiffness[k])
-
-
-def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | None) -> LoopMatrices:
-    """Allocate those of a plan whose matrix is sparse, and has rows."""
-    if found is None or len(plan.rows) == 0:
-        none = no_sparse_matrix().matrix
-        return LoopMatrices(none, none, np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(1), np.zeros(0), np.zeros(0), np.zeros((3, 0)), np.zeros(0))
-    blocks, pattern = found
-    m = len(plan.rows)
-    return LoopMatrices(
-        tree=new_block_matrix(pattern),
-        stiffness=new_block_matrix(pattern),
-        rate_jacobian=np.zeros((m, blocks.longest_path)),
-        slopes=np.zeros((m, 3)),
-        per_v=np.zeros(1),
-        shifts=np.zeros(m),
-        shifted=np.zeros(len(plan.free)),
-        vectors=np.zeros((3, pattern.unknowns)),
-        row=np.zeros(m),
-    )
-
-
 @cache
 def no_sparse_matrix() -> SparseMatrix:
     """That of a machine whose matrix is dense."""
@@ -117,7 +48,7 @@ def no_sparse_matrix() -> SparseMatrix:
 def sparse_blocks(
     plan: Plan, sizes: IntArray, *, cuts: bool = True
 ) -> tuple[UnknownBlocks, BlockPattern] | None:
-    """The blocks and the pattern of a machine whose matrix is cheaper so than by dense blocks of these sizes; else None.
+    """The blocks and the pattern of a machine, where that is cheaper than dense blocks of these sizes; else None.
 
     ``cuts``: whether its tree may be cut.
     """

@@ -17,8 +17,8 @@ from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, Group, Unknown
 
 # Columns of SparsePlaces.pairs: the unknowns outboard, first and one past the last; those that carry them, first and
 # how many; the edge column of the frame that these move if they are modes, else -1; base and stride of the pair of
-# blocks, and of that transposed.  Of ``carried`` and ``carrying``, whose second unknowns are those of a cut body, and of
-# ``nested``, where both are, likewise.
+# blocks, and of that transposed.  Likewise of ``carried`` and ``carrying``, whose second unknowns are those of a cut
+# body, and of ``nested``, where both are.
 P_START, P_STOP, P_FIRST, P_COUNT, P_EDGE, P_OUTER, P_OUTER_STRIDE, P_INNER, P_INNER_STRIDE, N_PAIR = range(10)
 
 
@@ -30,7 +30,7 @@ class SparsePlaces(ArrayStruct):
     pairs, carried, carrying, nested: (p, N_PAIR) of groups of unknowns and those that carry them; of groups and the cut
     body that carries them, and of groups and one that they carry; of cut bodies and the next ones inwards.
     element_first: (ne + groups of rows + 1,) where the blocks of a force element, then of a group of rows, begin in
-    ``element_blocks``; base_first: likewise, and bases and strides of all pairs of them, row by row, in ``bases`` (k, 2).
+    ``element_blocks``; base_first: likewise, in ``bases`` (k, 2), base and stride of all pairs of them, row by row.
     row_first: (groups + 1,) of rows; row_bases: (k, 4) in the order of ``element_blocks``, from that of the first group
     on: base and stride of the rows' block with each of these, and of that transposed.
     starts: (3,) first unknowns of rows and of cut bodies, and how many unknowns there are.  number: (unknowns,) places

@@ -1,4 +1,4 @@
-"""Products with parts of a sparse matrix: constraint rows times motions, reactions on bodies, a stiffness times a motion.
+"""Products with parts of a sparse matrix: rows times motions, reactions on bodies, a stiffness times a motion.
 
 Vectors (unknowns,) hold free velocities, multipliers and the unknowns of cut bodies, which follow from the others by
 their own equations.

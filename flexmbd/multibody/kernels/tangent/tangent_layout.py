@@ -51,8 +51,8 @@ class TangentWork(ArrayStruct):
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
     path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
     path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
-    jacobian: (rows, nv) rates of the constraint rows per unit velocity; for a sparse matrix (rows, longest path), row by
-    row of the unknowns in ``row_unknown``, ``row_count`` many, of the first row of those that join the same frames.
+    jacobian: (rows, nv) rates of the constraint rows per unit velocity.  For a sparse matrix (rows, longest path), and
+    ``row_unknown`` has the unknowns of its columns, ``row_count`` many, in the first of rows that join the same frames.
     rate_jacobian: likewise, derivative of the rows' rates, per_x by x and per_v by v.
     cut_of: (bodies,) the first unknown of a cut body, -1 of others.
     move, moved_x, moved_v: (nv,), (nx,), (nv,) a state nearby.

@@ -63,8 +63,8 @@ class UnknownBlocks:
         first, size: (b,) the first unknown of each block, and how many.
         of: (nv + m + ...,) the block of each unknown; -1 of prescribed velocities.
         cuts: bodies that are cut, rising.
-        joints, modes: of each body the group of its joint and of its modes, whether it is free or not; None: it has none.
-        inward: of each body the way from its joint inwards, without the joint; outward: that which moves the body itself.
+        joints, modes: of each body the group of its joint and of its modes, free or not; None: it has none.
+        inward: of each body the way from its joint inwards, without the joint; outward: that which moves the body.
         row_groups: (first, one past the last) rows that join the same frames.
     """
 
