@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.elements.table import couple_all
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
+from flexmbd.multibody.kernels.reading.tree import modal_places, parents
 from flexmbd.multibody.kernels.sparse.block_lu import count_signs, factor_holding, factor_sparse, solve_sparse
-from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern, new_block_pattern
+from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, put_rows
-from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix
+from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix, sparse_blocks
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _LEAST_UNKNOWNS = 100  # below, dense matrices are solved in less time than a pattern is made
-_SLOWER = 3.0  # an operation of fronts against one of LAPACK's
+_DEEP = 8.0  # a tree is deep whose velocities are coupled with so large a share of all by carrying each other alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,20 +181,29 @@ def sparse_stiffness(
     """
     plan = scene.plan if plan is None else plan
     n = len(plan.free) + len(plan.rows)
-    if n < _LEAST_UNKNOWNS or couple_all(plan).any():
+    if n < _LEAST_UNKNOWNS or _carrying(plan) > n**2 / _DEEP:
         return None
-    blocks = unknown_blocks(plan)
-    pairs = blocks.pairs()
-    if float(blocks.size[pairs].prod(axis=1).sum()) > n**2 / _SLOWER:
+    found = sparse_blocks(plan, np.array([n]), cuts=False)
+    if found is None:
         return None
-    pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
-    if _SLOWER * pattern.operations > 2.0 / 3.0 * float(n) ** 3:
-        return None
+    blocks, pattern = found
     if sizes is None:
         sizes = np.stack([coordinate_sizes(scene), np.zeros(scene.nv)])
     tangents = new_tangent_work(plan, scene.nv, sizes=sizes, blocks=blocks)
     matrix = new_sparse_matrix(plan, blocks, pattern)
     return SparseStiffness(scene, plan, work, matrix, tangents, _entries(plan, pattern))
+
+
+def _carrying(plan: Plan) -> float:
+    """How many pairs of velocities there are of which one carries the other."""
+    own = plan.tree[:, at.JOINT_SIZE].tolist()
+    for place in modal_places(plan):
+        own[place.row] += place.v.stop - place.v.start
+    path, total = list[int](), 0.0
+    for size, parent in zip(own, parents(plan).tolist(), strict=True):
+        path.append(size + (path[parent] if parent >= 0 else 0))
+        total += size * path[-1]
+    return total
 
 
 def _entries(plan: Plan, pattern: BlockPattern) -> Entries:

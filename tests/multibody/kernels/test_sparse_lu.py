@@ -297,7 +297,7 @@ def test_a_column_that_fills_gives_a_pivot():
     # the second unknown's column is zero among the pivots of its front until the first has gone
     dense = np.array([[0.0, 1.0, 2.0], [1.0, 0.0, 0.0], [3.0, 0.0, 1e-3]])
     rhs = np.array([[1.0, 2.0, 3.0]])
-    found, matrix = solved(new_block_pattern([3], []), dense, rhs)
+    found, _ = solved(new_block_pattern([3], []), dense, rhs)
     np.testing.assert_allclose(found[0], np.linalg.solve(dense, rhs[0]), rtol=1e-10)
 
 
