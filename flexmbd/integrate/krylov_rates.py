@@ -43,17 +43,19 @@ def krylov_motions(start: Start, plan: Plan, work: Work, *, rate: float) -> Moti
     squares = np.divide(np.abs(stiffness.diagonal()[free]), inertia, out=np.zeros(len(free)), where=inertia > 0.0)
     sizes[1] = sizes[0] * (float(np.sqrt(squares.max(initial=0.0))) or 1.0)
     damping = _product(start, matrix, (0.0, 1.0, 0.0))
-    space, random = _Space(mass), np.random.default_rng(0)
+    random = np.random.default_rng(0)
     forces = [mass @ start.a, mass @ start.v]
     noise = random.standard_normal((2, scene.nv))
-    if not _factored(start, matrix, (0.0, 0.0, 1.0)):
+    by_mass = matrix.beside()
+    if not _factored(start, by_mass, (0.0, 0.0, 1.0)):
         return None
+    space = _Space(mass, by_mass)
     for operator, first, count in (
         *((stiffness, force, _FOLLOWED) for force in forces),
         (stiffness, noise[0], _AT_RANDOM),
         (damping, noise[1], _AT_RANDOM),
     ):
-        space.follow(matrix, operator, first, count)
+        space.follow(by_mass, operator, first, count)
     if rate > 0.0 and _factored(start, matrix, (1.0, 0.0, rate * rate)):
         for force in forces:
             space.follow(matrix, mass, force, _FOLLOWED)
@@ -84,8 +86,9 @@ def _factored(start: Start, matrix: SparseStiffness, weights: tuple[float, float
 class _Space:
     """A basis, orthonormal by the kinetic energy."""
 
-    def __init__(self, mass: scipy.sparse.csr_matrix) -> None:
-        self._mass, self._vectors, self._momenta = mass, list[FloatArray](), list[FloatArray]()
+    def __init__(self, mass: scipy.sparse.csr_matrix, by_mass: SparseStiffness) -> None:
+        self._mass, self._by_mass = mass, by_mass
+        self._vectors, self._momenta = list[FloatArray](), list[FloatArray]()
 
     def follow(
         self, factors: SparseStiffness, operator: scipy.sparse.csr_matrix, force: FloatArray, count: int
@@ -109,8 +112,10 @@ class _Space:
     def _rest(self, vector: FloatArray) -> FloatArray | None:
         """What of a motion is not spanned, of length one; None where that is round-off."""
         whole = float(vector @ (self._mass @ vector))
-        for _ in range(2):
+        for turn in range(2):
             for known, momentum in zip(self._vectors, self._momenta, strict=True):
                 vector = vector - known * float(momentum @ vector)
+            if turn == 0:  # what is left may be so little that round-off of the loops counts
+                vector = self._by_mass.solve(self._mass @ vector)[0]
         left = float(vector @ (self._mass @ vector))
         return vector / np.sqrt(left) if left > SQUARED**2 * whole > 0.0 else None

@@ -5,7 +5,7 @@ Unknowns are changes of the free coordinates and of the reactions, [K C^T; C 0].
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,13 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.tree import modal_places, parents
-from flexmbd.multibody.kernels.sparse.block_lu import count_signs, factor_holding, factor_sparse, solve_sparse
+from flexmbd.multibody.kernels.sparse.block_lu import (
+    count_signs,
+    factor_holding,
+    factor_sparse,
+    new_block_matrix,
+    solve_sparse,
+)
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, put_rows
 from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix, sparse_blocks
@@ -146,6 +152,11 @@ class SparseStiffness:
         if not factor_sparse(self.sparse.pattern, self.sparse.matrix):
             return None
         return -self.solve(force)[1]
+
+    def beside(self) -> SparseStiffness:
+        """The same with values and factors of its own."""
+        other = self.sparse.replace(matrix=new_block_matrix(self.sparse.pattern))
+        return replace(self, sparse=other)
 
     def held(self) -> FloatArray:
         """(nv,) stiffness that holds coordinates of motions that nothing resists; zeros of all others."""
