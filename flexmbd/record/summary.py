@@ -31,10 +31,8 @@ from flexmbd.record.groups import (
 )
 from flexmbd.record.held_modes import held_modes
 from flexmbd.rotation import to_quaternion
-from flexmbd.round_off import EQUAL
+from flexmbd.round_off import EQUAL, SEVEN_DIGITS
 
-# Principal moments closer than this have no axes of their own.
-_EQUAL = 1e-6
 _MARGIN = 16
 # Damping ratios that are shown of a body in one state.
 _FIRST = 3
@@ -132,7 +130,7 @@ def _mass(body: _Record) -> Iterable[str]:
     scale = body.mass * size**2
     yield _entry("inertia", f"{_vector(moments, scale=scale)} kg m^2 about the centre, principal")
     for moment, axis in zip(moments, axes.T, strict=True):
-        alike = int(np.sum(abs(moments - moment) <= _EQUAL * moments[-1]))
+        alike = int(np.sum(abs(moments - moment) <= SEVEN_DIGITS * moments[-1]))
         yield _entry("", f"{_number(moment, scale=scale):>12} about {_axis_text(axis, alike=alike)}")
 
 

@@ -26,7 +26,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.continuum.matrices.lanczos_basis import LanczosBasis
 from flexmbd.errors import ConvergenceError
-from flexmbd.round_off import ROUND_OFF
+from flexmbd.round_off import ROUND_OFF, TEN_DIGITS
 
 #: Relative residual to which every mode converges.
 TOLERANCE = 1e-12
@@ -34,8 +34,6 @@ TOLERANCE = 1e-12
 #: What multiplies a block (owned rows, k), by a matrix or its inverse; collective.
 BlockOperator = Callable[[FloatArray], FloatArray]
 
-# Relative distance below which eigenvalues count as copies of one.
-_EQUAL = 1e-9
 # Number of directions that are added where there may be more copies than there were start vectors.
 _FRESH = 8
 # Of a basis this large the modes are looked for only when it has grown by so many vectors.
@@ -295,7 +293,7 @@ def _known(values: FloatArray, width: int) -> int:
 
     After as many equal ones as there were start vectors there may be further copies.
     """
-    ends = np.flatnonzero(abs(np.diff(values)) > _EQUAL * abs(values[1:])) + 1
+    ends = np.flatnonzero(abs(np.diff(values)) > TEN_DIGITS * abs(values[1:])) + 1
     edges = np.concatenate([[0], ends, [len(values)]])
     wide = np.flatnonzero(np.diff(edges) >= width)
     return int(edges[wide[0] + 1]) if len(wide) > 0 else len(values)

@@ -153,7 +153,7 @@ def equilibrium_path(
     found = _GrowingPath(body, BodyPathSpace(whole, bounds.width, convergence))
     try:
         if about is None:
-            first = _first(found.space, whole, convergence, begin=begin, sign=sign)
+            first = _first(found.space, whole, convergence, bounds, begin=begin, sign=sign)
         else:
             first = found.beside(about, path)
         return found.along(first, bounds, accepted)
@@ -205,7 +205,13 @@ class _GrowingPath:
 
 
 def _first(
-    space: BodyPathSpace, loads: SlowLoads, convergence: Convergence, *, begin: float, sign: float
+    space: BodyPathSpace,
+    loads: SlowLoads,
+    convergence: Convergence,
+    bounds: Bounds,
+    *,
+    begin: float,
+    sign: float,
 ) -> Station[BodyPoint]:
     """The station where the body stands, in balance, from which the factor grows or falls."""
     body = loads.body
@@ -221,7 +227,7 @@ def _first(
             "first (flexmbd.continuum.follow)"
         ) from reason
     here = space.standing(begin)
-    if not space.does_anything(here):
+    if not space.does_anything(here, bounds.to):
         raise SceneError(
             "the loads do nothing as the factor grows: load=, displacement= and the factors of loads= are functions "
             "of it, and none of them changes"

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import corrected
+from flexmbd.continuation.request import looked_at
 from flexmbd.continuation.space import ALIKE, APART, LOAD_DIFFERENCE, PathDirection, unit
 from flexmbd.continuum.history.displacement_newton import UNBALANCED, Balance, Convergence
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
@@ -185,10 +186,18 @@ class BodyPathSpace:
             self._factored = accepted
         return accepted
 
-    def does_anything(self, here: BodyPoint) -> bool:
-        """Whether the factor changes a force or a given displacement."""
-        found = bool(here.response.any())
-        return bool(self._body.comm.allreduce(found, op=MPI.LOR))
+    def does_anything(self, here: BodyPoint, to: float) -> bool:
+        """Whether the factor, on its way to another one, changes a force or a given displacement."""
+        rest: FloatArray = np.zeros(self._body.layout.n_local)
+
+        def loads(factor: float) -> FloatArray:
+            return np.concatenate([self._loads.outer(factor).force(rest), self._loads.given(factor)])
+
+        if self._body.comm.allreduce(bool(here.response.any()), op=MPI.LOR):
+            return True
+        begun = loads(here.factor)
+        found = [not np.array_equal(loads(factor), begun) for factor in looked_at(here.factor, to)]
+        return bool(self._body.comm.allreduce(any(found), op=MPI.LOR))
 
     def _stand(self, state: HistorySnapshot) -> None:
         self._body.restore(state)

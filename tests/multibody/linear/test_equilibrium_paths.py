@@ -304,6 +304,14 @@ def test_a_load_that_does_nothing():
         scene.equilibrium(path=fm.Continuation(to=1.0))
 
 
+@pytest.mark.parametrize("load", [lambda t: -t * t, lambda t: -2.0 * np.sin(np.pi * t)])
+def test_a_load_that_does_nothing_at_first_or_comes_back(load):
+    scene, slide = truss(load=load)
+    path = scene.equilibrium(path=fm.Continuation(to=1.0))
+    assert path.end is fm.PathEnd.REACHED
+    assert load_of_truss(path.beta(slide)) == pytest.approx([-load(t) for t in path.factors], abs=1e-9)
+
+
 def test_a_mechanism():
     scene, _ = truss()
     loose = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="loose")

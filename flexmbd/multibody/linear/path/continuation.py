@@ -11,7 +11,7 @@ from flexmbd.continuation.branch import beside
 from flexmbd.continuation.critical import crossings
 from flexmbd.continuation.crossing import PathCrossing
 from flexmbd.continuation.follow import PathEnd, follow, found_end
-from flexmbd.continuation.request import Bounds, Continuation, bounds_of
+from flexmbd.continuation.request import Bounds, Continuation, bounds_of, looked_at
 from flexmbd.continuation.space import PathDirection, typical_motion
 from flexmbd.continuation.station import Station, station
 from flexmbd.errors import ConvergenceError, PathError, SceneError
@@ -29,7 +29,6 @@ from flexmbd.multibody.start.sides import refuse_other_sides
 FloatArray = NDArray[np.float64]
 
 _OFF = 1e-3  # rad, or of the extent: how far a given start may lie from its equilibrium
-_AHEAD = (1.0, 0.3819660)  # of the range: where loads are looked at that do nothing at first; they may come back to it
 
 
 def equilibrium_path(begin: WorkingPoint, path: Continuation, work: Work, inputs: Inputs) -> EquilibriumPath:
@@ -121,12 +120,16 @@ def _first(
 
 def _does_anything(space: MachineSpace, there: MachinePoint, to: float) -> bool:
     """Whether the factor changes a force along a motion that is free, a place, or what a motion meets (stiffness)."""
-    by = there.at.by
+    at, by = there.at, there.at.by
     if by.Xu.any() or (by.Vz.T @ there.slopes.force).any():
         return True
-    stiffness = there.at.stiffness()
-    ahead = (there.factor + share * (to - there.factor) for share in _AHEAD)
-    return any(not np.array_equal(stiffness, space.at(there.x, factor).at.stiffness()) for factor in ahead)
+    others = [space.at(there.x, place).at for place in looked_at(there.factor, to)]
+    return any(
+        one.by.Xu.any()
+        or not np.array_equal(one.lacking, at.lacking)
+        or not np.array_equal(one.stiffness(), at.stiffness())
+        for one in others
+    )
 
 
 def _working_point(scene: CompiledScene, here: Station[MachinePoint]) -> WorkingPoint:
