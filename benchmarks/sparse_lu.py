@@ -9,6 +9,7 @@ factorisation with a known pattern (SuperLU orders anew each time; KLU refactors
 
 from __future__ import annotations
 
+import importlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -78,8 +79,7 @@ def turns(*tasks: Callable[[], object]) -> list[float]:
 def klu_tasks(matrix: scipy.sparse.csc_matrix, right: np.ndarray) -> list[Callable[[], object]]:
     """KLU's factorisation and solution; none without it."""
     try:
-        import kvxopt
-        from kvxopt import klu
+        kvxopt, klu = importlib.import_module("kvxopt"), importlib.import_module("kvxopt.klu")
     except ImportError:
         return []
     entries = matrix.tocoo()

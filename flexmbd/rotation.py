@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
+from flexmbd.round_off import TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def check_rotation(R: ArrayLike, what: str) -> FloatArray:
     if m.shape != (3, 3) or not np.isfinite(m).all():
         raise SceneError(f"{what}: expected a finite rotation matrix (3, 3), got {m.shape}")
     error = float(np.abs(m.T @ m - np.eye(3)).max())
-    if error > 1e-9 or np.linalg.det(m) < 0.0:
+    if error > TEN_DIGITS or np.linalg.det(m) < 0.0:
         raise SceneError(
             f"{what}: not a rotation (|R^T R - 1| = {error:.1e}, det = {np.linalg.det(m):.3f}); "
             "orthonormalise it, right-handed"

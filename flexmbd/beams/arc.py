@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.beams.castigliano import Section, flexibility_along, section_axes
+from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 
 # Points of Gauss' rule along a piece: to round-off up to a quarter of a circle.
 _POINTS = 8
 
-# An arc is taken for straight where its middle is less than this part of its chord off the chord.
-_STRAIGHT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class Arc:
         chord = self.end - self.start
         sagitta = self.middle - 0.5 * (self.start + self.end)
         rise, half = float(np.linalg.norm(sagitta)), 0.5 * float(np.linalg.norm(chord))
-        if rise <= _STRAIGHT * half:
+        if rise <= SAME_PLACE * half:
             return None
         radius = 0.5 * (half**2 / rise + rise)
         centre = self.middle - radius * sagitta / rise

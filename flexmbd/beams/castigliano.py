@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 
-# A vector is taken to lie along a beam where the sine of their angle is below this.
-_ALONG = 1e-8
 
 
 class Section(Protocol):
@@ -108,7 +107,7 @@ def section_axes(along: FloatArray, section: Section, group: str) -> FloatArray:
     towards = np.asarray(section.orientation, dtype=np.float64)
     y = towards - (towards @ t) * t
     size = np.linalg.norm(y)
-    if not size > _ALONG * np.linalg.norm(towards):
+    if not size > SAME_PLACE * np.linalg.norm(towards):
         raise SceneError(
             f"section of {group!r} has its orientation {section.orientation} along a beam of the group; take a vector "
             "that is across all its beams, or put that beam in a group of its own"

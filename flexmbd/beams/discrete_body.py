@@ -14,11 +14,10 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_list, shown
 from flexmbd.record.held_modes import HeldModes, held_modes
 from flexmbd.record.reduced_body import FRAME_DOFS, InterfaceFrame, ReducedBody
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
-# A rigid motion counts as possible if the coordinates that are held take no more than this part of it.
-_POSSIBLE = 1e-12
 
 
 @checked("lumped", "interfaces", "modes")
@@ -181,7 +180,7 @@ def _rigid_motions(lumped: DiscreteFrame) -> FloatArray:
         motions[:, :3, 3 + i] = np.cross(np.eye(3)[i], x)
     columns = motions.reshape(-1, 6)
     lost = np.linalg.norm(columns[~lumped.active], axis=0)
-    return columns[:, lost <= _POSSIBLE * np.linalg.norm(columns, axis=0)]
+    return columns[:, lost <= EQUAL * np.linalg.norm(columns, axis=0)]
 
 
 def _free_basis(lumped: DiscreteFrame, modes: int | None) -> _Basis:

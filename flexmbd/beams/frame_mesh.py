@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import MeshError, SceneError
 from flexmbd.files.memory import available_memory
 from flexmbd.given import numbers
+from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,8 +25,6 @@ Point = Sequence[float]
 Beam = tuple[str, str] | tuple[str, Point, str]
 """Names of the two ends; between them, of an arc of a circle, a place (m) that it goes through."""
 
-# Nodes closer than this part of the frame's size are one place.
-_SAME_PLACE = 1e-9
 # What is kept of one element at least, bytes: its node's place, its direction, two numbers.
 _ELEMENT = 64
 
@@ -74,7 +73,7 @@ class FrameMesh:
             raise SceneError(f"a place must be a node's name or three finite coordinates in m, got {place!r}")
         distance = np.linalg.norm(x - at, axis=1)
         nearest = int(distance.argmin())
-        if not distance[nearest] <= _SAME_PLACE * np.linalg.norm(np.ptp(x, axis=0)):
+        if not distance[nearest] <= SAME_PLACE * np.linalg.norm(np.ptp(x, axis=0)):
             raise SceneError(
                 f"{at.tolist()} m is not a node, and loads and joints go to nodes alone; the nearest is "
                 f"{names[nearest]!r} at {x[nearest].tolist()} m, {distance[nearest]:.6g} m away: load that, or make "
@@ -176,12 +175,12 @@ def _check_clear(what: str, ends: tuple[str, str], places: Mapping[str, FloatArr
     start, end = places[ends[0]], places[ends[1]]
     along = end - start
     length = float(np.linalg.norm(along))
-    if not length > _SAME_PLACE * size:
+    if not length > SAME_PLACE * size:
         raise MeshError(f"points {ends[0]!r} and {ends[1]!r} coincide at {start.tolist()} m; make them one point")
     for name, x in places.items():
         part = (x - start) @ along / length**2
         if name not in ends and 0.0 < part < 1.0:
-            if np.linalg.norm(x - start - part * along) <= _SAME_PLACE * size:
+            if np.linalg.norm(x - start - part * along) <= SAME_PLACE * size:
                 raise MeshError(f"point {name!r} lies on {what} and is not joined to it; divide the beam there")
 
 
@@ -213,7 +212,7 @@ def _along(beam: Beam, places: Mapping[str, FloatArray], s: NDArray[np.floating]
     through = _place(f"the place that beam {beam!r} goes through", beam[1])
     u, v = through - start, end - start
     normal = np.cross(u, v)
-    if not np.linalg.norm(normal) > _SAME_PLACE * np.linalg.norm(u) * np.linalg.norm(v):
+    if not np.linalg.norm(normal) > SAME_PLACE * np.linalg.norm(u) * np.linalg.norm(v):
         raise MeshError(f"beam {beam!r}: its three places lie in a line, through which there is no arc")
     # the centre of the circle through three points
     to_centre = (u @ u * np.cross(v, normal) + v @ v * np.cross(normal, u)) / (2.0 * normal @ normal)
@@ -233,7 +232,7 @@ def _check_nodes(mesh: FrameMesh) -> None:
 
     x, names = mesh.x, mesh.names
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
-    pairs = cKDTree(x).query_pairs(_SAME_PLACE * size, output_type="ndarray")
+    pairs = cKDTree(x).query_pairs(SAME_PLACE * size, output_type="ndarray")
     if len(pairs) > 0:
         a, b = pairs[np.lexsort(pairs.T[::-1])[0]]
         raise MeshError(

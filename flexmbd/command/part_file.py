@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from mpi4py import MPI
 
 from flexmbd.errors import MeshError
+from flexmbd.round_off import SAME_PLACE
 
 if TYPE_CHECKING:
     from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
@@ -25,8 +26,6 @@ _STEP = (".step", ".stp")
 _SHARE_OF_LENGTH = 1 / 15
 _SHARE_OF_RADIUS = 0.7
 _MANY_CELLS = 5e4
-# Of a face's size: how far two readings of one face may differ.
-_SAME = 1e-9
 _TAG_FORMS = "NAME=12,13 (numbers of --list), NAME=radius:0.008 (cylinders, m) or NAME=point:0.1,0,0.02 (m)"
 
 
@@ -166,10 +165,10 @@ def _number(text: str, word: str) -> float:
 
 def _faces_alike(chosen: Sequence[StepFace], part: StepPart) -> Callable[[StepFace], bool]:
     """A tag for faces by what they are: gmsh's own numbers may change from one reading to the next."""
-    near = _SAME * max(part.size)
+    near = SAME_PLACE * max(part.size)
 
     def same(one: StepFace, other: StepFace) -> bool:
-        return math.dist(one.centre, other.centre) <= near and abs(one.area - other.area) <= _SAME * other.area
+        return math.dist(one.centre, other.centre) <= near and abs(one.area - other.area) <= SAME_PLACE * other.area
 
     return lambda face: any(same(face, other) for other in chosen)
 

@@ -85,11 +85,10 @@ class _StretchPoints(Generic[AnyPoint]):
         """Where a value of the spectrum passes zero, which is eigenvalue k or the smallest one."""
         round_off = self._stretch.after.spectrum.round_off
         share = zero(lambda share: value(self._at(share).spectrum), *between, within=_WITHIN, round_off=round_off)
-        before, after = (self._at(min(max(share + side, 0.0), 1.0)).tangent for side in (-_BESIDE, _BESIDE))
-        kind = CriticalKind.LIMIT if before.factor * after.factor < 0.0 else CriticalKind.BIFURCATION
+        kind, tangent = self._kind_around(share)
         spectrum = self._at(share).spectrum
         mode = spectrum.mode(spectrum.nearest() if k is None else k)
-        return self._crossing(kind, share, unit(self._space, before.plus(after)), mode)
+        return self._crossing(kind, share, tangent, mode)
 
     def without_potential(self, low: float = 0.0, high: float = 1.0) -> list[PathCrossing[AnyPoint]]:
         """Where the number of unstable motions changes, one by one or, in flutter, two at once, by halving."""
@@ -99,10 +98,29 @@ class _StretchPoints(Generic[AnyPoint]):
         if abs(before.unstable - after.unstable) == 1 and before.sign * after.sign < 0.0:
             return [self.crossing(_determinant, between=(low, high))]
         if high - low <= _WITHIN:
-            mode = after.flutter_mode()
-            return [self._crossing(CriticalKind.FLUTTER, high, self._at(high).tangent, mode)]
+            return [self._several_at_once(low, high)]
         middle = 0.5 * (low + high)
         return [*self.without_potential(low, middle), *self.without_potential(middle, high)]
+
+    def _several_at_once(self, low: float, high: float) -> PathCrossing[AnyPoint]:
+        """Between two places next to each other: flutter that begins or ends, else eigenvalues that pass zero together.
+
+        The mode of flutter is that of the side on which more motions grow, for on the other it may be none.
+        """
+        stations = [self._at(share) for share in (high, low)]
+        for one in sorted(stations, key=lambda one: one.spectrum.unstable, reverse=True):
+            mode = one.spectrum.flutter_mode()
+            if mode is not None:
+                return self._crossing(CriticalKind.FLUTTER, high, stations[0].tangent, mode)
+        spectrum = min((one.spectrum for one in stations), key=lambda one: one.smallest())
+        kind, tangent = self._kind_around(high)
+        return self._crossing(kind, high, tangent, spectrum.mode(spectrum.nearest()))
+
+    def _kind_around(self, share: float) -> tuple[CriticalKind, PathDirection]:
+        """Whether the factor turns where eigenvalues pass zero, or another path crosses; and the unit tangent."""
+        before, after = (self._at(min(max(share + side, 0.0), 1.0)).tangent for side in (-_BESIDE, _BESIDE))
+        kind = CriticalKind.LIMIT if before.factor * after.factor < 0.0 else CriticalKind.BIFURCATION
+        return kind, unit(self._space, before.plus(after))
 
     def turning(self) -> PathCrossing[AnyPoint]:
         """Where the factor turns though no eigenvalue has changed its sign: another path crosses there.

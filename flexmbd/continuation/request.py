@@ -93,3 +93,8 @@ def bounds_of(path: Continuation, *, begin: float) -> Bounds:
             f"back_to = {back_to:g} does not lie on the other side of the start, {begin:g}, than to = {path.to:g}"
         )
     return Bounds(path.to, back_to, path.longest_step, path.most_points)
+
+
+def looked_at(begin: float, to: float) -> list[float]:
+    """Factors at which loads are looked at that do nothing where a path begins; they may come back to it at its end."""
+    return [begin + share * (to - begin) for share in (1.0, 0.3819660)]

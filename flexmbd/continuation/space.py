@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
+
+ALIKE = 1e-6  #: of what is remembered at two points: what may differ as they are one
+APART = EPSILON ** (1.0 / 3.0)  #: rad, of the extent or the range: between points of a difference of stiffnesses
+LOAD_DIFFERENCE = 1e-4  #: of the range of factors: over how much loads are differenced; exact of loads in proportion
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +92,8 @@ class PathSpectrum(Protocol):
     def mode(self, k: int) -> FloatArray:
         """(n,) its eigenvector, as a change of the configuration."""
 
-    def flutter_mode(self) -> FloatArray:
-        """(n,) that of the two eigenvalues that became complex last, its real part."""
+    def flutter_mode(self) -> FloatArray | None:
+        """(n,) that of the two eigenvalues that became complex last, its real part; None where none are complex."""
 
 
 AnyPoint = TypeVar("AnyPoint", bound=PathPoint)

@@ -15,11 +15,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.record.groups import FloatArray
-
-# Of what should be zero, or should not be negative, in a mass matrix that a program wrote with few digits.
-_TOLERANCE = 1e-5
-# Moments of inertia relative to the largest one, below which a body is a line of mass.
-_NO_INERTIA = 1e-12
+from flexmbd.round_off import EQUAL, SIX_DIGITS
 
 
 def completed_gram(mass: FloatArray, *, levers: FloatArray | None = None) -> FloatArray:
@@ -42,15 +38,15 @@ def completed_gram(mass: FloatArray, *, levers: FloatArray | None = None) -> Flo
     linear = mass[:3, 6:]
     angular = mass[3:6, 6:] - np.cross(com, linear.T).T
     if levers is None:
-        spin = np.linalg.pinv(inertia, rcond=_NO_INERTIA, hermitian=True) @ angular
+        spin = np.linalg.pinv(inertia, rcond=EQUAL, hermitian=True) @ angular
         turns = np.array([_skew(w) for w in spin.T]).reshape(n, 3, 3)
     else:
         central = levers - np.einsum("a,bi->aib", com, linear)
-        turns = np.einsum("ac,cib->iba", np.linalg.pinv(second, rcond=_NO_INERTIA, hermitian=True), central)
+        turns = np.einsum("ac,cib->iba", np.linalg.pinv(second, rcond=EQUAL, hermitian=True), central)
     moved = np.einsum("iab,bc,jac->ij", turns, second, turns)
     rest = mass[6:, 6:] - linear.T @ linear / m - moved
     scale = np.sqrt(abs(np.diag(mass)[6:]))
-    if n and not np.linalg.eigvalsh(rest / np.outer(scale, scale))[0] > -_TOLERANCE:
+    if n and not np.linalg.eigvalsh(rest / np.outer(scale, scale))[0] > -SIX_DIGITS:
         raise ExportError("its mass matrix is not positive definite: some motion has a negative kinetic energy")
     gram = np.zeros((4 + 3 * n, 4 + 3 * n))
     gram[0, 0] = m
@@ -82,14 +78,14 @@ def rigid_body(mass: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     size = np.sqrt(max(float(np.trace(mass[3:6, 3:6])) / m, 0.0))
     off = abs(mass[:3, :3] - m * np.eye(3)).max() / m
     turned = abs(mass[:3, 3:6] + m * _skew(com)).max() / (m * size) if size > 0.0 else 0.0
-    if not max(off, turned) <= _TOLERANCE:
+    if not max(off, turned) <= SIX_DIGITS:
         raise ExportError(
             f"its mass matrix is not that of a free body: for rigid motions it is off by {max(off, turned):.1e}; "
             "check the interfaces' positions, their order, and that no mass is left out on supported dofs"
         )
     # eigenvalues of the second moments of mass: one negative means a moment of inertia above the two others together
     least = np.linalg.eigvalsh(0.5 * np.trace(inertia) * np.eye(3) - inertia)[0]
-    if not least >= -_TOLERANCE * float(np.trace(inertia)):
+    if not least >= -SIX_DIGITS * float(np.trace(inertia)):
         raise ExportError(
             "its moments of inertia are those of no mass distribution: one is larger than the two others together"
         )

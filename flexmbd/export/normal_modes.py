@@ -8,9 +8,7 @@ import numpy as np
 
 from flexmbd.errors import ExportError
 from flexmbd.record.groups import FloatArray
-
-# Relative: what is no further from the normal form is left as it is.
-_NORMAL = 1e-9
+from flexmbd.round_off import TEN_DIGITS, WORTHLESS_PIVOT
 
 
 def normal_modes(path: str | Path, stiffness: FloatArray, *, mass: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -32,7 +30,7 @@ def normal_modes(path: str | Path, stiffness: FloatArray, *, mass: FloatArray) -
     n = len(stiffness)
     diagonal = np.diag(stiffness)
     if (
-        np.abs(mass - np.eye(n)).max() < _NORMAL
+        np.abs(mass - np.eye(n)).max() < TEN_DIGITS
         and np.array_equal(stiffness, np.diag(diagonal))
         and (np.diff(diagonal) >= 0.0).all()
         and diagonal[0] > 0.0
@@ -44,7 +42,7 @@ def normal_modes(path: str | Path, stiffness: FloatArray, *, mass: FloatArray) -
         raise ExportError(
             f"{path}: the reduced mass is not positive definite: its modes depend on each other"
         ) from error
-    if not values[0] > 1e-12 * values[-1]:
+    if not values[0] > WORTHLESS_PIVOT * values[-1]:
         raise ExportError(
             f"{path}: the reduced stiffness is not positive definite: among its modes are rigid motions, which the "
             "frame of the body has already; leave them out"

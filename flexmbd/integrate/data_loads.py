@@ -21,13 +21,14 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.time_functions import integrals, piecewise
 from flexmbd.multibody.kernels.reading.force_tables import data_functions
 from flexmbd.multibody.kernels.reading.plan_entries import data_place, driven_place, driven_time
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
 # Data in a step: straight, or none; bent as their samples tell; with more in it than the samples tell.
 STRAIGHT, SAMPLED, MISSED = range(3)
 
-_ROUND_OFF = 1e-14  # of a function's values, and of its integral up to there
+_ROUND_OFF = ROUND_OFF  # of a function's values, and of its integral up to there
 _TOLD = 2.0  # the mean's error over what samples make of it: 1 where the step resolves the data
 
 

@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember_step
 from flexmbd.multibody.kernels.reading.plan_entries import modes_of
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -72,8 +73,7 @@ _FADED = -math.log(_FADE) / _FADING  # rad of a vibration in a step after which 
 _LASTING_VELOCITY, _LASTING_ACCELERATION = 4.0 * math.pi, 0.5 * math.pi
 _ONSET = 4.0  # times that of the step before, or the machine's
 
-#: Lower bound of relative tolerances.
-ROUND_OFF = 1e-12
+ROUND_OFF = EQUAL  #: Lower bound of relative tolerances.
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,13 +27,14 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.monitors.watched_nodes import PointFilter, places, stress_modes, watched_nodes
 from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.round_off import EQUAL
 from flexmbd.run.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Instants of the first stretches, and what a bound is raised by against round-off.
-_STRETCH, _ROUND_OFF = 32, 1e-12
+_STRETCH = 32
 # Of a tensor's rows the six components xx yy zz xy xz yz.
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
@@ -67,7 +68,7 @@ class HotSpot:
     __repr__ = brief
 
     def __str__(self) -> str:
-        place = ", ".join(f"{value:.4g}" for value in np.where(abs(self.x) < 1e-12, 0.0, self.x))
+        place = ", ".join(f"{value:.4g}" for value in np.where(abs(self.x) < EQUAL, 0.0, self.x))
         return f"{self.measure.value} {self.stress:.4g} Pa at t = {self.t:.6g} s, node {self.node} at ({place}) m"
 
 
@@ -146,7 +147,7 @@ def _search(
         part = np.linspace(0.0, 1.0, b - a + 1)[1:-1, None]
         departure = abs(s[a + 1 : b] - (1.0 - part) * s[a] - part * s[b]).max(axis=0)
         bounds = np.maximum(at_a, at_b) + reach[nodes] @ departure
-        bounds += _ROUND_OFF * abs(bounds)
+        bounds += EQUAL * abs(bounds)
         kept = bounds > lowest
         if kept.any():
             # no two entries have the same a and b, so that arrays are never compared

@@ -6,8 +6,8 @@ import numpy as np
 
 from flexmbd.record.groups import FloatArray, IntArray
 
-# Relative size below which a rigid motion leaves nodes at rest.
-_AT_REST = 1e-6
+#: Relative size below which a rigid motion leaves nodes at rest; found from squares, whose rounding is that of 1e-8.
+AT_REST = 1e-6
 # Relative difference of squares below which two dofs are equally good: far above round-off, by which the nodes of a
 # symmetric mesh differ, and which is another on each processor and number of ranks.
 _EQUAL = 1e-6
@@ -27,7 +27,7 @@ def carrying_dofs(x: FloatArray) -> IntArray | None:
     reach = float(abs(arms).max()) or 1.0
     rows = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), turns / reach], axis=2).reshape(-1, 6)
     chosen, sizes = independent_rows(rows)
-    if len(chosen) < 6 or not sizes[-1] > _AT_REST:
+    if len(chosen) < 6 or not sizes[-1] > AT_REST:
         return None
     return np.sort(chosen)
 

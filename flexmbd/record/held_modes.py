@@ -17,10 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.record.groups import FloatArray, InterfaceFrame
-
-# Of a rigid motion's inertia in its own scale, what is none: that of a bar about its axis.
-_NO_INERTIA = 1e-12
-_DEPENDENT = 1e-12  # of rows of unit length
+from flexmbd.round_off import EQUAL, WORTHLESS_PIVOT, of_solver
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +84,7 @@ def held_modes(
     rows = np.vstack([np.zeros((0, n)), *(interface_motion(one) @ motion for one in held[1:])])
     among = null_space(rows / root)
     square, vectors = np.linalg.eigh(among.T @ (own / np.outer(root, root)) @ among)
-    square[square < n * np.finfo(float).eps * square.max(initial=0.0)] = 0.0  # what is no mass but round-off
+    square[square < of_solver(n) * square.max(initial=0.0)] = 0.0  # what is no mass but round-off
     shapes = among @ vectors[:, ::-1]
     return HeldModes(np.sqrt(square[::-1]), root[:, None] * shapes, shapes / root[:, None])
 
@@ -114,7 +111,7 @@ def held_frequencies(mass: FloatArray, stiffness: FloatArray, rows: FloatArray) 
     inverse = np.linalg.inv(np.linalg.cholesky(shapes[6:].T @ shapes[6:]))
     square, vectors = np.linalg.eigh(inverse @ (shapes.T @ weighed @ shapes) @ inverse.T)
     # what is below is no mass but round-off
-    moving = square > len(mass) * np.finfo(float).eps * square.max(initial=0.0)
+    moving = square > of_solver(len(mass)) * square.max(initial=0.0)
     shapes = shapes @ inverse.T @ vectors[:, moving]
     # Rayleigh quotients: the solver's eigenvalues have an error relative to the largest one
     quotients = np.einsum("ij,ij->j", shapes[6:], shapes[6:]) / np.einsum("ij,ij->j", shapes, weighed @ shapes)
@@ -164,7 +161,7 @@ def null_space(rows: FloatArray) -> FloatArray:
     if len(rows) == 0:
         return np.eye(rows.shape[1])
     _, s, vt = np.linalg.svd(rows)
-    rank = int(np.sum(s > _DEPENDENT * s[0]))
+    rank = int(np.sum(s > WORTHLESS_PIVOT * s[0]))
     return vt[rank:].T
 
 
@@ -178,6 +175,6 @@ def _inverse(inertia: FloatArray) -> FloatArray:
     size = np.sqrt(np.diag(inertia))
     size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(inertia / np.outer(size, size))
-    there = values > _NO_INERTIA
+    there = values > EQUAL
     part = vectors[:, there] / size[:, None]
     return (part / values[there]) @ part.T

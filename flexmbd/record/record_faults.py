@@ -11,9 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from flexmbd.record.groups import GROUPS, FloatArray, InterfaceFrame, NonlinearStiffness, StressModes, group_faults
+from flexmbd.round_off import SEVEN_DIGITS, of_solver
 
-# Of matrices in their own scales: files of other programs have eight digits.
-_ROUND_OFF = 1e-6
 # Of a mode's mass what solvers leave beside others that are a million times as stiff.
 _UNIT_MASS = 1e-4
 
@@ -132,7 +131,7 @@ def _mass_faults(record: _RecordParts) -> Iterator[str]:
     if not np.isfinite(scaled).all():
         yield "gram holds numbers beyond all bounds"
         return
-    if (least := float(np.linalg.eigvalsh(scaled)[0])) < -_ROUND_OFF:
+    if (least := float(np.linalg.eigvalsh(scaled)[0])) < -SEVEN_DIGITS:
         yield f"the mass matrix is indefinite, {least:.1e} in its scale: some motions have negative kinetic energy"
     error = float(abs(m[6:, 6:] - np.eye(record.n_modes)).max(initial=0.0))
     if error > _UNIT_MASS:
@@ -150,9 +149,9 @@ def _deformation_faults(record: _RecordParts) -> Iterator[str]:
     ratios = record.damping / np.sqrt(omega) / np.sqrt(omega)[:, None]
     if not np.isfinite(ratios).all():
         yield "damping holds numbers beyond all bounds"
-    elif abs(ratios - ratios.T).max(initial=0.0) > _ROUND_OFF * abs(ratios).max(initial=0.0):
+    elif abs(ratios - ratios.T).max(initial=0.0) > SEVEN_DIGITS * abs(ratios).max(initial=0.0):
         yield "damping is not symmetric: forces that take no power belong in gyroscopic"
-    elif (least := float(np.linalg.eigvalsh(ratios).min(initial=0.0))) < -_ROUND_OFF * abs(ratios).max(initial=0.0):
+    elif (least := float(np.linalg.eigvalsh(ratios).min(initial=0.0))) < -SEVEN_DIGITS * abs(ratios).max(initial=0.0):
         yield f"damping is negative: some motions would gain energy, with the damping ratio {least / 2.0:.1e}"
     if not _is_regular(record.partition):
         yield "partition is singular: it is a change of basis, of modes to interface motions and fixed-interface modes"
@@ -179,14 +178,14 @@ def _place_faults(record: _RecordParts) -> Iterator[str]:
 
 def _is_rotation(R: FloatArray) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):
-        return bool(abs(R.T @ R - np.eye(3)).max() <= _ROUND_OFF and np.linalg.det(R) > 0.0)
+        return bool(abs(R.T @ R - np.eye(3)).max() <= SEVEN_DIGITS and np.linalg.det(R) > 0.0)
 
 
 def _is_symmetric(matrix: FloatArray) -> bool:
     """In the scales of its diagonal, whose numbers may have any units."""
     with np.errstate(over="ignore", invalid="ignore"):
         sizes = np.sqrt(abs(np.diag(matrix)))
-        return bool((abs(matrix - matrix.T) <= _ROUND_OFF * np.outer(sizes, sizes)).all())
+        return bool((abs(matrix - matrix.T) <= SEVEN_DIGITS * np.outer(sizes, sizes)).all())
 
 
 def _is_regular(matrix: FloatArray) -> bool:
@@ -201,4 +200,4 @@ def _is_regular(matrix: FloatArray) -> bool:
     if not (columns > 0.0).all():
         return False
     values = np.linalg.svd(scaled / columns, compute_uv=False)
-    return bool(values[-1] > len(matrix) * np.finfo(float).eps * values[0])
+    return bool(values[-1] > of_solver(len(matrix)) * values[0])

@@ -5,21 +5,25 @@ For the reduction and for tests; machines have compiled kernels of the same poly
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import scipy
 
+from flexmbd.continuation.line_search import ShareTrial, searched
+from flexmbd.continuation.newton import Correction, newton
 from flexmbd.errors import ConvergenceError
 from flexmbd.record.groups import FloatArray, IntArray
+from flexmbd.round_off import ROUND_OFF
 
-# Energy of the last Newton step over that of the state.
-_CONVERGED = 1e-20
-# Of the largest eigenvalue of the tangent stiffness: what is round-off.
-_ROUND_OFF = 1e-14
+# Root of the last Newton step's energy over that of the state's.
+_CONVERGED = 1e-10
 _ITERATIONS = 200
-_HALVINGS = 40
+_TRIALS = 41
+# Of the fall of energy that a step promises: what it is to keep of it.
+_PROMISED = 1e-4
 
 
 def monomials(n: int, degree: int) -> IntArray:
@@ -132,33 +136,51 @@ class StrainPolynomial:
             ConvergenceError: there is none that the search finds.
         """
         q = np.zeros(len(force)) if start is None else np.array(start)
-        free = np.eye(len(force)) if directions is None else directions
-        for _ in range(_ITERATIONS):
-            residual = self.force(q) - force
-            step, stable = self._step(q, residual, free)
-            decrease = -float(residual @ step)
-            q = self._searched(q, step, force, decrease)
-            if stable and decrease <= _CONVERGED * (self.energy(q) + abs(float(force @ q))):
-                return q
-        raise ConvergenceError("no stable equilibrium of the reduced body was found")
+        problem = _LoadedPolynomial(self, force, np.eye(len(force)) if directions is None else directions)
+        found = newton(problem, q, most=_ITERATIONS, close=_CONVERGED)
+        if not found.is_solution:
+            raise ConvergenceError("no stable equilibrium of the reduced body was found")
+        return found.place
 
-    def _step(self, q: FloatArray, residual: FloatArray, free: FloatArray) -> tuple[FloatArray, bool]:
-        """Newton's step, of a stiffness made positive where it is not."""
-        tangent = free.T @ self.tangent(q) @ free
-        scale = 1.0 / np.sqrt(np.einsum("im,i,im->m", free, self.stiffness, free))
+
+@dataclass(frozen=True, eq=False)
+class _LoadedPolynomial:
+    """Its equilibrium under a constant force (n,) as a problem for Newton's method, along free directions (n, m)."""
+
+    polynomial: StrainPolynomial
+    force: FloatArray
+    free: FloatArray
+
+    def is_solved(self, here: FloatArray, *, close: bool) -> bool:
+        return close
+
+    def correction(self, here: FloatArray) -> Correction[FloatArray]:
+        """Newton's step, of a stiffness made positive where it is not; its size is the root of its energy."""
+        residual = self.polynomial.force(here) - self.force
+        step, stable = self._step(here, residual)
+        scale = float(self.polynomial.energy(here)) + abs(float(self.force @ here))
+        return Correction(step, math.sqrt(max(-float(residual @ step), 0.0)), scale=math.sqrt(scale), ends=stable)
+
+    def _step(self, here: FloatArray, residual: FloatArray) -> tuple[FloatArray, bool]:
+        """A step downhill (n,), and whether the stiffness is positive."""
+        free, stiffness = self.free, self.polynomial.stiffness
+        tangent = free.T @ self.polynomial.tangent(here) @ free
+        scale = 1.0 / np.sqrt(np.einsum("im,i,im->m", free, stiffness, free))
         values, vectors = scipy.linalg.eigh(tangent * np.outer(scale, scale))
-        positive = np.maximum(np.abs(values), _ROUND_OFF * np.abs(values).max())
+        positive = np.maximum(np.abs(values), ROUND_OFF * np.abs(values).max())
         step = -scale * (vectors @ ((vectors.T @ (scale * (free.T @ residual))) / positive))
         return free @ step, bool(values[0] > 0.0)
 
-    def _searched(self, q: FloatArray, step: FloatArray, force: FloatArray, decrease: float) -> FloatArray:
-        before, share = self.energy(q) - float(force @ q), 1.0
-        for _ in range(_HALVINGS):
-            after = q + share * step
-            change = self.energy(after) - float(force @ after) - before
+    def moved(self, here: FloatArray, correction: Correction[FloatArray], *, close: bool) -> FloatArray:
+        """Less of the step until the potential energy falls as much as the step promises (Armijo)."""
+        step, decrease, body = correction.change, correction.size**2, self.polynomial
+        before = float(body.energy(here) - self.force @ here)
+
+        def trial(share: float) -> ShareTrial[FloatArray]:
+            after = here + share * step
+            change = float(body.energy(after) - self.force @ after) - before
             # of terms that cancel, as the linear energy of a bent body's membrane does
-            noise = _ROUND_OFF * (float(self.stiffness @ after**2) + abs(before))
-            if change <= noise - 1e-4 * share * decrease:
-                return after
-            share *= 0.5
-        return q + share * step
+            noise = ROUND_OFF * (float(body.stiffness @ after**2) + abs(before))
+            return ShareTrial(after, share, change - noise + _PROMISED * share * decrease)
+
+        return searched(trial, most=_TRIALS).place

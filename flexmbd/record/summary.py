@@ -31,11 +31,8 @@ from flexmbd.record.groups import (
 )
 from flexmbd.record.held_modes import held_modes
 from flexmbd.rotation import to_quaternion
+from flexmbd.round_off import EQUAL, SEVEN_DIGITS
 
-# What is smaller, relative to its like, is round-off and shown as zero.
-_NOISE = 1e-12
-# Principal moments closer than this have no axes of their own.
-_EQUAL = 1e-6
 _MARGIN = 16
 # Damping ratios that are shown of a body in one state.
 _FIRST = 3
@@ -133,7 +130,7 @@ def _mass(body: _Record) -> Iterable[str]:
     scale = body.mass * size**2
     yield _entry("inertia", f"{_vector(moments, scale=scale)} kg m^2 about the centre, principal")
     for moment, axis in zip(moments, axes.T, strict=True):
-        alike = int(np.sum(abs(moments - moment) <= _EQUAL * moments[-1]))
+        alike = int(np.sum(abs(moments - moment) <= SEVEN_DIGITS * moments[-1]))
         yield _entry("", f"{_number(moment, scale=scale):>12} about {_axis_text(axis, alike=alike)}")
 
 
@@ -183,7 +180,7 @@ def _static_stiffness(body: _Record, frame: InterfaceFrame) -> Iterable[str]:
     flexibility = parts.sum(axis=1)
     for row, total in enumerate(flexibility):
         like = flexibility[:3] if row < 3 else flexibility[3:]
-        yield _number(1.0 / total) if total > _NOISE**2 * like.max() and total > 0.0 else "rigid"
+        yield _number(1.0 / total) if total > EQUAL**2 * like.max() and total > 0.0 else "rigid"
 
 
 def _modes(body: _Record) -> Iterable[str]:
@@ -208,7 +205,7 @@ def _modes(body: _Record) -> Iterable[str]:
         yield _row("sum", [""] * 4, [f"{100.0 * share:.2f}" for share in shares.sum(axis=0)])
     yield from ratio_lines(body)
     coupling = _coupling(body.damping)
-    if coupling > _NOISE:
+    if coupling > EQUAL:
         yield f"the damping couples modes: largest D_ij / sqrt(D_ii D_jj) = {coupling:.2g}"
 
 
@@ -235,7 +232,7 @@ def _effective_shares(body: _Record) -> FloatArray:
     matrix = body.mass_matrix()
     whole = np.diag(matrix)[:6]
     # about the axis of a bar there is no inertia, and so no share of it
-    there = whole > _NOISE * np.repeat([whole[:3].max(), whole[3:].max()], 3)
+    there = whole > EQUAL * np.repeat([whole[:3].max(), whole[3:].max()], 3)
     squares = matrix[6:, :6] ** 2 / body.modal_mass().diagonal()[:, None]
     shares: FloatArray = np.where(there, squares / np.where(there, whole, 1.0), 0.0)
     return shares
@@ -340,7 +337,7 @@ def _count(number: int, one: str, several: str = "") -> str:
 
 def _number(value: float, *, scale: float = 0.0) -> str:
     # the sum turns -0 into 0
-    return f"{0.0 if abs(value) <= _NOISE * scale else float(value) + 0.0:.6g}"
+    return f"{0.0 if abs(value) <= EQUAL * scale else float(value) + 0.0:.6g}"
 
 
 def _vector(values: FloatArray, *, scale: float) -> str:

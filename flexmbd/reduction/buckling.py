@@ -33,6 +33,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symme
 from flexmbd.continuum.matrices.saddle_point import principal_part
 from flexmbd.errors import ConvergenceError, ReductionError
 from flexmbd.given import checked, numbers, refuse_no_truth
+from flexmbd.record.carrying_dofs import AT_REST
 from flexmbd.record.groups import FRAME_DOFS, Surface
 from flexmbd.reduction.modes.krylov_schur import ShellInverse, ShellProduct, shift_after
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
@@ -44,7 +45,6 @@ from flexmbd.reduction.static_shapes.frame_motions import frame_motions
 from flexmbd.reduction.static_shapes.interface_motions import rigid_coordinates
 from flexmbd.reduction.static_shapes.memory import memory_limit
 from flexmbd.reduction.static_shapes.statics import Statics
-from flexmbd.reduction.static_shapes.support import AT_REST
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness_matrix
 from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors

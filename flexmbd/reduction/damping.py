@@ -24,6 +24,7 @@ from flexmbd.errors import InterfaceError, ReductionError
 from flexmbd.given import is_list, is_number, numbers, shown
 from flexmbd.record.held_modes import HeldModes, held_modes
 from flexmbd.record.reduced_body import InterfaceFrame
+from flexmbd.round_off import EQUAL
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,6 @@ class KelvinVoigtDamping:
         return f"Kelvin-Voigt, tau {', '.join(f'{value:g} s in {name}' for name, value in parts)}"
 
 
-# Of a rigid motion's size on the nodes that supports hold, squared, what is none.
-_HELD = 1e-12
 
 Damping = ModalDamping | RayleighDamping | KelvinVoigtDamping
 """How the deformation of a body is damped."""
@@ -267,7 +266,7 @@ def _rigid_motions(model: LinearModel, *, p: FloatArray, R: FloatArray) -> Float
     moved = np.sqrt(np.diag(square)).reshape(2, 3).max(axis=1)
     size = np.repeat(np.where(moved > 0.0, moved, 1.0), 3)
     values, vectors = np.linalg.eigh(square / np.outer(size, size))
-    motions: FloatArray = vectors[:, values <= _HELD] / size[:, None]
+    motions: FloatArray = vectors[:, values <= EQUAL] / size[:, None]
     return motions
 
 

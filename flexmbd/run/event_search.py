@@ -17,6 +17,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.sampling.interpolation import interpolate_series, interpolated_coordinates
 from flexmbd.multibody.start.consistent_start import match_motion
 from flexmbd.multibody.team import Team
+from flexmbd.round_off import EQUAL
 from flexmbd.run.event import NO_EVENTS, Event, EventMemory, Moment, Occurrence, codes_of
 from flexmbd.run.snapshot import Snapshot
 from flexmbd.run.stepping import Integration, evaluate_inputs
@@ -211,7 +212,7 @@ class EventSearch:
         first = min(instants.values())
         if (code := self._step_to(before, first, keep=True)) != st.DONE:
             return code
-        now = [k for k, t in instants.items() if t - first <= 1e-12 * max(abs(end), end - begin)]
+        now = [k for k, t in instants.items() if t - first <= EQUAL * max(abs(end), end - begin)]
         self._note_passages(np.isin(np.arange(len(signs)), now))
         row = integration.rows - 1
         here, n = self._signs_now(), len(self._events)

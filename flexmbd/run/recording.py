@@ -14,13 +14,12 @@ from flexmbd.given import checked, is_number
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.interiors.observed import InteriorMesh, ObservedInterior
 from flexmbd.record.stress_field import StressField
+from flexmbd.round_off import TEN_DIGITS
 from flexmbd.run.recorded_instants import RecordedInstants, recorded_instants
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Instants are multiples of a time, to round-off.
-_ROUND_OFF = 1e-9
 
 
 @checked()
@@ -51,7 +50,7 @@ class Recording:
 
     def index(self, t: float, begun: float) -> int:
         """How many multiples have passed at t (s) of a simulation that began at ``begun`` (s)."""
-        return int(np.floor((t - begun) / self.every + _ROUND_OFF))
+        return int(np.floor((t - begun) / self.every + TEN_DIGITS))
 
 
 @dataclass(frozen=True, eq=False)

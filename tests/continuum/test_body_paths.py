@@ -331,6 +331,16 @@ def test_a_path_that_is_lost_keeps_what_it_found():
     np.testing.assert_array_equal(body.displacement, path.points[-1].displacement)
 
 
+def test_a_load_that_does_nothing_at_first_is_followed():
+    body, held = panel()
+    squared = [BodyAcceleration((0.0, 0.0, -1.0), lambda t: SIZE * t * t)]
+    path = equilibrium_path(body, fm.Continuation(to=0.5), prescribed=held, loads=squared)
+    again, held = panel()
+    follow(again, [0.25], prescribed=held, loads=WEIGHT)
+    size = abs(again.displacement).max()
+    np.testing.assert_allclose(path.points[-1].displacement, again.displacement, rtol=0.0, atol=1e-7 * size)
+
+
 @pytest.mark.parametrize(
     ("given", "error", "pattern"),
     [

@@ -12,10 +12,8 @@ from typing import Any
 
 import ufl
 
+from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract.trial_symbols import TrialSymbols, affine
-
-# Round-off of the sums at a point, against what is summed.
-_EXACT = 1e-10
 
 
 def gyroscopic_faults(
@@ -48,13 +46,13 @@ def gyroscopic_faults(
     if energy is None or other is None:  # only a mesh could say
         return
     size = abs(energy) + abs(other)
-    if size > 0.0 and not abs(energy - other) > _EXACT * size:
+    if size > 0.0 and not abs(energy - other) > EXACT * size:
         yield "is symmetric in u and v, and makes no force: exchanging u and v must change it"
         return
     moved = rigid_motion(unknown.x, ufl.as_vector((0.3, -0.5, 0.2)), ufl.zero(3))
     force = density - _exchanged(density, unknown.u, rates)
     translated = unknown.evaluate(ufl.replace(force, {rates: moved}), {unknown.u: w})
-    if translated is not None and not abs(translated) <= _EXACT * size:
+    if translated is not None and not abs(translated) <= EXACT * size:
         yield (
             "acts on translations of the whole body: write it in rotations, as ufl.curl(u) / 2; what turns with the "
             "body's frame, as Coriolis forces do, a machine has by itself"

@@ -11,8 +11,8 @@ import scipy.linalg
 import ufl
 
 from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract_suite.measures import (
-    EXACT,
     difference,
     elastic_force,
     largest,

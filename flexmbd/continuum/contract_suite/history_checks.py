@@ -9,8 +9,9 @@ import numpy as np
 import scipy.linalg
 
 from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, HistoryTrial
-from flexmbd.continuum.contract_suite.measures import EXACT, difference, largest, ratio
+from flexmbd.continuum.contract_suite.measures import difference, largest, ratio
 from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Remark, Verdict
 from flexmbd.continuum.contract_suite.trial import FloatArray
 

@@ -10,9 +10,6 @@ import numpy.typing as npt
 
 from flexmbd.continuum.contract_suite.trial import FloatArray, Trial
 
-EXACT = 1e-10
-"""Round-off, summed over some hundred entries and times stiffness ratios of up to some thousand."""
-
 
 def largest(values: npt.ArrayLike) -> float:
     """Largest magnitude; NaN if any is."""

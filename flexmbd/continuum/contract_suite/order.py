@@ -7,6 +7,7 @@ import scipy.sparse.linalg
 import ufl
 
 from flexmbd.continuum.contract.formulation import orders
+from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract_suite.outcome import Figure, Outcome
 from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.continuum.contract_suite.trial_mesh import even_mesh
@@ -17,8 +18,6 @@ _DIVISIONS = {(1, 3): (4, 8), (2, 3): (2, 4), (1, 2): (6, 12), (2, 2): (3, 6), (
 # How much less than the claimed order two coarse meshes may show.
 _SHORT = 0.15
 
-# An error that is round-off no longer falls.
-_ROUND_OFF = 1e-10
 
 
 def observed_order(trial: Trial) -> Outcome:
@@ -26,8 +25,8 @@ def observed_order(trial: Trial) -> Outcome:
     claimed = orders(trial.form, trial.cell)[trial.degree]
     coarse, fine = _DIVISIONS.get((trial.degree, trial.dim), (1, 2))
     errors = [relative_error(trial, n=n) for n in (coarse, fine)]
-    if errors[1] < _ROUND_OFF:
-        return [Figure("error of the reference problem", errors[1], _ROUND_OFF)]
+    if errors[1] < EXACT:
+        return [Figure("error of the reference problem", errors[1], EXACT)]
     observed = float(np.log(errors[0] / errors[1]) / np.log(fine / coarse))
     remark = f"{observed:.2f} of {claimed}; error {errors[1]:.1e} with {fine} cells an edge"
     return [Figure("short of the claimed order by", max(claimed - observed, 0.0), _SHORT, remark)]

@@ -8,8 +8,9 @@ import numpy as np
 import ufl
 
 from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract.local_newton import point_keywords
-from flexmbd.continuum.contract_suite.measures import EXACT, largest, ratio
+from flexmbd.continuum.contract_suite.measures import largest, ratio
 from flexmbd.continuum.contract_suite.outcome import Figure, Outcome, Remark, Verdict
 from flexmbd.continuum.contract_suite.trial import FloatArray, Trial
 

@@ -23,9 +23,7 @@ from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup, Surfac
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
 from flexmbd.given import is_list
-
-# Largest difference of two formulations' rigid motions, relative to the motion.
-_SAME_MOTION = 1e-12
+from flexmbd.round_off import EQUAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +201,7 @@ def _check_rigid_motions(groups: tuple[CellGroup, ...], space: fem.FunctionSpace
         off = dof_layout(space, other.rigid_motion).rigid_columns(np.zeros(3), np.eye(3)) - own
         largest = np.array([abs(off).max(initial=0.0), abs(own).max(initial=0.0)])
         space.mesh.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        if not largest[0] <= _SAME_MOTION * largest[1]:
+        if not largest[0] <= EQUAL * largest[1]:
             raise FormulationError(
                 f"{groups[0].form_name} and {name} have different rigid motions, so their unknowns "
                 "mean different things: they cannot be in one body"

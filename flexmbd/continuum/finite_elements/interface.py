@@ -24,11 +24,10 @@ from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.coupling import Coupling
 from flexmbd.errors import InterfaceError
 from flexmbd.given import checked
+from flexmbd.round_off import SEVEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
-# Largest entry of R^T R - 1 in axes given by a person, who may write seven digits.
-_ORTHONORMAL = 1e-6
 
 
 @checked("name", "coupling", error=InterfaceError)
@@ -66,7 +65,7 @@ class Interface:
                 )
         if self.axes is not None:
             r = np.asarray(self.axes, dtype=float)
-            if abs(r.T @ r - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(r) < 0.0:
+            if abs(r.T @ r - np.eye(3)).max() > SEVEN_DIGITS or np.linalg.det(r) < 0.0:
                 raise InterfaceError(
                     f"interface {self.name!r}: the columns of axes must be orthonormal and "
                     f"right-handed, got {r.tolist()}"

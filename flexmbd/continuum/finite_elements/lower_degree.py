@@ -8,9 +8,7 @@ import scipy.sparse
 from dolfinx import fem
 
 from flexmbd.continuum import compat
-
-# A weight of this size is round-off.
-_NOISE = 1e-12
+from flexmbd.round_off import EQUAL
 
 
 def next_lower(space: fem.FunctionSpace) -> fem.FunctionSpace | None:
@@ -39,7 +37,7 @@ def nodal_interpolation(coarse: fem.FunctionSpace, space: fem.FunctionSpace) -> 
     points = compat.interpolation_points(space)
     dim = space.mesh.topology.dim
     weights = coarse.ufl_element().basix_element.tabulate(0, np.ascontiguousarray(points[:, :dim]))[0, :, :, 0]
-    weights = np.where(abs(weights) > _NOISE, weights, 0.0)
+    weights = np.where(abs(weights) > EQUAL, weights, 0.0)
     owned = space.dofmap.index_map.size_local
     nodes = space.dofmap.list
     # a node has the same value from whichever of its cells

@@ -11,10 +11,12 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuation.newton import CLOSE, Correction, newton
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
 from flexmbd.continuum.matrices.blocks import inner, total
+from flexmbd.errors import ConvergenceError
 
 FloatArray = NDArray[np.float64]
 
@@ -146,25 +148,71 @@ def followed_average(
         rest: the interface there.
         near: the same interface with p and R to begin with.
         displacement: (local dofs including ghosts,) of the model.
+
+    Raises:
+        ConvergenceError: on all ranks: the nodes have moved as no frame could follow.
     """
-    columns = np.zeros((model.layout.n_local, 6))
-    columns[rest.dofs] = rest.average
-    dofs = model.displacement_dofs[rest.nodes]
-    own = rest.nodes < model.n_owned_nodes
-    arms, x = model.node_x[rest.nodes] - rest.p, model.node_x[rest.nodes] + displacement[dofs]
-    p, turn = near.p, near.R @ rest.R.T
-    for _ in range(_FOLLOWING):
-        average = np.einsum("ab,kbj->kaj", turn, columns[dofs])
-        deformed = (x - p) @ turn - arms
-        lack = total(model.comm, np.einsum("kaj,ka->j", columns[dofs[own]], deformed[own]))
-        motions = np.zeros((len(dofs), 3, 6))
+    follower = _FrameFollower(model, rest, displacement)
+    found = newton(follower, _FollowedFrame(near.p, near.R @ rest.R.T), most=_FOLLOWING, close=CLOSE)
+    if not found.is_solution:
+        raise ConvergenceError(f"no place of the averaged interface {rest.name!r} was found where its nodes have moved")
+    place = found.place
+    return replace(rest, p=place.p, R=place.turn @ rest.R, average=follower.average(place))
+
+
+@dataclass(frozen=True, eq=False)
+class _FollowedFrame:
+    """Where an averaged frame is, p (3,) m, and by what it has turned, (3, 3)."""
+
+    p: FloatArray
+    turn: FloatArray
+
+
+class _FrameFollower:
+    """The place of an averaged interface's frame as a problem for Newton's method. All of it is collective."""
+
+    def __init__(self, model: LinearModel, rest: AveragedInterface, displacement: FloatArray) -> None:
+        self._model, self._rest, self._dofs = model, rest, model.displacement_dofs[rest.nodes]
+        self._columns = np.zeros((model.layout.n_local, 6))
+        self._columns[rest.dofs] = rest.average
+        self._own = rest.nodes < model.n_owned_nodes
+        self._arms = model.node_x[rest.nodes] - rest.p
+        self._x = model.node_x[rest.nodes] + displacement[self._dofs]
+        squares = np.array([np.sum(self._arms[self._own] ** 2), np.count_nonzero(self._own)])
+        square, count = total(model.comm, squares)
+        self._length = np.sqrt(square / count)
+
+    def is_solved(self, here: _FollowedFrame, *, close: bool) -> bool:
+        return close
+
+    def correction(self, here: _FollowedFrame) -> Correction[FloatArray]:
+        """A step (6,) of the frame, along and about the axes at rest; its size is in rad, or of the nodes' distance."""
+        deformed = (self._x - here.p) @ here.turn - self._arms
+        lacking = np.einsum("kaj,ka->j", self._columns[self._dofs[self._own]], deformed[self._own])
+        step = np.linalg.solve(self._of_rigid(here), total(self._model.comm, lacking))
+        size = max(np.linalg.norm(step[:3]) / self._length, np.linalg.norm(step[3:]))
+        return Correction(np.asarray(step, dtype=float), float(size))
+
+    def moved(self, here: _FollowedFrame, correction: Correction[FloatArray], *, close: bool) -> _FollowedFrame:
+        step = correction.change
+        return _FollowedFrame(here.p + step[:3], here.turn + turn_less_one(step[3:]) @ here.turn)
+
+    def average(self, here: _FollowedFrame) -> FloatArray:
+        """(dofs, 6) the average by which the frame moves on from there."""
+        columns = self._columns.copy()
+        columns[self._dofs] = self._turned(here) @ np.linalg.inv(self._of_rigid(here)).T
+        return np.asarray(columns[self._rest.dofs])
+
+    def _turned(self, here: _FollowedFrame) -> FloatArray:
+        return np.einsum("ab,kbj->kaj", here.turn, self._columns[self._dofs])
+
+    def _of_rigid(self, here: _FollowedFrame) -> FloatArray:
+        """(6, 6) by which the average changes as the frame moves, in the axes at rest."""
+        motions = np.zeros((len(self._dofs), 3, 6))
         motions[:, :, :3] = np.eye(3)
-        motions[:, :, 3:] = np.cross(np.eye(3)[:, None], x - p).transpose(1, 2, 0)
-        of_rigid = total(model.comm, np.einsum("kaj,kac->jc", average[own], motions[own]))
-        step = np.asarray(np.linalg.solve(of_rigid, lack), dtype=float)
-        p, turn = p + step[:3], np.asarray(turn + turn_less_one(step[3:]) @ turn)
-    columns[dofs] = average @ np.linalg.inv(of_rigid).T
-    return replace(rest, p=p, R=turn @ rest.R, average=columns[rest.dofs])
+        motions[:, :, 3:] = np.cross(np.eye(3)[:, None], self._x - here.p).transpose(1, 2, 0)
+        own = self._own
+        return total(self._model.comm, np.einsum("kaj,kac->jc", self._turned(here)[own], motions[own]))
 
 
 def turn_less_one(rotation: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, n
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -26,7 +27,6 @@ SHARE = "share of the model in the stiffness"
 
 # Far above what other ranks and processors make of the same sums, far below what another material does.
 _SAME = 1e-8
-_ROUND_OFF = 100.0 * float(np.finfo(np.float64).eps)
 
 
 class ReductionModel(Discretisation, Protocol):
@@ -140,7 +140,7 @@ def model_share(model: ReductionModel, modes: FloatArray, stiffness: FloatArray)
     largest = float(inner(model.comm, u**2, abs(diagonal.array_r)[:, None])[0, 0])
     diagonal.destroy()
     n = len(stiffness)
-    return strain / n, _SAME + _ROUND_OFF * largest / n
+    return strain / n, _SAME + ROUND_OFF * largest / n
 
 
 def _all_modes(modes: FloatArray, q: FloatArray) -> FloatArray:

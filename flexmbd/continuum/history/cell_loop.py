@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.tabulate import call_tabulate
+from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
 
@@ -22,8 +23,6 @@ MEAN, LOCAL, LAW, FORCES = 0, 1, 2, 3
 #: Local unknowns are of the size of strains; below this one they are taken to be this large, for they may vanish.
 LEAST = 1e-3
 
-#: A change of local unknowns below this, over their size, that a step no longer halves is round-off, and good.
-ROUND_OFF = 1e-6
 
 #: The least part of a Newton step of local unknowns that is tried where the whole does not lessen what they lack.
 SHORTEST = 2.0**-10
@@ -183,7 +182,7 @@ def _shorten_or_change_point(kernels, room, point, begin, slopes):  # type: igno
         lack += (room.tensor[first + i] / kernels.weights[point]) ** 2
         moved = max(moved, abs(step[i]) / max(room.sizes[0, i], LEAST))
     share = step[n]
-    if not lack <= (1.0 - 1e-4 * share) * step[n + 1] and share > SHORTEST and not moved <= ROUND_OFF:
+    if not lack <= (1.0 - 1e-4 * share) * step[n + 1] and share > SHORTEST and not moved <= STALLED:
         step[n] = 0.5 * share
         for i in range(n):
             step[i] *= 0.5
@@ -219,7 +218,7 @@ def _solve_local(kernels, room, begin, slopes, sweeps, tolerance, shorten):  # t
             size = max(room.sizes[0, i], LEAST)
             if not room.sizes[1, i] <= change * size:
                 change = room.sizes[1, i] / size
-        if change <= tolerance or (change <= ROUND_OFF and change > 0.5 * before):
+        if change <= tolerance or (change <= STALLED and change > 0.5 * before):
             return 0.0
         if not np.isfinite(change):
             return change

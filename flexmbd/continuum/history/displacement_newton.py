@@ -11,6 +11,8 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.line_search import ShareTrial, by_work, searched
+from flexmbd.continuation.newton import Correction, newton
 from flexmbd.continuum.history.cell_pass import LocalEquationError
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import DEFAULT_SOLVER, LinearSolver, TangentSolver
@@ -18,16 +20,18 @@ from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.errors import ConvergenceError
 from flexmbd.given import checked
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 
-# Line search: largest ratio of the work that the residual does on the step, at its end to at its begin; trials.
-_WORK_RATIO, _MAX_HALVINGS = 0.8, 6
+#: Line search: largest ratio of the work that the residual does on the step, at its end to at its begin; trials; and
+#: what says that there are no forces at a place.
+WORK_RATIO, TRIALS, NO_FORCES = 0.8, 6, (InvertedCellError, LocalEquationError)
 
 # Relative residual of linear systems with predicted stresses; units in the last place of rounded displacements.
 _ACCURATE, _LAST_PLACES = 1e-10, 4.0
-# Relative residual above which no rounding of displacements excuses it: they have run away, as beyond a limit load.
-_UNBALANCED = 1e-5
+#: Relative residual above which no rounding of displacements excuses it: they have run away, as beyond a limit load.
+UNBALANCED = 1e-5
 
 
 @checked()
@@ -93,10 +97,23 @@ class Solution:
     balance: Balance
 
 
+@dataclass(frozen=True, eq=False)
+class _TrialDisplacement:
+    """A trial displacement (local dofs including ghosts,) m, the forces there, and what given dofs still lack, m."""
+
+    increment: FloatArray
+    balance: Balance
+    gap: FloatArray
+
+
 class Newton:
     """Solves for one step after the other of one body. Constructing one is collective.
 
     Attributes:
+        body: it.
+        prescribed: owned dofs whose displacement is given.
+        convergence: when to end.
+        reuse_below: ratio of residuals above which a tangent is not used again.
         linear: solves the linear systems, keeping factors.
         predicts: whether stresses are unknowns of their own by now: tangents are to be taken with predicted ones.
     """
@@ -119,11 +136,11 @@ class Newton:
             convergence: when to end.
             predicts: whether stresses become unknowns of their own (`stress_predictor`) once a step creeps.
         """
-        self._body, self._prescribed = body, np.asarray(prescribed, dtype=np.int32)
-        self._reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
-        self._convergence = convergence
-        self._free = np.setdiff1d(np.arange(body.n_owned), self._prescribed)
-        self.linear = TangentSolver(body, self._prescribed, solver)
+        self.body, self.prescribed = body, np.asarray(prescribed, dtype=np.int32)
+        self.reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
+        self.convergence = convergence
+        self._free = np.setdiff1d(np.arange(body.n_owned), self.prescribed)
+        self.linear = TangentSolver(body, self.prescribed, solver)
         self._ghosted = body.vector()
         self.predicts, self._may_predict = False, predicts and body.predicts_stress
 
@@ -147,36 +164,13 @@ class Newton:
         Raises:
             ConvergenceError: on all ranks: it did not converge; the message has the residuals.
         """
-        increment, residuals, rule = start.copy(), [], self._convergence
-        gap = target - increment[self._prescribed]
-        open_constraints = constraints
-        noise_force = 0.0
-        balance = forces(increment)
-        if self.predicts:
-            self._body.predict_stress(np.zeros_like(increment), increment)
-        for step in range(rule.max_iterations + 1):
-            left = self._without_constraint_forces(balance.residual, constraints)
-            residuals.append(self._norm(left[self._free]) / balance.size if balance.size else 0.0)
-            closed = open_constraints is None or not open_constraints.gap.any()
-            jumps = step == 0 and not (closed and self._norm(gap) == 0.0)
-            noise = max(rule.round_off, min(noise_force / balance.size, _UNBALANCED) if balance.size else 0.0)
-            stalled = step > 1 and 0.5 * residuals[-2] < residuals[-1] <= noise
-            if (residuals[-1] <= rule.tolerance or stalled) and not jumps:
-                return Solution(increment, tuple(residuals), balance)
-            if step == rule.max_iterations:
-                break
-            if step < 2 or residuals[-1] > self._reuse_below * residuals[-2]:
-                matrix, reused = tangent(increment), False
-                noise_force = self._noise(matrix, increment)
-            change = self._direction(matrix, left, gap, residuals, reused=reused, constraints=open_constraints)
-            reused = True
-            gap = np.zeros_like(gap)
-            if open_constraints is not None:
-                open_constraints = replace(open_constraints, gap=np.zeros_like(open_constraints.gap))
-            increment, balance = self._search(increment, change, balance, forces, full=jumps)
+        step = _StepProblem(self, forces, tangent, constraints)
+        found = newton(step, step.begin(start, target), most=self.convergence.max_iterations, close=0.0)
+        if found.is_solution:
+            return Solution(found.place.increment, tuple(step.residuals), found.place.balance)
         raise ConvergenceError(
-            f"Newton's method did not converge in {rule.max_iterations} steps; the residuals were "
-            + ", ".join(f"{residual:.1e}" for residual in residuals)
+            f"Newton's method did not converge in {found.iterations} steps; the residuals were "
+            + ", ".join(f"{residual:.1e}" for residual in step.residuals)
         )
 
     def solve_columns(
@@ -215,7 +209,7 @@ class Newton:
         """Forget the factor, as at a checkpoint."""
         self.linear.discard_preconditioner()
 
-    def _direction(
+    def direction(
         self,
         matrix: PETSc.Mat,
         residual: FloatArray,
@@ -228,10 +222,10 @@ class Newton:
         """Newton's step (local dofs including ghosts,); ``reused``: the matrix was used before. Collective."""
         right, left = matrix.createVecLeft(), matrix.createVecRight()
         left.array[:] = 0.0
-        left.array[self._prescribed] = gap
+        left.array[self.prescribed] = gap
         matrix.mult(left, right)
         right.array[:] = -residual if reused else -residual - right.array
-        right.array[self._prescribed] = gap
+        right.array[self.prescribed] = gap
         if not reused:
             self.linear.constrain(matrix)
             if constraints is not None or self.predicts:
@@ -241,12 +235,12 @@ class Newton:
         if self.predicts:
             loose = _ACCURATE  # beside forces that stretch a slender body those that bend it are small
         step = self.linear.solve(right.array, loose)
-        step[self._prescribed] = gap  # exact, whatever Krylov's method left
+        step[self.prescribed] = gap  # exact, whatever Krylov's method left
         if constraints is not None:
             if not reused:
                 self._responses = self.linear.solve_block(constraints.columns)
             step -= self._constraint_correction(step[:, None], self._responses, constraints)[:, 0]
-        self._ghosted.array[: self._body.n_owned] = step
+        self._ghosted.array[: self.body.n_owned] = step
         self._ghosted.scatter_forward()
         return self._ghosted.array.copy()
 
@@ -258,22 +252,21 @@ class Newton:
         ``responses``: (owned dofs, m) the displacements by unit forces along the constraints' columns.
         """
         m = len(constraints.gap)
-        products = inner(self._body.comm, constraints.columns, np.hstack([responses, steps]))
+        products = inner(self.body.comm, constraints.columns, np.hstack([responses, steps]))
         shares = np.linalg.solve(products[:, :m], products[:, m:] - constraints.gap[:, None])
         return np.asarray(responses @ shares)
 
-    def _without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
+    def without_constraint_forces(self, residual: FloatArray, constraints: LinearConstraints | None) -> FloatArray:
         """The residual less the forces that keep the constraints. Collective."""
         if constraints is None:
             return residual
-        along = self._body.comm.allreduce(constraints.columns.T @ residual, op=MPI.SUM)
+        along = self.body.comm.allreduce(constraints.columns.T @ residual, op=MPI.SUM)
         return np.asarray(residual - constraints.columns @ along)
 
-    def _search(
+    def search(
         self,
-        increment: FloatArray,
+        here: _TrialDisplacement,
         change: FloatArray,
-        before: Balance,
         forces: Callable[[FloatArray], Balance],
         *,
         full: bool,
@@ -283,50 +276,108 @@ class Newton:
         A step that turns cells inside out, or for which the equations at a point are not solved, is halved; one that
         moves prescribed dofs is taken in full.
         """
-        work = self._work(change, before.residual)
-        share, best = 1.0, None
-        failed: ConvergenceError = InvertedCellError()
-        for _ in range(_MAX_HALVINGS):
-            try:
-                balance = forces(increment + share * change)
-            except (InvertedCellError, LocalEquationError) as error:
-                if full:
-                    raise
-                share, failed = 0.5 * share, error
-                continue
-            if full:
-                if self.predicts:
-                    self._body.predict_stress(increment, increment + change)
-                return increment + change, balance
+        increment = here.increment
+        if full:
+            balance = forces(increment + change)
+            if self.predicts:
+                self.body.predict_stress(increment, increment + change)
+            return increment + change, balance
+        before, tried = self._work(change, here.balance.residual), 1.0
+
+        def trial(share: float) -> ShareTrial[Balance]:
+            nonlocal tried
+            tried = share
+            balance = forces(increment + share * change)
             left = self._work(change, balance.residual)
-            if self._may_predict and abs(left) > _WORK_RATIO * abs(work):
+            if self._may_predict and abs(left) > WORK_RATIO * abs(before):
                 self.predicts, self._may_predict = True, False
             if self.predicts:
-                excess = self._body.predict_stress(increment, increment + share * change)
+                excess = self.body.predict_stress(increment, increment + share * change)
                 left = self._work(change, balance.residual + excess)
-            if best is None or abs(left) < best[0]:
-                best = abs(left), share, balance
-            if abs(left) <= _WORK_RATIO * abs(work):
-                break
-            # where the work would vanish if it were linear in the share
-            guess = share * work / (work - left) if work != left else 0.5 * share
-            share = min(max(guess, 0.1 * share), 0.5 * share) if left * work < 0.0 else 0.5 * share
-        if best is None:
-            raise failed
-        if self.predicts and best[1] != share:
-            self._body.predict_stress(increment, increment + best[1] * change)
-        return increment + best[1] * change, best[2]
+            return by_work(balance, share, work=left, before=before, ratio=WORK_RATIO)
 
-    def _noise(self, matrix: PETSc.Mat, increment: FloatArray) -> float:
+        best = searched(trial, most=TRIALS, fails=NO_FORCES)
+        if self.predicts and best.share != tried:
+            self.body.predict_stress(increment, increment + best.share * change)
+        return increment + best.share * change, best.place
+
+    def noise(self, matrix: PETSc.Mat, increment: FloatArray) -> float:
         """N, 2-norm of the forces that rounding of the displacements makes on free dofs. Collective."""
         diagonal = matrix.getDiagonal()
-        n = self._body.n_owned
-        forces = diagonal.array_r * (self._body.displacement[:n] + increment[:n])
-        return _LAST_PLACES * float(np.finfo(float).eps) * self._norm(forces[self._free])
+        n = self.body.n_owned
+        forces = diagonal.array_r * (self.body.displacement[:n] + increment[:n])
+        return _LAST_PLACES * EPSILON * self.free_norm(forces)
 
     def _work(self, change: FloatArray, residual: FloatArray) -> float:
         mine = change[self._free] @ residual[self._free]
-        return float(self._body.comm.allreduce(mine))
+        return float(self.body.comm.allreduce(mine))
+
+    def free_norm(self, values: FloatArray) -> float:
+        """2-norm on the dofs that are not prescribed. Collective."""
+        return self._norm(values[self._free])
+
+    def lacks(self, gap: FloatArray) -> bool:
+        """Whether prescribed dofs (prescribed,) are still to be moved on any rank. Collective."""
+        return self._norm(gap) != 0.0
 
     def _norm(self, values: FloatArray) -> float:
-        return float(np.sqrt(self._body.comm.allreduce(values @ values, op=MPI.SUM)))
+        return float(np.sqrt(self.body.comm.allreduce(values @ values, op=MPI.SUM)))
+
+
+class _StepProblem:
+    """One step as a problem for Newton's method; ``residuals``: on the dofs that are not prescribed, relative."""
+
+    def __init__(
+        self,
+        method: Newton,
+        forces: Callable[[FloatArray], Balance],
+        tangent: Callable[[FloatArray], PETSc.Mat],
+        constraints: LinearConstraints | None,
+    ) -> None:
+        self.residuals: list[float] = []
+        self._method, self._forces, self._tangent = method, forces, tangent
+        self._constraints = self._open = constraints
+        self._noise_force = 0.0
+        self._left: FloatArray = np.zeros(0)
+        self._matrix = PETSc.Mat()  # no handle before the first
+
+    def begin(self, start: FloatArray, target: FloatArray) -> _TrialDisplacement:
+        method, increment = self._method, start.copy()
+        balance = self._forces(increment)
+        if method.predicts:
+            method.body.predict_stress(np.zeros_like(increment), increment)
+        return _TrialDisplacement(increment, balance, target - increment[method.prescribed])
+
+    def is_solved(self, here: _TrialDisplacement, *, close: bool) -> bool:
+        """Whether the residual is small, or stays where it is and is round-off."""
+        method, rule, size, residuals = self._method, self._method.convergence, here.balance.size, self.residuals
+        self._left = method.without_constraint_forces(here.balance.residual, self._constraints)
+        residuals.append(method.free_norm(self._left) / size if size else 0.0)
+        noise = max(rule.round_off, min(self._noise_force / size, UNBALANCED) if size else 0.0)
+        stalled = len(residuals) > 2 and 0.5 * residuals[-2] < residuals[-1] <= noise
+        return (residuals[-1] <= rule.tolerance or stalled) and not self._jumps(here)
+
+    def correction(self, here: _TrialDisplacement) -> Correction[FloatArray]:
+        """The linear solution, by the tangent there or, as long as it serves, by the one before."""
+        method, residuals, reused = self._method, self.residuals, True
+        if len(residuals) < 3 or residuals[-1] > method.reuse_below * residuals[-2]:
+            self._matrix, reused = self._tangent(here.increment), False
+            self._noise_force = method.noise(self._matrix, here.increment)
+        change = method.direction(
+            self._matrix, self._left, here.gap, residuals, reused=reused, constraints=self._open
+        )
+        return Correction(change, residuals[-1])
+
+    def moved(self, here: _TrialDisplacement, correction: Correction[FloatArray], *, close: bool) -> _TrialDisplacement:
+        full = self._jumps(here)
+        if self._open is not None:
+            self._open = replace(self._open, gap=np.zeros_like(self._open.gap))
+        found = self._method.search(here, correction.change, self._forces, full=full)
+        return _TrialDisplacement(*found, np.zeros_like(here.gap))
+
+    def _jumps(self, here: _TrialDisplacement) -> bool:
+        """Whether prescribed dofs or constraints still have to be moved where they are wanted. Collective."""
+        if len(self.residuals) > 1:
+            return False
+        closed = self._open is None or not self._open.gap.any()
+        return not closed or self._method.lacks(here.gap)

@@ -22,11 +22,10 @@ from flexmbd.continuum.matrices.near_null_space import near_null_space
 from flexmbd.continuum.matrices.saddle_point import negative_directions
 from flexmbd.errors import ConvergenceError, FormulationError
 from flexmbd.given import checked
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
-# A symmetric matrix' bilinear form on two vectors, changed about, differs by round-off.
-_SYMMETRIC = 1e-12
 
 # Krylov's method: most iterations, and the relative residual to which the systems of a block are solved.
 _MAX_ITERATIONS, _EXACT = 200, 1e-12
@@ -302,4 +301,4 @@ def is_symmetric(matrix: PETSc.Mat) -> bool:
     matrix.mult(y, ay)
     one, size = x.dot(ay), ay.norm() * x.norm()
     matrix.mult(x, ay)
-    return bool(abs(one - y.dot(ay)) <= _SYMMETRIC * size)
+    return bool(abs(one - y.dot(ay)) <= EQUAL * size)

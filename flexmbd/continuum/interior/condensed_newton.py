@@ -20,11 +20,10 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.cell_pass import LocalEquationError
-from flexmbd.continuum.history.displacement_newton import LinearConstraints
+from flexmbd.continuation.line_search import ShareTrial, by_work, searched
+from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WORK_RATIO, LinearConstraints
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
-from flexmbd.continuum.history.trial_errors import InvertedCellError
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.step_equations import StepEquations
 from flexmbd.continuum.matrices.blocks import inner
@@ -36,11 +35,12 @@ FloatArray = NDArray[np.float64]
 #: ten evaluations of the forces.
 _SLOW = 0.25
 
-#: Along a correction: largest ratio of the work that forces out of balance do on it, at its end to its begin; trials.
-_WORK_RATIO, _MAX_SEARCHES = 0.8, 6
-
 #: The size of a correction whose forces are not evaluated yet.
 _UNKNOWN = 1.0
+
+#: A trial displacement, (local dofs,) m; the constraints there; the forces; and what of them is out of balance.
+_Found = tuple[FloatArray, LinearConstraints | None, FloatArray, FloatArray]
+
 
 @dataclass(frozen=True, eq=False)
 class _KeptTangent:
@@ -199,36 +199,20 @@ class CondensedNewton:
 
     def _search(
         self, equations: StepEquations, motion: FrameMotion, last: _Iterate
-    ) -> tuple[FloatArray, LinearConstraints | None, FloatArray, FloatArray]:
-        """Go along the last correction until what is out of balance does less work on it. Collective.
+    ) -> _Found:
+        """Go along the last correction until what is out of balance does less work on it. Collective."""
 
-        Returns:
-            (local dofs,) m; the constraints; the forces; and what of them is out of balance.
-        """
-        share, best = 1.0, None
-        failed: InvertedCellError | LocalEquationError = InvertedCellError()
-        for _ in range(_MAX_SEARCHES):
+        def trial(share: float) -> ShareTrial[_Found]:
             increment, constraints = self._placed(equations, motion, last, share)
-            try:
-                balance = equations.residual(increment)
-            except (InvertedCellError, LocalEquationError) as error:
-                failed = error
-                share *= 0.5
-                if not last.work:
-                    raise
-                continue
+            balance = equations.residual(increment)
             left = self._without_constraint_forces(balance, constraints)
+            found = increment, constraints, balance, left
+            if not last.work:  # nothing to compare: the step is taken
+                return ShareTrial(found, share, 0.0)
             work = float(self._bonds.total(np.array(last.change @ left)))
-            if best is None or abs(work) < best[0]:
-                best = abs(work), (increment, constraints, balance, left)
-            if not last.work or abs(work) <= _WORK_RATIO * abs(last.work):
-                break
-            # where the work would vanish if it were linear in the share
-            guess = share * last.work / (last.work - work) if work != last.work else 0.5 * share
-            share = min(max(guess, 0.1 * share), 0.5 * share) if work * last.work < 0.0 else 0.5 * share
-        if best is None:
-            raise failed
-        return best[1]
+            return by_work(found, share, work=work, before=last.work, ratio=WORK_RATIO)
+
+        return searched(trial, most=TRIALS if last.work else 1, fails=NO_FORCES).place
 
     def _placed(
         self, equations: StepEquations, motion: FrameMotion, last: _Iterate, share: float

@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.record.groups import frozen
+from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 
-# Depth at the start, relative to the body's size, that is put down to round-off.
-_TOUCHING = 1e-9
 
 
 @checked()
@@ -79,7 +78,7 @@ class RigidPlane:
         Raises:
             SceneError: names the plane and the depth.
         """
-        if deepest > _TOUCHING * size:
+        if deepest > SAME_PLACE * size:
             raise SceneError(
                 f"{self.name}: the body begins {deepest:.4g} m behind it; move one of them, or turn the normal"
             )

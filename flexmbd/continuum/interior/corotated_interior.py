@@ -29,9 +29,7 @@ from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.rotation import to_quaternion
-
-# A step that is the stable one but for round-off is taken whole.
-_ROUND_OFF = 1e-9
+from flexmbd.round_off import TEN_DIGITS
 
 # Sizes of the body that a node may be away from the first frame.
 _FAR = 100.0
@@ -106,7 +104,7 @@ class CorotatedInterior:
 
     def advance(self, h: float, start: FrameMotion, end: FrameMotion) -> Push:
         """See `ExplicitInterior`. Collective."""
-        steps = max(1, int(np.ceil(h / self._limit * (1.0 - _ROUND_OFF))))
+        steps = max(1, int(np.ceil(h / self._limit * (1.0 - TEN_DIGITS))))
         d = h / steps
         mean = np.zeros_like(self._wrenches)
         for frames in path_of_frames(start, end, h=h, steps=steps):

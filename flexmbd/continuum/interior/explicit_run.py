@@ -20,6 +20,7 @@ from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
 from flexmbd.errors import ConvergenceError, ExplicitRunError, SceneError
 from flexmbd.given import checked
+from flexmbd.round_off import EPSILON, TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
@@ -172,7 +173,7 @@ class ExplicitRun:
         if over or not np.isfinite(t_end) or outputs < 1:
             raise SceneError(f"t_end = {t_end!r} s must be after {self.t:.6g} s, and outputs at least 1: {outputs!r}")
         step = _SHARE * limit if h is None else h
-        if (t_end - self.t) * np.finfo(float).eps > step:
+        if (t_end - self.t) * EPSILON > step:
             raise SceneError(f"t_end = {t_end:g} s is so far that steps of {step:.3g} s are lost in its rounding")
         try:
             instants = [float(instant) for instant in np.linspace(begun, t_end, outputs + 1)[1:]]
@@ -201,7 +202,7 @@ class ExplicitRun:
             except ConvergenceError as reason:
                 raise ExplicitRunError(f"at t = {self.t + step:.6g} s, step {self.steps + 1}: {reason}") from reason
             self.steps += 1
-            self.t = instant if instant - self.t <= step * (1.0 + 1e-9) else self.t + step
+            self.t = instant if instant - self.t <= step * (1.0 + TEN_DIGITS) else self.t + step
             if checkpoints is not None and self.t >= due:
                 self._state(begun).save(checkpoints.path, motion)
                 due = checkpoints.next(begun, self.t)
@@ -216,7 +217,7 @@ class ExplicitRun:
                 f"{limit:.4g} s; take a smaller h, or none"
             )
         rest = instant - self.t
-        return float(rest / np.ceil(rest / step * (1.0 - 1e-9)))
+        return float(rest / np.ceil(rest / step * (1.0 - TEN_DIGITS)))
 
     def _note(self) -> None:
         self.account.t.append(self.t)

@@ -31,7 +31,6 @@ from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
 from flexmbd.continuum.interior.step_equations import (
-    ROUND_OFF,
     BodyAxes,
     NodalState,
     RestEquations,
@@ -51,12 +50,13 @@ from flexmbd.multibody.bodies.continuum_body import (
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
+from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Far below the tolerance of a machine's own iteration.
-_CONVERGENCE = Convergence(tolerance=1e-11, round_off=ROUND_OFF)
+_CONVERGENCE = Convergence(tolerance=1e-11, round_off=STALLED)
 
 #: A tangent costs some ten times the forces, and a step of a motion is short.
 _SOLVER = LinearSolver(reuse_below=0.03)

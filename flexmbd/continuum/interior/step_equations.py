@@ -20,11 +20,10 @@ from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.multibody.bodies.continuum_body import Scheme
+from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
 
-#: The share of the forces at hand below which a residual that falls no more is rounding's.
-ROUND_OFF = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +173,7 @@ class StepEquations:
             ConvergenceError: as `NonlinearModel.force`.
         """
         internal, inertia, outer = self.forces(increment)
-        size = max(self.step.round_off / ROUND_OFF, *(self.body.norm(part) for part in (internal, inertia, outer)))
+        size = max(self.step.round_off / STALLED, *(self.body.norm(part) for part in (internal, inertia, outer)))
         return Balance(internal + inertia - outer, size)
 
     def tangent(self, increment: FloatArray) -> PETSc.Mat:
@@ -221,7 +220,7 @@ class RestEquations:
         if self.body.is_updated:
             self.body.check_cells()
         outer = self.weight - self.loads.force(increment)
-        size = max(self.body.norm(internal), self.body.norm(outer), self.round_off / ROUND_OFF)
+        size = max(self.body.norm(internal), self.body.norm(outer), self.round_off / STALLED)
         return Balance(internal + outer, size)
 
     def tangent(self, increment: FloatArray) -> PETSc.Mat:

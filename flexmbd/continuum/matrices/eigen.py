@@ -26,6 +26,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.matrices.blocks import FloatArray, multiply
 from flexmbd.continuum.matrices.lanczos_basis import LanczosBasis
 from flexmbd.errors import ConvergenceError
+from flexmbd.round_off import ROUND_OFF, TEN_DIGITS
 
 #: Relative residual to which every mode converges.
 TOLERANCE = 1e-12
@@ -33,10 +34,6 @@ TOLERANCE = 1e-12
 #: What multiplies a block (owned rows, k), by a matrix or its inverse; collective.
 BlockOperator = Callable[[FloatArray], FloatArray]
 
-# A direction that is this small beside the largest Ritz value is noise.
-_NOISE_OF_ALL = 1e-14
-# Relative distance below which eigenvalues count as copies of one.
-_EQUAL = 1e-9
 # Number of directions that are added where there may be more copies than there were start vectors.
 _FRESH = 8
 # Of a basis this large the modes are looked for only when it has grown by so many vectors.
@@ -214,7 +211,7 @@ class BlockLanczos:
     @property
     def _noise(self) -> float:
         """What is round-off beside K^-1 M."""
-        return _NOISE_OF_ALL * float(self._values.max(initial=0.0))
+        return ROUND_OFF * float(self._values.max(initial=0.0))
 
     @property
     def _is_full(self) -> bool:
@@ -296,7 +293,7 @@ def _known(values: FloatArray, width: int) -> int:
 
     After as many equal ones as there were start vectors there may be further copies.
     """
-    ends = np.flatnonzero(abs(np.diff(values)) > _EQUAL * abs(values[1:])) + 1
+    ends = np.flatnonzero(abs(np.diff(values)) > TEN_DIGITS * abs(values[1:])) + 1
     edges = np.concatenate([[0], ends, [len(values)]])
     wide = np.flatnonzero(np.diff(edges) >= width)
     return int(edges[wide[0] + 1]) if len(wide) > 0 else len(values)

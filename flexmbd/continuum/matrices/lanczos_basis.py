@@ -10,17 +10,12 @@ import numpy as np
 from scipy.linalg.blas import dgemm
 
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, total
+from flexmbd.round_off import EQUAL, SQUARED, WORTHLESS_PIVOT
 
-# A direction that is this small after the projection is noise.
-_NOISE = 1e-12
 # Where a fresh direction, of which all is new in a large space, is this small, there is no more space.
-_NOISE_OF_FRESH = 1e-8
+_NOISE_OF_FRESH = SQUARED
 # A column is projected again if this part of its square was along the basis; no more often than so.
 _LEFT, _PASSES = 1e-4, 3
-# Or if the square of what is left is this small beside what was taken off, and so inexact.
-_SMALL = 1e-8
-# Smallest eigenvalue of a scaled Gram matrix that is not noise.
-_DEPENDENT = 1e-13
 # Columns of the basis that are stored together.
 _PANEL = 128
 
@@ -94,7 +89,7 @@ class LanczosBasis:
         block, image, rest = self._orthonormalise(block, image, taken=taken, noise=noise)
         # in exact arithmetic that was all; what round-off leaves of the other vectors would grow
         weakest = np.sum(rest**2, axis=1).min(initial=np.inf)
-        again = bool(weakest < _SMALL * taken.max(initial=0.0))
+        again = bool(weakest < SQUARED * taken.max(initial=0.0))
         for _ in range(_PASSES):
             part, block = self._project(block, image)
             image = multiply(self.mass, block)
@@ -149,10 +144,10 @@ class LanczosBasis:
 
         def factor() -> tuple[FloatArray, FloatArray]:
             squares = np.diag(gram)
-            large = squares > np.maximum(_NOISE**2 * (squares + taken), noise**2)
+            large = squares > np.maximum(EQUAL**2 * (squares + taken), noise**2)
             norms = np.sqrt(squares[large])
             values, vectors = np.linalg.eigh(gram[np.ix_(large, large)] / np.outer(norms, norms))
-            kept = values > _DEPENDENT
+            kept = values > WORTHLESS_PIVOT
             roots = np.sqrt(values[kept])
             forward = np.zeros((len(gram), len(roots)))
             forward[large] = vectors[:, kept] / roots / norms[:, None]

@@ -31,10 +31,10 @@ from flexmbd.continuum.slow_loading.loading import LoadPath, SlowLoads
 from flexmbd.continuum.slow_loading.static_path import equilibrium
 from flexmbd.errors import ConvergenceError, FormulationError, PathError, SceneError
 from flexmbd.given import checked
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_HELD = 1e-14  # of a motion of the whole, what counts as none of it at given dofs
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def equilibrium_path(
     found = _GrowingPath(body, BodyPathSpace(whole, bounds.width, convergence))
     try:
         if about is None:
-            first = _first(found.space, whole, convergence, begin=begin, sign=sign)
+            first = _first(found.space, whole, convergence, bounds, begin=begin, sign=sign)
         else:
             first = found.beside(about, path)
         return found.along(first, bounds, accepted)
@@ -205,7 +205,13 @@ class _GrowingPath:
 
 
 def _first(
-    space: BodyPathSpace, loads: SlowLoads, convergence: Convergence, *, begin: float, sign: float
+    space: BodyPathSpace,
+    loads: SlowLoads,
+    convergence: Convergence,
+    bounds: Bounds,
+    *,
+    begin: float,
+    sign: float,
 ) -> Station[BodyPoint]:
     """The station where the body stands, in balance, from which the factor grows or falls."""
     body = loads.body
@@ -221,7 +227,7 @@ def _first(
             "first (flexmbd.continuum.follow)"
         ) from reason
     here = space.standing(begin)
-    if not space.does_anything(here):
+    if not space.does_anything(here, bounds.to):
         raise SceneError(
             "the loads do nothing as the factor grows: load=, displacement= and the factors of loads= are functions "
             "of it, and none of them changes"
@@ -249,7 +255,7 @@ def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
     held[prescribed] = columns[prescribed]
     whole, left = (inner(body.comm, part, part) for part in (columns, held))
     # of each motion, what the given dofs take part in
-    if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= _HELD:
+    if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= ROUND_OFF:
         raise SceneError(
             "the body can move as a whole, and no path of single equilibria goes through there: give prescribed= dofs "
             "that hold it (prescribed_dofs, clamped_dofs)"

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import corrected
-from flexmbd.continuation.space import PathDirection, unit
-from flexmbd.continuum.history.displacement_newton import Balance, Convergence
+from flexmbd.continuation.request import looked_at
+from flexmbd.continuation.space import ALIKE, APART, LOAD_DIFFERENCE, PathDirection, unit
+from flexmbd.continuum.history.displacement_newton import UNBALANCED, Balance, Convergence
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver, is_symmetric
 from flexmbd.continuum.matrices.blocks import inner
@@ -31,14 +32,10 @@ from flexmbd.continuum.slow_loading.loading import SlowLoads
 from flexmbd.continuum.slow_loading.motion_metric import motion_metric
 from flexmbd.continuum.slow_loading.stiffness_spectrum import NearZero, smallest_eigenvalues, smallest_vibrations
 from flexmbd.errors import ConvergenceError
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_ALIKE = 1e-6  # of what is remembered: up to round-off
-_UNBALANCED = 1e-5  # of the forces at hand: what no round-off of displacements excuses
-_DIFFERENCE = 1e-4  # of the range of factors: over how much loads are differenced; exact of loads in proportion to it
-_APART = float(np.finfo(float).eps ** (1 / 3))  # of the extent: between the points of a difference of tangents
-_ROUND_OFF = 1e-14  # of the largest stiffness of a dof: what a factor leaves of an eigenvalue that is zero
 
 
 class BodyPathSpace:
@@ -108,7 +105,7 @@ class BodyPathSpace:
         for shape, *pair in zip(shapes, one.state.history, other.state.history, strict=True):
             first, second = (part.reshape(shape) for part in pair)
             largest = comm.allreduce(np.abs(first).max(axis=0, initial=0.0), op=MPI.MAX)
-            alike &= bool((np.abs(second - first) <= _ALIKE * largest).all())
+            alike &= bool((np.abs(second - first) <= ALIKE * largest).all())
         return bool(comm.allreduce(alike, op=MPI.LAND))
 
     def spectrum(self, here: BodyPoint) -> BodySpectrum:
@@ -151,7 +148,7 @@ class BodyPathSpace:
             increment = moved
             balance = self._balance(increment, factor)
             left = self._body.norm(balance.residual[self._free]) / balance.size if balance.size else 0.0
-            if left <= self._rule.tolerance or (close and left <= _UNBALANCED):
+            if left <= self._rule.tolerance or (close and left <= UNBALANCED):
                 self._body.check_increment(increment)
                 return self._point(before, increment, factor, iteration, balance)
             responses = self._responses(increment, factor, balance, predicted=self._predicts)
@@ -189,10 +186,18 @@ class BodyPathSpace:
             self._factored = accepted
         return accepted
 
-    def does_anything(self, here: BodyPoint) -> bool:
-        """Whether the factor changes a force or a given displacement."""
-        found = bool(here.response.any())
-        return bool(self._body.comm.allreduce(found, op=MPI.LOR))
+    def does_anything(self, here: BodyPoint, to: float) -> bool:
+        """Whether the factor, on its way to another one, changes a force or a given displacement."""
+        rest: FloatArray = np.zeros(self._body.layout.n_local)
+
+        def loads(factor: float) -> FloatArray:
+            return np.concatenate([self._loads.outer(factor).force(rest), self._loads.given(factor)])
+
+        if self._body.comm.allreduce(bool(here.response.any()), op=MPI.LOR):
+            return True
+        begun = loads(here.factor)
+        found = [not np.array_equal(loads(factor), begun) for factor in looked_at(here.factor, to)]
+        return bool(self._body.comm.allreduce(any(found), op=MPI.LOR))
 
     def _stand(self, state: HistorySnapshot) -> None:
         self._body.restore(state)
@@ -216,14 +221,14 @@ class BodyPathSpace:
     def _load_slope(self, increment: FloatArray, factor: float) -> FloatArray:
         """(owned dofs,) N, of the loads by the factor."""
         low, high = (
-            self._loads.outer(factor + side * _DIFFERENCE * self.width).force(increment) for side in (-1.0, 1.0)
+            self._loads.outer(factor + side * LOAD_DIFFERENCE * self.width).force(increment) for side in (-1.0, 1.0)
         )
-        return np.asarray((high - low) / (2.0 * _DIFFERENCE * self.width))
+        return np.asarray((high - low) / (2.0 * LOAD_DIFFERENCE * self.width))
 
     def _given_slope(self, factor: float) -> FloatArray:
         """(prescribed dofs,) m, by the factor."""
-        low, high = (self._loads.given(factor + side * _DIFFERENCE * self.width) for side in (-1.0, 1.0))
-        return np.asarray((high - low) / (2.0 * _DIFFERENCE * self.width))
+        low, high = (self._loads.given(factor + side * LOAD_DIFFERENCE * self.width) for side in (-1.0, 1.0))
+        return np.asarray((high - low) / (2.0 * LOAD_DIFFERENCE * self.width))
 
     def _responses(
         self, increment: FloatArray, factor: float, balance: Balance, *, predicted: bool = False
@@ -253,7 +258,7 @@ class BodyPathSpace:
             weights[self._free] = self._inertia.getDiagonal().array_r[self._free]
         counted = weights > 0.0
         own = np.abs(matrix.getDiagonal().array_r[counted]) / weights[counted]
-        return _ROUND_OFF * float(self._body.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX))
+        return ROUND_OFF * float(self._body.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX))
 
     def _in_plane(self, responses: FloatArray, across: PathDirection, undetermined: int) -> PathDirection:
         """The step a + b df that stays in the plane normal to a direction."""
@@ -307,7 +312,7 @@ class BodyPathSpace:
 
     def _stiffening(self, here: BodyPoint, along: PathDirection, mode: FloatArray) -> float:
         """m.K'(t)m by a difference of tangents."""
-        length = _APART / self.largest(along)
+        length = APART / self.largest(along)
         work = []
         for side in (-length, length):
             self._stand(here.before)

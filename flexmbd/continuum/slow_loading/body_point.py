@@ -119,16 +119,16 @@ class BodySpectrum:
         """(owned dofs,) of number k."""
         return self._pair(k)[1]
 
-    def flutter_mode(self) -> FloatArray:
-        """(owned dofs,) of the pair of eigenvalues that became complex last, real part."""
+    def flutter_mode(self) -> FloatArray | None:
+        """(owned dofs,) of the pair of eigenvalues that became complex last, real part; None of none next to zero."""
         count = 2 * _FEW
         while True:
             near = self._near(count)
             pairs = np.flatnonzero(flutters(near.values))
             if len(pairs):
                 return near.modes[:, pairs[np.argmin(parted(near.values)[pairs])]]
-            if count >= _MOST_NEAR:
-                raise ConvergenceError("the vibrations that begin to grow were not found next to zero")
+            if count >= _MOST_NEAR or len(near.values) < count:
+                return None
             count *= 2
 
     def _pair(self, k: int) -> tuple[float, FloatArray]:

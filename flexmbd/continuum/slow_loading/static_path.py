@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.brief import brief
+from flexmbd.continuation.strides import stride_along
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.displacement_newton import (
@@ -29,6 +30,9 @@ from flexmbd.errors import ConvergenceError, FormulationError, MeshError, PathEr
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
+
+_FEW = 6  # residuals: a step that takes fewer makes the next one longer
+_LONGER, _LARGER = 1.5, 1.1  # by how much, and by how much the largest step grows back with each
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,46 +148,61 @@ def follow(
     pace = _pace(body, seconds)
     whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     newton, path = Newton(body, prescribed, solver=solver, convergence=convergence, predicts=True), StaticPath()
-    before = 0.0
-    guess: FloatArray = np.zeros(body.layout.n_local)
     if not all(np.diff([reached, *times]) > 0.0):
         raise PathError(f"times must ascend from above {reached:g}, got {list(times)}", path)
+    loading = _Loading(newton, whole, path, pace)
     for target in times:
-        interval = target - reached
-        step = largest = interval
-        while reached < target:
-            t = target if step >= target - reached else reached + step
-            try:
-                start = guess * ((t - reached) / before) if before else guess
-                solution = equilibrium(newton, whole, t, start, dt=pace * (t - reached))
-                body.check_increment(solution.increment)
-                body.commit(solution.increment, dt=pace * (t - reached))
-            except ConvergenceError as reason:
-                body.revert()
-                newton.discard_factor()
-                path.cuts += 1
-                path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
-                guess = np.zeros_like(guess)
-                step = 0.5 * min(step, target - reached)
-                if isinstance(reason, LargeIncrementError):  # which does not pass, as a bad first guess does
-                    largest = step
-                if step < smallest * interval:
-                    raise PathError(
-                        f"the loading stopped at {reached:.6g} on its way to {target:.6g}, where the body stands: "
-                        f"{reason}",
-                        path,
-                    ) from reason
-                continue
-            before, reached = t - reached, t
-            guess = solution.increment
-            path.steps.append(Equilibrium(t, solution.residuals, solution.balance.residual[prescribed]))
-            if len(solution.residuals) < 6:
-                step = min(1.5 * step, largest)
-            largest = min(1.1 * largest, interval)
+        loading.largest = interval = target - reached
+        reached = stride_along(loading.attempt, reached, target, first=interval, least=smallest * interval)
+        path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
+        if reached < target:
+            raise PathError(
+                f"the loading stopped at {reached:.6g} on its way to {target:.6g}, where the body stands: "
+                f"{loading.failure}",
+                path,
+            ) from loading.failure
         if accepted is not None:
             accepted(target)
-    path.factorisations, path.iterations = newton.linear.factorisations, newton.linear.iterations
     return path
+
+
+class _Loading:
+    """Strides of a slow loading: each is one step of the body. All of it is collective.
+
+    Attributes:
+        largest: stride that is taken at present.
+        failure: of the last stride that failed.
+    """
+
+    def __init__(self, newton: Newton, loads: SlowLoads, path: StaticPath, pace: float) -> None:
+        self._newton, self._loads, self._path, self._pace = newton, loads, path, pace
+        self._guess: FloatArray = np.zeros(loads.body.layout.n_local)
+        self._before = 0.0
+        self.largest = 0.0
+        self.failure = ConvergenceError()
+
+    def attempt(self, reached: float, t: float) -> float | None:
+        """One step of the body, which is accepted if it succeeds; see `strides`."""
+        body, stride, dt = self._loads.body, t - reached, self._pace * (t - reached)
+        try:
+            start = self._guess * (stride / self._before) if self._before else self._guess
+            solution = equilibrium(self._newton, self._loads, t, start, dt=dt)
+            body.check_increment(solution.increment)
+            body.commit(solution.increment, dt=dt)
+        except ConvergenceError as reason:
+            body.revert()
+            self._newton.discard_factor()
+            self._path.cuts += 1
+            self._guess, self.failure = np.zeros_like(self._guess), reason
+            if isinstance(reason, LargeIncrementError):  # which does not pass, as a bad first guess does
+                self.largest = 0.5 * stride
+            return None
+        self._before, self._guess = stride, solution.increment
+        reactions = solution.balance.residual[self._loads.prescribed]
+        self._path.steps.append(Equilibrium(t, solution.residuals, reactions))
+        longer = min(_LONGER, self.largest / stride) if len(solution.residuals) < _FEW else 1.0
+        self.largest *= _LARGER
+        return longer
 
 
 def _pace(body: NonlinearModel, seconds: float | None) -> float:

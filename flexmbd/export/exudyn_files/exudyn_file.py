@@ -21,6 +21,7 @@ from flexmbd.files.archive import write_archive
 from flexmbd.record.groups import FloatArray, InterfaceFrame
 from flexmbd.record.point_masses import point_masses
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import EQUAL
 
 CAPABILITIES = Capabilities(damping=False, nodes=True)
 
@@ -78,7 +79,7 @@ def rayleigh_damping(body: ReducedBody) -> Rayleigh | None:
     factors = np.linalg.lstsq(columns / scale, np.diag(body.damping), rcond=None)[0] / scale
     found = Rayleigh(*(float(factor) for factor in factors))
     rest = body.damping - np.diag(found.mass + found.stiffness * body.stiffness)
-    return found if np.abs(rest).max() <= 1e-12 * np.abs(body.damping).max() else None
+    return found if np.abs(rest).max() <= EQUAL * np.abs(body.damping).max() else None
 
 
 def exudyn_arrays(body: ReducedBody) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from flexmbd.files.whole_file import write_file
 from flexmbd.given import checked, is_number
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import SAME_PLACE
 
 #: Labels in the deck: the modal node, the modal joint and the hinge; interfaces' nodes follow on the modal node.
 MODAL_NODE, MODAL_JOINT, HINGE = 1, 10, 20
@@ -114,7 +115,7 @@ def _directions(body: ReducedBody, place: FloatArray, axis: Sequence[float]) -> 
     below = body.com - place
     arm: FloatArray = below - turning * (turning @ below)
     distance = float(np.linalg.norm(arm))
-    if not distance > 1e-9 * np.sqrt(np.trace(body.inertia) / body.mass):
+    if not distance > SAME_PLACE * np.sqrt(np.trace(body.inertia) / body.mass):
         raise ExportError(f"the hinge's axis {tuple(axis)} runs through the centre of mass: choose another one")
     return turning, np.asarray(arm / distance, dtype=np.float64)
 

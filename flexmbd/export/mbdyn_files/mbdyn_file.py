@@ -24,6 +24,7 @@ from flexmbd.files.whole_file import write_file
 from flexmbd.record.groups import FloatArray
 from flexmbd.record.point_masses import PointMasses, point_masses
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import TEN_DIGITS
 
 CAPABILITIES = Capabilities(stiffening=True)
 
@@ -31,8 +32,6 @@ CAPABILITIES = Capabilities(stiffening=True)
 OURS = "** flexmbd"
 #: What the nodes that carry the mass are called, with their numbers from 1 on.
 POINT = "point-"
-# Entries of M_qq - 1 that are the round-off of a reduction.
-_UNIT = 1e-9
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_.+-]{0,79}")
 
 
@@ -175,7 +174,7 @@ def _our_lines(body: ReducedBody) -> Iterator[str]:
 def _modal_mass(body: ReducedBody) -> FloatArray:
     """The unit matrix, as of every record up to round-off: MBDyn warns of whatever is beside the diagonal."""
     mass, unit = body.modal_mass(), np.eye(body.n_modes)
-    return unit if np.abs(mass - unit).max() <= _UNIT else 0.5 * (mass + mass.T)
+    return unit if np.abs(mass - unit).max() <= TEN_DIGITS else 0.5 * (mass + mass.T)
 
 
 def _square(matrix: FloatArray) -> Iterator[str]:

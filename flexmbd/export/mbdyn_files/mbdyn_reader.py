@@ -23,13 +23,10 @@ from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.record.groups import FloatArray, GeometricStiffness, Gyroscopic, InterfaceFrame, NodalModes
 from flexmbd.record.held_modes import mass_matrix
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import EQUAL, SEVEN_DIGITS, TEN_DIGITS
 
 BoolArray = npt.NDArray[np.bool_]
 
-# Entries of a damping matrix that are no more than its own round-off.
-_ROUND_OFF = 1e-6
-# Of the largest motion of the nodes by the modes: none.
-_AT_REST = 1e-12
 
 
 @checked(error=ExportError)
@@ -241,7 +238,7 @@ def _resting(shapes: FloatArray) -> BoolArray:
     """(nodes, 6, n) whether a displacement or a rotation is none, beside the largest of its kind."""
     moved = abs(shapes)
     largest = np.maximum(moved[:, :3].max(axis=(0, 1)), 0.0), np.maximum(moved[:, 3:].max(axis=(0, 1)), 0.0)
-    bound = _AT_REST * np.stack([largest[0]] * 3 + [largest[1]] * 3)
+    bound = EQUAL * np.stack([largest[0]] * 3 + [largest[1]] * 3)
     rests: BoolArray = moved <= bound
     return rests & rests.all(axis=(1, 2), keepdims=True)
 
@@ -262,7 +259,7 @@ def _gyroscopic(damping: FloatArray, stiffness: FloatArray) -> Gyroscopic | None
     """The skew part of a damping matrix, where it is more than round-off in the scale of the damping ratios."""
     skew = 0.5 * (damping - damping.T)
     scale = np.sqrt(np.sqrt(np.outer(stiffness, stiffness)))
-    if not (abs(skew) > _ROUND_OFF * abs(damping / scale).max(initial=0.0) * scale).any():
+    if not (abs(skew) > SEVEN_DIGITS * abs(damping / scale).max(initial=0.0) * scale).any():
         return None
     n = len(stiffness)
     return Gyroscopic(np.zeros(3), np.zeros((3, n)), skew)
@@ -311,7 +308,7 @@ def _numbers(path: str | Path, words: str | None, count: int, *, default: FloatA
 
 def _axes(path: str | Path, words: str | None) -> FloatArray:
     axes = _numbers(path, words, 9, default=np.eye(3).ravel()).reshape(3, 3)
-    if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-9:
+    if np.abs(axes.T @ axes - np.eye(3)).max() > TEN_DIGITS:
         raise ExportError(f"{path}: axes in a line beginning with {OURS!r} are not at right angles")
     return axes
 

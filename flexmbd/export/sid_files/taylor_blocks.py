@@ -33,6 +33,7 @@ from flexmbd.record.inertia_loads import (
     centrifugal_forces,
 )
 from flexmbd.record.reduced_body import GeometricStiffness, ReducedBody
+from flexmbd.round_off import TEN_DIGITS
 
 #: Blocks of a body in the order of a file.
 BLOCKS = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "ksigma", "Ke", "De")
@@ -49,8 +50,6 @@ for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 
 #: What blocks may differ by that say the same, relative to the largest entry.
 AGREE = 0.03
-# The round-off of modes that are called normalised.
-_UNIT = 1e-9
 # Stiffness by spinning is of the size of the inertia; less than this part of it is the file's rounding.
 _NO_STIFFENING = 1e-8
 
@@ -274,7 +273,7 @@ def _arranged(blocks: Mapping[str, Taylor], n: int) -> Mapping[str, Taylor]:
 def _with_mass(ff: FloatArray, mass: FloatArray) -> FloatArray:
     """f f with the modal mass that is said; what a unit matrix leaves out of a nearly unit one stays."""
     more = mass - np.einsum("iaja->ij", ff)
-    if np.abs(more).max(initial=0.0) <= _UNIT * np.abs(mass).max(initial=0.0):
+    if np.abs(more).max(initial=0.0) <= TEN_DIGITS * np.abs(mass).max(initial=0.0):
         return ff
     return ff + np.einsum("ij,ab->iajb", more, np.eye(3) / 3.0)
 

@@ -25,12 +25,11 @@ from flexmbd.files.whole_file import read_text
 from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.groups import FloatArray, NodalModes
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import TEN_DIGITS
 
 #: A scipy.sparse matrix; scipy comes without types.
 Sparse = Any
 
-# What couples components in a mass, and asymmetry, relative to the largest entry.
-_SAME = 1e-9
 # Singular values of an interface's nodes about their centre, relative to the largest: below it they lie in a line.
 _LINE = 1e-8
 # Forces of a rigid motion relative to those of its parts.
@@ -261,7 +260,7 @@ def _symmetric(matrix: Sparse, name: str, size: int) -> Sparse:
     if whole.shape != (size, size):
         raise ExportError(f"matrix {name} is {whole.shape}; the node table asks for {(size, size)}, three rows a node")
     off = abs(whole - whole.T)
-    if not np.isfinite(whole.data).all() or (off.nnz and not off.max() <= _SAME * abs(whole).max()):
+    if not np.isfinite(whole.data).all() or (off.nnz and not off.max() <= TEN_DIGITS * abs(whole).max()):
         raise ExportError(f"matrix {name} is not symmetric, or not finite; give both triangles")
     return whole
 
@@ -334,7 +333,7 @@ def _coordinates(body: ReducedBody, modes: int) -> FloatArray:
 def _scalar_mass(M: Sparse) -> Sparse | None:
     """The mass of one component, where all three have the same and nothing couples them."""
     parts = [[M[a::3][:, b::3] for b in range(3)] for a in range(3)]
-    bound = _SAME * abs(M).max()
+    bound = TEN_DIGITS * abs(M).max()
     off = [parts[a][b] for a in range(3) for b in range(3) if a != b]
     off += [parts[a][a] - parts[0][0] for a in (1, 2)]
     if any(part.nnz and abs(part).max() > bound for part in off):

@@ -19,6 +19,7 @@ from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.record.groups import FRAME_DOFS, FloatArray, InterfaceFrame
 from flexmbd.record.held_modes import cross_matrix
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import of_solver
 
 #: m/s^2, by which weights of files are made to masses.
 GRAVITY = 9.80665
@@ -99,4 +100,4 @@ def _is_held(K: FloatArray) -> bool:
     if not (diagonal > 0.0).all():
         return False
     least = np.linalg.eigvalsh(K / np.sqrt(np.outer(diagonal, diagonal)))[0]
-    return bool(least > len(K) * np.finfo(float).eps)
+    return bool(least > of_solver(len(K)))

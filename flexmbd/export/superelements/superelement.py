@@ -24,9 +24,7 @@ from flexmbd.given import checked, shaped_numbers
 from flexmbd.record.carrying_dofs import carrying_dofs
 from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.reduced_body import NodalInterfaces, ReducedBody
-
-# Smallest singular value of the interfaces' relative motions, each row of unit length: a real part is far above it.
-_DEPENDENT = 1e-10
+from flexmbd.round_off import WORTHLESS_PIVOT
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +180,7 @@ def _split(C: FloatArray, boundary: Sequence[str]) -> tuple[FloatArray, FloatArr
     n_static, n = C.shape
     size = np.linalg.norm(C, axis=1)
     scaled = C / np.where(size > 0.0, size, 1.0)[:, None]
-    if n_static > n or (n_static and np.linalg.svd(scaled, compute_uv=False)[-1] <= _DEPENDENT):
+    if n_static > n or (n_static and np.linalg.svd(scaled, compute_uv=False)[-1] <= WORTHLESS_PIVOT):
         raise ExportError(
             f"the body's {n} modes do not move its interfaces ({', '.join(boundary)}) independently of each other, "
             "so it has no superelement: reduce it by craig_bampton or guyan, or name fewer interfaces"

@@ -14,11 +14,7 @@ from flexmbd.export.gram_completion import completed_gram, rigid_body
 from flexmbd.export.superelements.superelement import Superelement
 from flexmbd.record.groups import FRAME_DOFS, FloatArray
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
-
-# Forces of a rigid motion, and asymmetry, relative to the matrix's own; programs write as few as six digits.
-_RIGID = 1e-5
-# Of the largest entry: asymmetry that is round-off.
-_ROUND_OFF = 1e-12
+from flexmbd.round_off import EQUAL, SIX_DIGITS
 
 _SUPPORT = "a support or a spring to the ground, or interfaces that lie elsewhere"
 _EXTERNAL = "damping of the motion in space, as a share of the mass is: leave it out"
@@ -95,8 +91,8 @@ def symmetrised(matrix: FloatArray, name: str) -> FloatArray:
     """The symmetric matrix, once it is nearly so."""
     size = np.sqrt(abs(np.diag(matrix)))
     off = abs(matrix - matrix.T)
-    bound = _RIGID * np.maximum(np.outer(size, size), abs(matrix))
-    if not (off <= np.maximum(bound, _ROUND_OFF * abs(matrix).max(initial=0.0))).all():
+    bound = SIX_DIGITS * np.maximum(np.outer(size, size), abs(matrix))
+    if not (off <= np.maximum(bound, EQUAL * abs(matrix).max(initial=0.0))).all():
         raise ExportError(f"matrix {name} is not symmetric: entries differ by up to {off.max():.1e}")
     return 0.5 * (matrix + matrix.T)
 
@@ -133,7 +129,7 @@ def _rates(matrix: FloatArray, mass: FloatArray) -> float:
 
 def _check_free(share: float, rate: float, what: str, remedy: str) -> None:
     """Refuse a matrix that resists rigid motions, both beside its entries and beside the slowest deformation."""
-    if not min(share, rate) <= _RIGID:
+    if not min(share, rate) <= SIX_DIGITS:
         raise ExportError(
             f"the {what} resists rigid motions by {share:.1e} of its entries, and a free body's does not; it may hold "
             f"{remedy}"

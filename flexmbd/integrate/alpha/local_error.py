@@ -5,7 +5,6 @@ from __future__ import annotations
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.sparse_loops import is_sparse, remove_across_sparse, solve_tree_sparse
-from flexmbd.integrate.alpha.step import ROUND_OFF
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
@@ -15,6 +14,7 @@ from flexmbd.multibody.kernels.base.deferred import NUMBER, TUPLE2, deferred_ker
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.plan_entries import is_augmented
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, solve_blocks
+from flexmbd.round_off import ROUND_OFF
 
 _SWINGING = (1.0, 1.0)  # across rows all swings, with the steps
 

@@ -28,11 +28,10 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
+from flexmbd.round_off import ROUND_OFF
 
 _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
-#: Corrections that round-off causes, over the scales, where rows are well conditioned.
-ROUND_OFF = 1e-14
 _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 
 

@@ -21,11 +21,12 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, solve_blocks
+from flexmbd.round_off import ROUND_OFF
 
 _LAST = STAGES - 1
 _MAX_ITERATIONS = 10
 _RENEW = 0.05  # a slower contraction than this renews the factors
-_ROUND_OFF = 1e-13
+_ROUND_OFF = 10.0 * ROUND_OFF  # of the scales, as of the stages
 _STALLED = 0.5  # a slower contraction counts as none
 
 

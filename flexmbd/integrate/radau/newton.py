@@ -16,11 +16,12 @@ from flexmbd.integrate.radau.stages import (
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change
+from flexmbd.round_off import ROUND_OFF
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
 _RENEW = 0.05  # a slower contraction than this renews the tangent for the next step
-_ROUND_OFF = 1e-13
+_ROUND_OFF = 10.0 * ROUND_OFF  # of the scales: transformed stages sum more
 _RENEWALS = 8.0  # steps that take a new tangent with new factors after an old one failed
 _MIDDLE = STAGES // 2
 _TRANSFORMED = 3  # attempts before the two that transform the rows of the stages, from both predictors

@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Of a volume against the cube of the surface's size: below it there is none.
-_NO_VOLUME = 1e-12
 # Edges that a message names.
 _SHOWN = 3
 
@@ -63,7 +62,7 @@ def enclosed_moments(x: FloatArray, corners: IntArray) -> Moments:
     volume, (a, b, c) = _cones(x, corners)
     whole = a + b + c
     total = float(volume.sum())
-    if not total > _NO_VOLUME * float(np.linalg.norm(np.ptp(x, axis=0))) ** 3:
+    if not total > EQUAL * float(np.linalg.norm(np.ptp(x, axis=0))) ** 3:
         raise SceneError(f"the surface encloses no volume ({total:.3g} m^3): it is flat, or lies on itself")
     centre = np.einsum("t,ti->i", volume, whole) / (4.0 * total)
     second = np.zeros((3, 3))

@@ -23,6 +23,7 @@ from flexmbd.given import is_number, numbers, shaped_numbers
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.overflow import looked_at
 from flexmbd.record.reduced_body import ModalStretch, ReducedBody
+from flexmbd.round_off import TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
@@ -30,7 +31,6 @@ FloatArray = NDArray[np.float64]
 STRETCHES = ("U_xx", "U_yy", "U_zz", "U_yz", "U_xz", "U_xy")
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
-_OBJECTIVE = 1e-9  # of the stress: what a turn may change
 
 
 def symmetric_basis() -> FloatArray:
@@ -153,7 +153,7 @@ class CompiledEnergy:
         U = np.array([[1.1, 0.05, -0.02], [0.05, 0.95, 0.03], [-0.02, 0.03, 1.02]])
         R = polar(np.array([[0.6, -0.7, 0.1], [0.8, 0.5, -0.3], [0.2, 0.4, 0.9]]))[0]
         still, turned = self.evaluate(U)[1], self.evaluate(R @ U)[1]
-        if not abs(R.T @ turned - still).max() <= _OBJECTIVE * (abs(still).max() + abs(at_rest[1]).max()):
+        if not abs(R.T @ turned - still).max() <= TEN_DIGITS * (abs(still).max() + abs(at_rest[1]).max()):
             raise SceneError(f"energy {self.name}: it changes as the body turns; W(R F) must be W(F)")
 
     def __deepcopy__(self, memo: object) -> CompiledEnergy:

@@ -17,6 +17,7 @@ from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.overflow import looked_at
 from flexmbd.record.reduced_body import ReducedBody, Surface
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
@@ -142,7 +143,7 @@ class PseudoRigidBody:
         for what, values in (("stretch", U), ("stretch_rate", rate)):
             if values.shape != (3, 3) or not np.isfinite(values).all():
                 raise SceneError(f"{label}: {what} must be finite numbers of shape (3, 3), got {values!r}")
-            if abs(values - values.T).max() > 1e-12 * abs(values).max():
+            if abs(values - values.T).max() > EQUAL * abs(values).max():
                 raise SceneError(f"{label}: {what} must be symmetric; of a deformation gradient take fm.polar(F)[1]")
         least = np.linalg.eigvalsh(U)[0]
         if least <= 0.0:

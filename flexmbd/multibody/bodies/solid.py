@@ -14,11 +14,11 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, numbers, shaped_numbers
 from flexmbd.multibody.bodies.closed_surface import enclosed_moments, outward
 from flexmbd.overflow import looked_at
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_ROUND_OFF = 1e-12  # of a second moment that should not be negative
 _RINGS, _AROUND = 18, 36  # of the triangles that show a ball
 _SIDES = 60  # of the polygon that shows a cylinder
 
@@ -79,9 +79,9 @@ class Solid:
             faults.append(f"com must be three finite numbers (m), got {self.com!r}")
         if second.shape != (3, 3) or not np.isfinite(second).all():
             faults.append(f"second must be finite numbers of shape (3, 3), got {self.second!r}")
-        elif abs(second - second.T).max() > _ROUND_OFF * abs(second).max():
+        elif abs(second - second.T).max() > EQUAL * abs(second).max():
             faults.append("second must be symmetric")
-        elif np.linalg.eigvalsh(second)[0] <= _ROUND_OFF * abs(second).max():
+        elif np.linalg.eigvalsh(second)[0] <= EQUAL * abs(second).max():
             faults.append(f"second must be positive definite, its eigenvalues are {np.linalg.eigvalsh(second)}")
         if faults:
             raise SceneError("solid: " + "; ".join(faults))

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.kernels.elements.elastoplastic import N_MEMORY_BEFORE
+from flexmbd.round_off import TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
-_ROUND_OFF = 1e-9  # of the elastic stiffness: by so much slopes of points on one line may differ
 
 #: What a user asks for by name; the law's own numbers follow.
 PLASTIC_NAMES = ("plastic_deformation", "plastic_way", "dissipated")
@@ -81,7 +81,7 @@ def yield_curve(deformation: ArrayLike, force: ArrayLike, kinematic: float, what
             f"{what}: the force falls from {f[k]:g} to {f[k + 1]:g} after the deformation {d[k]:g}; a curve that "
             "softens has no stable law of its own: end it at its peak"
         )
-    bends = np.flatnonzero(np.abs(np.diff(slopes)) > _ROUND_OFF * stiffness) + 1
+    bends = np.flatnonzero(np.abs(np.diff(slopes)) > TEN_DIGITS * stiffness) + 1
     if bends.size == 0:
         raise SceneError(f"{what}: the curve never yields, all its points lie on one line; use a spring")
     before = slopes[bends - 1]

@@ -14,6 +14,7 @@ from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.time_function import TimeFunction, as_row
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
 from flexmbd.multibody.joint.protocol import Joint, step_slices
+from flexmbd.round_off import TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
@@ -97,7 +98,7 @@ class Connection:
         x = self._vector(value, len(self.joint.start), "position")
         for o in _quaternions(self.joint):
             length = float(np.linalg.norm(x[o : o + 4]))
-            if abs(length - 1.0) > 1e-9:
+            if abs(length - 1.0) > TEN_DIGITS:
                 raise SceneError(f"joint {self.name!r}: quaternion of length {length:g}, not 1")
         self._position = x if len(x) else None  # of a joint without coordinates nothing is set
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.kernels.base import kinds
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
-_ROUND_OFF = 1e-12  # of a slide's length, and of the cosine between two
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class KinematicPair:
         object.__setattr__(self, "columns", tuple((float(t), float(x), float(y), float(z)) for t, x, y, z in table))
         turning = table[:, 0] != 0.0
         slides = table[~turning, 1:]
-        if np.abs(slides @ slides.T - np.eye(len(slides))).max(initial=0.0) > _ROUND_OFF:
+        if np.abs(slides @ slides.T - np.eye(len(slides))).max(initial=0.0) > EQUAL:
             raise SceneError(
                 "the coordinates of a kinematic pair that only slide do so along unit vectors at right angles, got "
                 f"columns (turn, x, y, z) {self.columns!r}"

@@ -12,6 +12,7 @@ from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
 from flexmbd.multibody.joint.protocol import TOGETHER, CarriedBySteps, FloatArray, Row, Step
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, z_onto
+from flexmbd.round_off import TEN_DIGITS
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Universal(CarriedBySteps):
 
     def __post_init__(self) -> None:
         cosine = float(z_onto(self.first)[:, 2] @ z_onto(self.second)[:, 2])
-        if abs(cosine) > 1e-9:
+        if abs(cosine) > TEN_DIGITS:
             raise SceneError(
                 f"the axes {self.first!r} and {self.second!r} of a universal joint must be at right "
                 f"angles; the cosine between them is {cosine:.3g}"

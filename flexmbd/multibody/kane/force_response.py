@@ -15,10 +15,10 @@ from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinemat
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 from flexmbd.multibody.kernels.sampling.series import constraint_rates
+from flexmbd.round_off import WORTHLESS_PIVOT
 
 FloatArray = NDArray[np.float64]
 
-_RANK = 1e-12  # redundant rows: singular values below this share of the largest are round-off
 
 
 class UnitResponses(NamedTuple):
@@ -69,7 +69,7 @@ class ForceResponse:
         opening = np.vstack([values[2], slopes @ jacobian.T])
         sizes = self._sizes
         alike = sizes[:, None] * (jacobian @ yielding.T) * sizes
-        multipliers = (sizes[:, None] * np.linalg.lstsq(alike, (opening * sizes).T, rcond=_RANK)[0]).T
+        multipliers = (sizes[:, None] * np.linalg.lstsq(alike, (opening * sizes).T, rcond=WORTHLESS_PIVOT)[0]).T
         return UnitResponses(
             a - multipliers[0] @ yielding, multipliers[0], slopes - multipliers[1:] @ yielding, multipliers[1:]
         )

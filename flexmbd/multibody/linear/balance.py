@@ -14,12 +14,13 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
+from flexmbd.multibody.kernels.reading.evaluated_motion import world_places
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
 from flexmbd.multibody.linear.interior_balance import equilibrate_interiors
 from flexmbd.multibody.linear.steady_motion import OwnTurns, SteadyMotion
+from flexmbd.multibody.linear.whole_turn import SAME_MOTION
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.loop_closing import close_loops, match_velocities
@@ -27,7 +28,6 @@ from flexmbd.multibody.start.placement import follow_mates
 
 FloatArray = NDArray[np.float64]
 
-_ALLOWED = 1e-9  # of a motion in the coordinates' sizes: by how much it may open constraints
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def _let_free(scene: CompiledScene, of: Derivatives, turns: OwnTurns) -> list[tu
     rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)[:, None]
     opened = np.vstack([of.jacobian @ turns.along / np.where(rows > 0.0, rows, 1.0), turns.held / scene.extent])
     _, values, across = np.linalg.svd(opened)
-    most = _ALLOWED * np.abs(turns.along / size[:, None]).max(initial=0.0)
+    most = SAME_MOTION * np.abs(turns.along / size[:, None]).max(initial=0.0)
     free = across[np.append(values, np.zeros(len(across) - len(values))) <= most]
     return [(turns.along @ part, np.tensordot(part, turns.turning, 1)) for part in free]
 
@@ -151,7 +151,7 @@ def _changes_nothing(
     change = np.abs(of.stiffness @ along + turning.T @ open_) * size  # J
     at_play = (np.abs(of.stiffness) @ size + np.abs(turning.T) @ np.abs(open_)) * size
     own = np.abs(along / size).max(initial=0.0)
-    allowed = _ALLOWED * own * np.maximum(at_play, at_play[along != 0.0].max(initial=0.0))
+    allowed = SAME_MOTION * own * np.maximum(at_play, at_play[along != 0.0].max(initial=0.0))
     return bool((change <= allowed)[free].all())
 
 
@@ -169,7 +169,7 @@ def _held_phase(scene: CompiledScene, phases: Sequence[FloatArray], of: Derivati
     rate = np.abs(v / size)[~scene.state_mask].max(initial=0.0)
     rows = np.abs(of.jacobian * size).max(axis=1, initial=0.0)
     for along in phases:
-        allowed = np.abs(of.jacobian @ along) <= _ALLOWED * rows * np.abs(along / size).max(initial=0.0)
+        allowed = np.abs(of.jacobian @ along) <= SAME_MOTION * rows * np.abs(along / size).max(initial=0.0)
         momentum = of.mass @ (along * free) * free
         energy = momentum @ along
         if energy > 0.0 and allowed.all():
@@ -220,7 +220,8 @@ def motion_sizes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """
     plan = scene.plan
     forward_kinematics(plan, work, x, *np.zeros((2, scene.nv)))
-    places = np.array([world_motion(plan, work, k).p for k in range(len(plan.frames))]).reshape(-1, 3)
+    places = np.zeros((len(plan.frames), 3))
+    world_places(plan, work, places)
     spread = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
     grows = max(1.0, spread / scene.extent)
     lengths = np.isin(scene.group_kind[scene.group_of], (kinds.GROUP_LENGTH, kinds.GROUP_MODAL))

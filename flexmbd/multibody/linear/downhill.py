@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from flexmbd.continuation.line_search import ShareTrial, searched
+from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
-from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.round_off import of_solver
 
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 200
 _FEW = 30  # steps of ``newton_cut``
 _STEP = 0.3  # rad, or of the machine's extent: the longest step
-_CONVERGED = 1e-9  # a step of this size (rad, or of the extent) is Newton's last but one
-_NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
-_HALVINGS = 8
+_TRIALS = 9  # of a step, each half as long as the one before
 _SLOPE = 0.9  # of the work that forces do along a step at its beginning: what they may do against it at its end
 _LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium is left
+
+
+@dataclass(frozen=True, eq=False)
+class _DownhillPlace:
+    """Forces and derivatives at a configuration, and the strains there by the linear equations of the last step."""
+
+    at: ForceBalance
+    predicted: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +46,76 @@ class _Step:
 
 
 @dataclass(frozen=True, eq=False)
-class _Machine:
-    """The scene, scratch with its functions of time, strains of its bodies, and what is a large motion (nv,)."""
+class _DownhillProblem:
+    """The equilibrium of a machine as a problem for Newton's method.
+
+    Attributes:
+        scene: without states of users' equations.
+        work: scratch; ``work.time`` holds the functions of time.
+        strains: of its bodies.
+        sizes: (nv,) of ``motion_sizes``.
+        leaves: whether an unstable equilibrium is left along its most unstable motion.
+        stays_stable: whether to give up where the machine is unstable.
+    """
 
     scene: CompiledScene
     work: Work
     strains: StrainPredictor
     sizes: FloatArray
+    leaves: bool
+    stays_stable: bool
+
+    def begin(self, start: ForceBalance) -> _DownhillPlace:
+        return _DownhillPlace(start, self.strains.at(start.x))
+
+    def is_solved(self, here: _DownhillPlace, *, close: bool) -> bool:
+        return close
+
+    def correction(self, here: _DownhillPlace) -> Correction[_Step]:
+        """The next step; in it the strains of slender bodies are unknowns of their own (`strain_predictor`).
+
+        Raises:
+            ConvergenceError: the machine is unstable, and was to stay stable.
+        """
+        at, strains = here.at, self.strains
+        step = _newton_step(self, at, strains.stiffness(at.x, here.predicted - strains.at(at.x)))
+        if step.unstable and self.stays_stable:
+            raise ConvergenceError("on the way to the equilibrium the machine is unstable")
+        size = step_size(self.sizes, step.along)
+        if self.leaves and step.unstable and size <= SETTLED:
+            aside = step.softest * (_LEAVE / step_size(self.sizes, step.softest))
+            return Correction(replace(step, along=aside), _LEAVE)
+        return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP)))
+
+    def moved(self, here: _DownhillPlace, correction: Correction[_Step], *, close: bool) -> _DownhillPlace:
+        """Where a step leads.
+
+        It is halved until interiors find their balance there and, where the machine is stable, the forces no longer
+        push back: beyond there its energy rises.
+        """
+        scene, strains, at = self.scene, self.strains, here.at
+        step, searches = correction.share * correction.change.along, not (close or correction.change.unstable)
+        along = step[at.by.z]
+        linear = strains.at(at.x) + strains.change(at.x, step)
+        allowed = _SLOPE * abs(float(at.lacking @ along))
+
+        def trial(part: float) -> ShareTrial[_DownhillPlace]:
+            x = moved(scene, self.work, at.x, part * step)
+            try:
+                there = balance(scene, self.work, x, at.v, motion=at.motion)
+            except SceneError as reason:
+                if scene.interiors is None:
+                    raise
+                raise SceneError(f"no equilibrium found: on the way to it {reason}") from reason
+            then = here.predicted + part * (linear - here.predicted)
+            # other coordinates are the independent ones there: no work along the step to be compared
+            if not searches or not np.array_equal(there.by.z, at.by.z):
+                return ShareTrial(_DownhillPlace(there, then), part, 0.0)
+            open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
+            return ShareTrial(_DownhillPlace(there, then), part, float(open_forces @ along) - allowed)
+
+        fails = () if scene.interiors is None else (SceneError,)
+        return searched(trial, most=_TRIALS, fails=fails).place
 
 
 def stable_below(
@@ -51,10 +123,8 @@ def stable_below(
 ) -> ForceBalance:
     """The stable equilibrium downhill of a state.
 
-    Near it these are Newton's steps, in which the strains of slender bodies are unknowns of their own
-    (`strain_predictor`); a step is cut where at its end the forces would push back, for beyond it energy rises. Where
-    the machine is unstable, directions of negative stiffness are taken downhill; an unstable equilibrium is left along
-    its most unstable motion.
+    Near it these are Newton's steps; where the machine is unstable, directions of negative stiffness are taken
+    downhill, and an unstable equilibrium is left along its most unstable motion.
 
     Args:
         scene: without states of users' equations.
@@ -66,23 +136,14 @@ def stable_below(
     Raises:
         SceneError: none is found; the message names the coordinate where most is lacking.
     """
-    machine, here, predicted = _Machine(scene, work, strains, sizes), start, strains.at(start.x)
-    for _ in range(_ITERATIONS):
-        step = _newton_step(machine, here, strains.stiffness(here.x, predicted - strains.at(here.x)))
-        size = step_size(sizes, step.along)
-        if size <= _CONVERGED and step.unstable == 0:
-            return _take_step(machine, here, step.along, predicted, searches=False)[0]
-        if size <= _CONVERGED:
-            along = step.softest * (_LEAVE / step_size(sizes, step.softest))
-        else:
-            along = step.along * min(1.0, _STEP / size)
-        here, predicted = _take_step(machine, here, along, predicted, searches=step.unstable == 0)
-    worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
-    name = scene.velocity_names[here.by.z[worst]]
+    search = _DownhillProblem(scene, work, strains, sizes, leaves=True, stays_stable=False)
+    found = newton(search, search.begin(start), most=_ITERATIONS, close=SETTLED)
+    if found.is_solution:
+        return found.place.at
     raise SceneError(
-        f"no stable equilibrium found in {_ITERATIONS} steps downhill: at {name!r} a force of "
-        f"{-here.lacking[worst]:.6g} (N, N m, or modal) stays unbalanced; check that something carries this load, or "
-        "start nearer to the equilibrium, as from one under a part of the load (about=)"
+        f"no stable equilibrium found in {found.iterations} steps downhill: {most_lacking(scene, found.place.at)}; "
+        "check that something carries this load, or start nearer to the equilibrium, as from one under a part of the "
+        "load (about=)"
     )
 
 
@@ -109,61 +170,28 @@ def newton_cut(
         ConvergenceError: they lead to none.
         SceneError: as ``balance``.
     """
-    machine, here, predicted = _Machine(scene, work, strains, sizes), start, strains.at(start.x)
-    for _ in range(_FEW):
-        step = _newton_step(machine, here, strains.stiffness(here.x, predicted - strains.at(here.x)))
-        if step.unstable and stays_stable:
-            break
-        size = step_size(sizes, step.along)
-        cut = step.along * min(1.0, _STEP / max(size, _STEP))
-        here, predicted = _take_step(machine, here, cut, predicted, searches=not step.unstable and size > _CONVERGED)
-        if size <= _CONVERGED:
-            return here
-    raise ConvergenceError("Newton's steps lead to no equilibrium")
+    search = _DownhillProblem(scene, work, strains, sizes, leaves=False, stays_stable=stays_stable)
+    found = newton(search, search.begin(start), most=_FEW, close=SETTLED)
+    if not found.is_solution:
+        raise ConvergenceError("Newton's steps lead to no equilibrium")
+    return found.place.at
 
 
-def _take_step(
-    machine: _Machine, here: ForceBalance, step: FloatArray, predicted: FloatArray, *, searches: bool
-) -> tuple[ForceBalance, FloatArray]:
-    """Where a step leads, and the strains there by the step's linear equations.
-
-    It is halved until interiors find their balance there and, if it searches, the forces no longer push back.
-    """
-    scene, strains = machine.scene, machine.strains
-    along = step[here.by.z]
-    linear = strains.at(here.x) + strains.change(here.x, step)
-    failure: SceneError | None = None
-    for halvings in range(_HALVINGS + 1):
-        part = 0.5**halvings
-        change = step * part
-        x = moved(scene, machine.work, here.x, change)
-        try:
-            there = balance(scene, machine.work, x, here.v, motion=here.motion)
-        except SceneError as reason:
-            if scene.interiors is None:
-                raise
-            failure = reason
-            continue
-        failure, then = None, predicted + part * (linear - predicted)
-        # other coordinates are the independent ones there: no work along the step to be compared
-        if not searches or not np.array_equal(there.by.z, here.by.z):
-            break
-        open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
-        if open_forces @ along <= _SLOPE * abs(here.lacking @ along):
-            break
-    if failure is not None:
-        raise SceneError(f"no equilibrium found: on the way to it {failure}") from failure
-    return there, then
+def most_lacking(scene: CompiledScene, at: ForceBalance) -> str:
+    """The coordinate where most is out of balance, and how much, in words."""
+    worst = int(np.argmax(np.abs(at.lacking) / np.sqrt(np.diag(at.mass))))
+    name = scene.velocity_names[at.by.z[worst]]
+    return f"at {name!r} a force of {-at.lacking[worst]:.6g} (N, N m, or modal) stays unbalanced"
 
 
-def _newton_step(machine: _Machine, here: ForceBalance, more: FloatArray) -> _Step:
+def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray) -> _Step:
     """Newton's own step where nothing is unstable.
 
     Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
     are balanced.
 
     Args:
-        machine: it.
+        search: it.
         here: the unbalanced forces.
         more: (nv, nv) stiffness beside that of the state.
     """
@@ -172,14 +200,14 @@ def _newton_step(machine: _Machine, here: ForceBalance, more: FloatArray) -> _St
     if not len(stiffness):
         return _Step(np.zeros(len(Vz)), 0, np.zeros(len(Vz)))
     rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
-    floor = len(rates) * 1e-15 * float(np.abs(rates).max())
+    floor = of_solver(len(rates)) * float(np.abs(rates).max())
     unstable = int((rates < -floor).sum())
     idle = np.abs(rates) <= floor
     pull = shapes.T @ here.lacking
     if idle.any():
-        at_play = forces_at_play(machine.scene, machine.work, here)
-        parts = np.abs(Vz @ shapes).T @ (at_play / machine.sizes)
-        pull[idle & (np.abs(pull) <= _NOTHING * parts)] = 0.0
+        at_play = forces_at_play(search.scene, search.work, here)
+        parts = np.abs(Vz @ shapes).T @ (at_play / search.sizes)
+        pull[idle & (np.abs(pull) <= BALANCED * parts)] = 0.0
     if unstable == 0 and not idle.any():
         try:
             step = -np.linalg.solve(stiffness, here.lacking)

@@ -8,18 +8,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
-from flexmbd.multibody.linear.downhill import stable_below
+from flexmbd.multibody.linear.downhill import most_lacking, stable_below
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
+from flexmbd.multibody.linear.sparse_equilibrium import stable_equilibrium
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
 from flexmbd.multibody.linear.steadiness import refuse_changing, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
-from flexmbd.multibody.linear.strain_predictor import strain_predictor
+from flexmbd.multibody.linear.strain_predictor import strain_predictor, stretches
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -31,7 +33,6 @@ FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 50  # with states of users' equations
 _STEP = 0.3  # rad, or of the machine's extent: the longest step with these
-_CONVERGED = 1e-9  # rad, or of the extent: a step so short is Newton's last one
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +83,13 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> ToldE
 def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> ToldEquilibrium:
     """As ``find_equilibrium``, whether or not the motion is steady."""
     scene = start.scene
-    here = balance(scene, work, start.x, start.v, motion=motion)
     sizes = motion_sizes(scene, work, start.x)
+    if not (start.v.any() or motion.pairs or scene.state_mask.any() or scene.interiors or stretches(scene.plan)):
+        found = stable_equilibrium(scene, work, start.x, sizes)
+        if found is not None:
+            point = _point(scene, work, found.x, start.v, found.multipliers)
+            return ToldEquilibrium(replace(point, unstable=0, neutral=found.neutral), None)
+    here = balance(scene, work, start.x, start.v, motion=motion)
     if scene.state_mask.any():
         if stable:
             raise SceneError(
@@ -130,17 +136,24 @@ def _working_point(
     scene: CompiledScene, work: Work, there: ForceBalance, after: MotionSpectrum | None
 ) -> WorkingPoint:
     """A state in balance, with what force elements and bodies with history remember there."""
-    t, x = float(work.time[-1, 0]), there.x
     kept = NO_INTERIORS
     if scene.interiors is not None:
-        balance(scene, work, x, there.v, motion=there.motion)  # what was tried last may be another state
+        balance(scene, work, there.x, there.v, motion=there.motion)  # what was tried last may be another state
         kept = _committed(scene)
+    point = replace(_point(scene, work, there.x, there.v, there.multipliers), interiors=kept)
+    return point if after is None else replace(point, unstable=after.unstable, neutral=_neutral(scene, after))
+
+
+def _point(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray
+) -> WorkingPoint:
+    """A state in balance, with what force elements remember there."""
+    t = float(work.time[-1, 0])
     if memories_end(scene.plan):
         x = x.copy()
-        remember(scene.plan, work, x, there.v, t)
-    refuse_other_sides(scene, t, x, there.v)
-    unstable, neutral = (None, ()) if after is None else (after.unstable, _neutral(scene, after))
-    return WorkingPoint(scene, t, x, there.v, there.multipliers, kept, unstable, neutral=neutral)
+        remember(scene.plan, work, x, v, t)
+    refuse_other_sides(scene, t, x, v)
+    return WorkingPoint(scene, t, x, v, multipliers)
 
 
 def _committed(scene: CompiledScene) -> InteriorSnapshot:
@@ -192,26 +205,41 @@ def _growing(scene: CompiledScene, after: MotionSpectrum) -> str:
     return f"{count}, most of all in {name!r}"
 
 
+@dataclass(frozen=True, eq=False)
+class _RestWithStates:
+    """Where a machine and states of users' equations rest, as a problem for Newton's method; ``sizes``: motions'."""
+
+    scene: CompiledScene
+    work: Work
+    sizes: FloatArray
+
+    def is_solved(self, here: ForceBalance, *, close: bool) -> bool:
+        return close
+
+    def correction(self, here: ForceBalance) -> Correction[FloatArray]:
+        """Newton's own step, cut to no more than ``_STEP`` of places; states have no largest step."""
+        step = _full_newton_step(self.scene, here)
+        longest = step_size(self.sizes, np.where(self.scene.state_mask, 0.0, step))
+        return Correction(step, step_size(self.sizes, step), share=min(1.0, _STEP / max(longest, _STEP)))
+
+    def moved(self, here: ForceBalance, correction: Correction[FloatArray], *, close: bool) -> ForceBalance:
+        states, change = self.scene.state_mask, correction.share * correction.change
+        x = moved(self.scene, self.work, here.x, np.where(states, 0.0, change))
+        return balance(self.scene, self.work, x, here.v + np.where(states, change, 0.0), motion=here.motion)
+
+
 def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: FloatArray) -> ForceBalance:
     """Where states of users' equations rest as well, by Newton's steps.
 
     Raises:
         SceneError: they do not converge.
     """
-    states = scene.state_mask
-    for _ in range(_ITERATIONS):
-        step = _full_newton_step(scene, here)
-        longest = step_size(sizes, np.where(states, 0.0, step))
-        change = step * min(1.0, _STEP / max(longest, 1e-300))
-        x = moved(scene, work, here.x, np.where(states, 0.0, change))
-        here = balance(scene, work, x, here.v + np.where(states, change, 0.0), motion=here.motion)
-        if step_size(sizes, step) <= _CONVERGED:
-            return here
-    worst = int(np.argmax(np.abs(here.lacking) / np.sqrt(np.diag(here.mass))))
-    name = scene.velocity_names[here.by.z[worst]]
+    found = newton(_RestWithStates(scene, work, sizes), here, most=_ITERATIONS, close=SETTLED)
+    if found.is_solution:
+        return found.place
     raise SceneError(
-        f"no equilibrium found in {_ITERATIONS} steps: at {name!r} a force of {-here.lacking[worst]:.6g} (N, N m, or "
-        "modal) stays unbalanced; check that something carries this load, or start nearer to the equilibrium"
+        f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, found.place)}; check that something "
+        "carries this load, or start nearer to the equilibrium"
     )
 
 

@@ -23,6 +23,8 @@ from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
 FloatArray = NDArray[np.float64]
 
+BALANCED = 1e-9  #: of the forces at play: what drives nothing, or is balanced along motions that nothing resists
+
 
 def forces_at_play(scene: CompiledScene, work: Work, at: ForceBalance) -> FloatArray:
     """(nv,) J, what all forces on the bodies that a coordinate carries would do along the machine's extent, or 1 rad.

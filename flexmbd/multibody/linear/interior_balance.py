@@ -19,11 +19,11 @@ from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior, st
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, own_coordinates
+from flexmbd.multibody.linear.whole_turn import SAME_MOTION
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
 
-_SAME = 1e-9  # of the largest speed: by how much frames that move straight on together may differ
 
 
 def equilibrate_interiors(
@@ -65,7 +65,7 @@ def steady_motions(
     motions = interiors.motions(scene.plan, work, x, v, np.zeros(scene.nv))
     for body, motion in zip(interiors.bodies, motions, strict=True):
         apart = max(float(np.abs(motion.v - motion.v[0]).max()), scene.extent * float(np.abs(motion.w).max()))
-        if apart > _SAME * float(np.abs(motion.v).max()):
+        if apart > SAME_MOTION * float(np.abs(motion.v).max()):
             raise SceneError(
                 f"body {body.name!r} turns, or is deformed at a rate: a body with history can be in equilibrium, and "
                 "be linearised, at rest or moving straight on alone; take away the velocities, or where it stays "

@@ -29,6 +29,7 @@ from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.motion.quantity import Output
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.overflow import refuse_not_finite, refuse_overflow
+from flexmbd.round_off import of_solver
 
 FloatArray = NDArray[np.float64]
 
@@ -173,7 +174,7 @@ def _is_at_rest(rate: float, of: Derivatives, by: Elimination, noise: RoundOff) 
     if not len(mass):
         return False
     squares, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
-    last = np.finfo(float).eps * len(mass) * np.abs(squares).max()  # what the eigensolver tells apart
+    last = of_solver(len(mass)) * np.abs(squares).max()  # what the eigensolver tells apart
     if stiffness.shape == noise.K.shape:
         last += np.einsum("ik,ij,jk->k", np.abs(shapes), noise.K, np.abs(shapes))
     swinging = np.abs(squares[np.abs(squares) > last])

@@ -21,10 +21,10 @@ from flexmbd.multibody.kernels.reading.tree import frame_owner, masses, modal_pl
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination
 from flexmbd.multibody.linear.working_point import WorkingPoint
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_ROUND_OFF = 1e-14  # of the sum of all sizes: some tens of units in the last place
 
 
 def energies_at_play(point: WorkingPoint, work: Work) -> FloatArray:
@@ -96,7 +96,7 @@ def round_off(
         K += (C + push @ Vz @ Ty) @ Ty
         C += push @ Vz @ Ty
     y = size[by.y]
-    return RoundOff(_ROUND_OFF * C, _ROUND_OFF * K, _ROUND_OFF * rate * np.outer(y, 1.0 / y))
+    return RoundOff(ROUND_OFF * C, ROUND_OFF * K, ROUND_OFF * rate * np.outer(y, 1.0 / y))
 
 
 def without_round_off(matrix: FloatArray, noise: FloatArray) -> FloatArray:

@@ -20,11 +20,12 @@ from flexmbd.multibody.kernels.reading.tree import tree_joints
 from flexmbd.multibody.linear.balance import ForceBalance
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_HAS_POTENTIAL = 1e-6  # of the coordinates' own stiffness: what derivatives of users' functions by differences may lack
-_ROUND_OFF = 1e-14  # of a coordinate's own stiffness, for each coordinate
+HAS_POTENTIAL = 1e-6  #: of the coordinates' own stiffness: what derivatives of users' functions by differences may lack
+SOFT = 1e-8  #: of the stiffest motion: so soft, nothing resists it but what round-off may be
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +94,11 @@ class MotionSpectrum:
     def _diverge(self) -> NDArray[np.bool_]:
         return np.asarray(grows(self.values, self.round_off) & ~flutters(self.values))
 
-    def flutter_mode(self) -> FloatArray:
-        """(nv,) of the two eigenvalues that became complex last."""
+    def flutter_mode(self) -> FloatArray | None:
+        """(nv,) of the two eigenvalues that became complex last; None where none are complex."""
         pairs = np.flatnonzero(flutters(self.values))
+        if not len(pairs):
+            return None
         return self.shapes[:, pairs[np.argmin(parted(self.values[pairs]))]]
 
 
@@ -111,7 +114,7 @@ def spectrum(
     scaled = stiffness / np.outer(own, own)
     if has_potential(scene, at, at_play=at_play):
         values, shapes = scipy.linalg.eigh(0.5 * (scaled + scaled.T))
-        round_off = len(values) * _ROUND_OFF
+        round_off = len(values) * ROUND_OFF
         return MotionSpectrum(values.astype(complex), Vz @ (shapes / own[:, None]), True, round_off)
     factor = scipy.linalg.cholesky(at.mass, lower=True)
     half = scipy.linalg.solve_triangular(factor, stiffness, lower=True)
@@ -120,7 +123,7 @@ def spectrum(
     order = np.argsort(values.real, kind="stable")
     values, shapes = values[order], shapes[:, order]
     shapes = scipy.linalg.solve_triangular(factor.T, shapes.real, lower=False)
-    round_off = len(values) * _ROUND_OFF * float(np.abs(values).max())
+    round_off = len(values) * ROUND_OFF * float(np.abs(values).max())
     return MotionSpectrum(values, Vz @ shapes, False, round_off)
 
 
@@ -139,7 +142,7 @@ def has_potential(scene: CompiledScene, at: ForceBalance, *, at_play: FloatArray
     skew, stiffness = at.by.Vz.T @ skew @ at.by.Vz, at.stiffness()
     z = at.by.z
     own = own_stiffness(stiffness, coordinate_sizes(scene)[z], np.broadcast_to(at_play, scene.nv)[z])
-    return bool((np.abs(skew / np.outer(own, own)) <= _HAS_POTENTIAL).all())
+    return bool((np.abs(skew / np.outer(own, own)) <= HAS_POTENTIAL).all())
 
 
 def own_stiffness(stiffness: FloatArray, size: FloatArray, at_play: FloatArray | float = 0.0) -> FloatArray:

@@ -29,11 +29,11 @@ from flexmbd.multibody.start.consistent_start import Start, accelerations
 from flexmbd.multibody.start.given_coordinates import coordinates_given
 from flexmbd.multibody.start.given_start import given_start
 from flexmbd.multibody.start.loop_closing import match_velocities
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
 STEADY = 1e-6  #: of the forces at play: what may be left of a force in balance
-_ROUND_OFF = 1e-12  # of the stiffness and of inertia's, times 1 rad or the machine's extent: what forces are known to
 SAME = 1e-7  #: of what a coordinate's own inertia and stiffness are: what may change along a steady motion
 AHEAD = (0.3, 1.1)  #: how far along the motion (rad, or of the extent) that is looked at
 
@@ -278,7 +278,7 @@ def refuse_unsteady(point: WorkingPoint, work: Work, motion: SteadyMotion, of: D
     bare = replace(scene, plan=without_forces(scene.plan))
     inertial = energies_at_play(replace(point, scene=bare, multipliers=np.zeros_like(point.multipliers)), work)
     energies = energies_at_play(point, work) + inertial
-    at_play = STEADY * energies / size + _ROUND_OFF * (np.abs(of.stiffness) + rate**2 * np.abs(of.mass)) @ size
+    at_play = STEADY * energies / size + EQUAL * (np.abs(of.stiffness) + rate**2 * np.abs(of.mass)) @ size
     driven, driven_rows = driven_coordinates(scene.plan), np.flatnonzero(constraint_rows(scene.plan).time >= 0)
     tight = STEADY * float(energies.max(initial=0.0)) / row_sizes(scene)[driven_rows]
     drives: list[FloatArray] = []

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Directions that differ by no more (rad), and products of inertia that are no larger a share of the moments, are
 #: those of a plane: what is left out then is below round-off.
-_ROUND_OFF = 1e-15
+_ROUND_OFF = 5.0 * EPSILON
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 

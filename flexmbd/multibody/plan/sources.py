@@ -18,9 +18,9 @@ from flexmbd.multibody.plan.numbering import Marker
 from flexmbd.multibody.plan.rows import ScaledRow
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.topology import Topology
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
-_ROUND_OFF = 1e-14  # of the square of a distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def body_size(rigid: Sequence[float] | FloatArray, places: Sequence[FloatArray])
         return 0.0
     centre = (x / mass, y / mass, z / mass)
     beside = (xx + yy + zz) / mass - hypot(*centre) ** 2
-    if not beside > _ROUND_OFF * hypot(*centre) ** 2:  # a mass at a point far from the origin
+    if not beside > ROUND_OFF * hypot(*centre) ** 2:  # a mass at a point far from the origin
         beside = 0.0
     points = [centre, *(tuple(map(float, p)) for p in places)]
     farthest = max(points, key=lambda p: dist(p, centre))

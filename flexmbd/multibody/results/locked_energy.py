@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from flexmbd.record.reduced_body import NonlinearStiffness, ReducedBody
 from flexmbd.record.strain_polynomial import StrainPolynomial
+from flexmbd.round_off import SQUARED
 
 FloatArray = NDArray[np.float64]
 
-# Of a load's linear displacement: what is left by round-off beside those of other loads.
-_ROUND_OFF = 1e-7
 # Looked at together: a megabyte or so of products of coordinates.
 _ROWS = 256
 
@@ -41,10 +40,10 @@ class LockedEnergy:
         compared = stiffness.compared / root
         faces = np.hstack([one.modes.T for one in record.interfaces]) / root
         units = compared / np.maximum(np.linalg.norm(compared, axis=0), np.finfo(float).tiny)
-        known = scipy.linalg.orth(units, rcond=_ROUND_OFF)
+        known = scipy.linalg.orth(units, rcond=SQUARED)
         size = np.linalg.norm(faces, axis=0)
         faces = faces[:, size > 0.0] / size[size > 0.0]
-        beside = scipy.linalg.orth(faces - known @ (known.T @ faces), rcond=_ROUND_OFF) if faces.size else faces
+        beside = scipy.linalg.orth(faces - known @ (known.T @ faces), rcond=SQUARED) if faces.size else faces
         #: (n, a) orthonormal, in coordinates whose strain energy is half their square: loads beside the compared ones.
         self._beside = beside / root
 

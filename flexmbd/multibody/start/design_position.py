@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.strides import stride_along
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.reading.tree import tree_joints
@@ -20,6 +21,7 @@ from flexmbd.multibody.start.loop_closing import CLOSED, close_rigidly
 from flexmbd.multibody.start.loop_gaps import loop_gaps, loop_slopes
 from flexmbd.multibody.start.placement import place_flying
 from flexmbd.multibody.start.report import coordinate_values
+from flexmbd.round_off import EPSILON
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -71,24 +73,23 @@ def _advance_set_joints(
     """
     size = coordinate_sizes(scene)
     whole = float(np.abs(way / size).max())
-    done, stride = 0.0, min(1.0, _STRIDE / whole)  # shares of the way
-    if not stride > np.finfo(float).eps:  # strides are lost in the rounding of where it leads
+    first = min(1.0, _STRIDE / whole)  # of the way
+    if not first > EPSILON:  # strides are lost in the rounding of where it leads
         return None
-    while done < 1.0:
-        stride = min(stride, 1.0 - done)
-        step = stride * _rates(scene, work, x, way, led)
-        ahead = np.empty_like(x)
-        retract(scene.plan, x, step, ahead)
-        reached, correction = close_rigidly(scene, work, ahead, led)
+
+    def attempt(done: float, ahead: float) -> float | None:
+        nonlocal x
+        step = (ahead - done) * _rates(scene, work, x, way, led)
+        there = np.empty_like(x)
+        retract(scene.plan, x, step, there)
+        reached, correction = close_rigidly(scene, work, there, led)
         aside = float(np.abs(correction / size).max() / np.abs(step / size).max())
-        if _open(scene, work, reached) <= bound and aside <= _ASTRAY:
-            x, done = reached, done + stride
-            stride *= 2.0 if aside <= 0.25 * _ASTRAY else 1.0
-        else:
-            stride *= 0.5
-            if stride * whole < CLOSED:
-                return None
-    return x
+        if not (_open(scene, work, reached) <= bound and aside <= _ASTRAY):
+            return None
+        x = reached
+        return 2.0 if aside <= 0.25 * _ASTRAY else 1.0
+
+    return x if stride_along(attempt, 0.0, 1.0, first=first, least=CLOSED / whole) == 1.0 else None
 
 
 def _rates(scene: CompiledScene, work: Work, x: FloatArray, way: FloatArray, led: Mask) -> FloatArray:

@@ -20,6 +20,7 @@ from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.joint.protocol import AlongAxis, Joint
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.rotation import Axis, check_rotation, z_onto
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 DrawnBody = Ground | RigidBody | FlexibleBody | PseudoRigidBody | ContinuumBody | ExactBeam
@@ -27,7 +28,6 @@ DRAWN_BODIES = (Ground, RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody,
 
 #: Share of a body's size within which a place names one of its interfaces: what a drawing's numbers are rounded to.
 _ROUNDED = 1e-3
-_ROUND_OFF = 1e-12  # of a place's distance from the origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def _interface(body: DrawnBody, pose: BodyPose, place: FloatArray, what: str) ->
     size = max(float(np.linalg.norm(places - places.mean(axis=0), axis=1).max()), _gyration(body))
     away = np.linalg.norm(places - place, axis=1)
     nearest = int(np.argmin(away))
-    if away[nearest] > max(_ROUNDED * size, _ROUND_OFF * float(np.linalg.norm(places[nearest]))):
+    if away[nearest] > max(_ROUNDED * size, EQUAL * float(np.linalg.norm(places[nearest]))):
         here, there = (", ".join(f"{value:.6g}" for value in one) for one in (place, places[nearest]))
         raise SceneError(
             f"{what}: in the drawing body {body.name!r} has no interface at ({here}) m; the nearest, "

@@ -18,10 +18,10 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.rotation import z_onto
+from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 
-_SAME = 1e-9  # of a coordinate's size or rate: how far a prescribed joint may be set from its motion
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def refuse_against_motions(scene: CompiledScene, work: Work, connections: Sequen
         size = _sizes(scene, [connection])[0]
         now = scene.index.now(connection)
         for k, (what, given) in enumerate((("position", now.position), ("velocity", now.velocity))):
-            if given is None or abs(given[0] - values[k]) <= _SAME * max(size, abs(values[k])):
+            if given is None or abs(given[0] - values[k]) <= SAME_PLACE * max(size, abs(values[k])):
                 continue
             raise SceneError(
                 f"joint {connection.name!r}: its {what} was set to {given[0]:.9g}, but its prescribed motion starts "

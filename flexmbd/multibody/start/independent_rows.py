@@ -23,12 +23,12 @@ from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
+from flexmbd.round_off import EQUAL, ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
 LEADS_ON = 1e-6  #: of rates' squares: what may stay open of second derivatives that no acceleration changes
 _BLUR = 10.0  # the slopes' error over the gaps, at most
-_ROUND_OFF = 1e-12  # and by this share at least
 _CLEAR = 1e3  # singular values that are not round-off stand this far above it
 _BESIDE = 0.05  # of each coordinate's size: where regular positions are looked for, first
 _PLACES = 2  # how many are enough
@@ -193,7 +193,7 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
     found = []
     for block, part in constraint_slopes(scene, work, x).over(rows):
         slopes, driven = np.hsplit(part * sizes[np.concatenate([block.free, block.driven])], [len(block.free)])
-        blur = max(_BLUR * float(np.abs(phi[block.rows]).max()), _ROUND_OFF)
+        blur = max(_BLUR * float(np.abs(phi[block.rows]).max()), EQUAL)
         found.append(_decomposed(slopes, driven, holds[block.rows], blur))
     return found
 
@@ -201,12 +201,26 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
 def _decomposed(slopes: FloatArray, driven: FloatArray, holds: NDArray[np.bool_], blur: float) -> RowDecomposition:
     """The decomposition of slopes (m, free) known to ``blur``."""
     m, free = slopes.shape
-    left, found = scipy.linalg.svd(slopes)[:2] if free else (np.eye(m), np.zeros(0))
+    left, found = _left_vectors(slopes) if free else (np.eye(m), np.zeros(0))
     largest = max(float(found.max(initial=0.0)), 1e-300)
     sigma = np.zeros(m)
     sigma[: len(found)] = found / largest
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
     return RowDecomposition(slopes, driven, holds, left, sigma, blur / min(largest, 1.0))
+
+
+def _left_vectors(slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """All left singular vectors of slopes (m, n), and the singular values; rows that are round-off have none."""
+    norms = np.linalg.norm(slopes, axis=1)
+    told = np.flatnonzero(norms > ROUND_OFF * norms.max(initial=0.0))
+    m, count = len(slopes), len(told)
+    if count == m:
+        return scipy.linalg.svd(slopes)[:2]
+    inner, found = scipy.linalg.svd(slopes[told])[:2]
+    left = np.zeros((m, m))
+    left[told, :count] = inner
+    left[np.setdiff1d(np.arange(m), told), np.arange(count, m)] = 1.0
+    return left, found
 
 
 def independent_rows(

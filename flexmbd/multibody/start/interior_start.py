@@ -13,13 +13,13 @@ from flexmbd.multibody.interiors.scene_interiors import Interiors, InteriorSnaps
 from flexmbd.multibody.interiors.steady import SteadyInterior, steady
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 #: Accelerations (nv,) and multipliers (m,) at a state, with the wrenches that act.
 Accelerations = Callable[[CompiledScene, Work, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 _IN_PLACE = 1e-7  # of the machine's extent, or rad: how far from the undeformed body a frame may start
-_SAME = 1e-12  # change of a wrench, as a share of the largest, that is round-off
 
 
 def begin_interiors(
@@ -65,7 +65,7 @@ def begin_interiors(
 
     acting = begin(np.zeros(scene.nv))
     found = answer(acting)
-    if np.abs(found - acting).max() > _SAME * np.abs(acting).max():
+    if np.abs(found - acting).max() > EQUAL * np.abs(acting).max():
         rest = answer(np.zeros_like(found))
         slopes = [(answer(unit.reshape(-1, 6)) - rest).ravel() for unit in np.eye(rest.size)]
         balance = np.eye(rest.size) - np.array(slopes).T

@@ -7,10 +7,12 @@ the least elastic energy.  Each stage goes on where the one before it ended.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.newton import Correction, newton
 from flexmbd.errors import AssemblyError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
@@ -28,6 +30,7 @@ from flexmbd.multibody.plan.scene_matrices import (
 from flexmbd.multibody.start.given_coordinates import NOTHING_GIVEN, GivenCoordinates, coordinate_names
 from flexmbd.multibody.start.least_change import least_change
 from flexmbd.multibody.start.loop_gaps import loop_gaps, loop_slopes
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,8 +38,8 @@ Mask = NDArray[np.bool_]
 #: A loop counts as closed when it stays open by no more than this share of the machine's size,
 #: as where the frames of an overconstrained loop come from a mesh; it closes further if it can.
 CLOSED = 1e-7
-_ROUND_OFF = 1e-14
 _ITERATIONS = 50
+_LONGEST = 0.5  # of a coordinate's size: the longest step
 _WORTH = 0.5  # a more intrusive stage must close more than this share of what the others leave open
 _STILL = 1e-6  # of the gap: smaller steps than this do not reduce it
 _GUESS_SIZE = 0.2  # how far (of each coordinate's size) it is tried from beside the wanted configuration
@@ -134,7 +137,7 @@ def close_as_far(
         return best, np.zeros(0)
     gap = _gaps(scene, work, x, given)
     for stage in _stages(scene, held, np.sqrt(modal_stiffness(scene))):
-        if _largest(gap) <= _ROUND_OFF:
+        if _largest(gap) <= ROUND_OFF:
             break
         if given.positions and (stage.movable & held).any():
             continue
@@ -208,25 +211,53 @@ def _slopes(scene: CompiledScene, work: Work, x: FloatArray, given: GivenCoordin
     return RowSlopes.of_matrix(np.vstack([slopes.matrix(), more]), scene.plan.free)
 
 
+class _Reached(NamedTuple):
+    """Configuration (nx,), how far it lies from the wanted one (nv,), gaps (m,), and whether a step closed no more."""
+
+    x: FloatArray
+    change: FloatArray
+    gap: FloatArray
+    is_last: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _LoopProblem:
+    """The loops as a problem for Newton's method, in which a stage's coordinates move."""
+
+    scene: CompiledScene
+    work: Work
+    stage: _Stage
+    given: GivenCoordinates
+
+    def is_solved(self, here: _Reached, *, close: bool) -> bool:
+        return here.is_last or close
+
+    def correction(self, here: _Reached) -> Correction[FloatArray]:
+        """The least change that closes the gaps, cut where a coordinate would go by more than ``_LONGEST``."""
+        size = coordinate_sizes(self.scene)
+        slopes = _slopes(self.scene, self.work, here.x, self.given)
+        movable, cost = self.stage.movable, self.stage.cost
+        step = least_change(slopes, here.gap, size=size, movable=movable, cost=cost, before=here.change)
+        longest = _largest(step / size)
+        share = min(1.0, _LONGEST / max(longest, _LONGEST))
+        return Correction(step, longest, share=share, scale=_largest(here.gap))
+
+    def moved(self, here: _Reached, correction: Correction[FloatArray], *, close: bool) -> _Reached:
+        step, after = correction.share * correction.change, np.empty_like(here.x)
+        retract(self.scene.plan, here.x, step, after)
+        left = _gaps(self.scene, self.work, after, self.given)
+        if _largest(here.gap) <= CLOSED and _largest(left) >= 0.1 * _largest(here.gap):
+            return here._replace(is_last=True)
+        return _Reached(after, here.change + step, left)
+
+
 def _gauss_newton(
     scene: CompiledScene, work: Work, x: FloatArray, change: FloatArray, stage: _Stage, given: GivenCoordinates
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Move a stage's coordinates until the loops close no further: configuration, whole change, what stays open."""
-    size = coordinate_sizes(scene)
-    gap = _gaps(scene, work, x, given)
-    for _ in range(_ITERATIONS):
-        slopes = _slopes(scene, work, x, given)
-        step = least_change(slopes, gap, size=size, movable=stage.movable, cost=stage.cost, before=change)
-        step *= min(1.0, 0.5 / max(_largest(step / size), 1e-300))
-        moved = np.empty_like(x)
-        retract(scene.plan, x, step, moved)
-        left = _gaps(scene, work, moved, given)
-        if _largest(gap) <= CLOSED and _largest(left) >= 0.1 * _largest(gap):
-            break
-        x, change, gap = moved, change + step, left
-        if _largest(step / size) <= _STILL * _largest(gap):
-            break
-    return x, change, gap
+    begin = _Reached(x, change, _gaps(scene, work, x, given))
+    found = newton(_LoopProblem(scene, work, stage, given), begin, most=_ITERATIONS, close=_STILL).place
+    return found.x, found.change, found.gap
 
 
 def match_velocities(

@@ -9,6 +9,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.joint.connection import Connection, motion_name
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
@@ -16,7 +17,6 @@ _PLACES = (0.3819660, 0.6180340, 0.8541020)  # shares of the simulated time; no 
 _STEPS = tuple(10.0**-k for k in range(3, 8))  # shares of it, for difference quotients
 _CONVERGED = 1e-3  # by which two quotients of steps a tenth apart may differ
 _FALSE = 1e-2  # by which a derivative must then differ to be a false one
-_ROUND_OFF = 1e-14
 
 
 def refuse_false_rates(scene: CompiledScene, t_start: float, t_end: float) -> None:
@@ -72,7 +72,7 @@ def _converged_quotient(values: list[tuple[float, float]], steps: list[float], *
         quotient = (up - down) / (2.0 * step)
         if not np.isfinite(quotient):
             return None
-        noise = _ROUND_OFF * max(abs(up), abs(down)) / step
+        noise = ROUND_OFF * max(abs(up), abs(down)) / step
         small = _CONVERGED * max(size, abs(quotient))
         if before is not None and abs(quotient - before) <= small and noise < small:
             return quotient

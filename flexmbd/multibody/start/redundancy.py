@@ -21,6 +21,7 @@ from flexmbd.multibody.plan.scene_matrices import (
 )
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.loop_closing import CLOSED
+from flexmbd.round_off import of_solver
 
 FloatArray = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def _smallest(
     rows, sizes = row_sizes(scene)[block.rows], coordinate_sizes(scene)[block.free]
     # multipliers by their rows' sizes are all of one unit; what lies in the rows' own space is all that acts
     left, sigma, _ = np.linalg.svd(slopes * sizes / rows[:, None], full_matrices=False)
-    round_off = max(slopes.shape[1:]) * np.finfo(float).eps
+    round_off = of_solver(max(slopes.shape[1:]))
     acts = sigma > round_off * sigma.max(axis=1, initial=0.0, keepdims=True)
     acts[:, rank:] = False
     shares = np.where(acts, np.einsum("tki,tk->ti", left, multipliers * rows), 0.0)

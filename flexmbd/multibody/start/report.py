@@ -15,11 +15,11 @@ from flexmbd.multibody.plan.mass_solver import MassSolver
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes, mass_matrix, modal_stiffness
 from flexmbd.multibody.start.loop_closing import CLOSED, own_rate
 from flexmbd.overflow import looked_at
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_SET = 1e-12  # of a coordinate's size: how far one that the user set may move untold
 # Of the machine's energy: what closing the loops may put into the bodies untold.  Energies go with the squares of
 # speeds, so bodies let go from there vibrate at some 3 % of the machine's own speeds.
 _SMALL = 1e-3
@@ -96,13 +96,13 @@ def moved_coordinates(
         return ()
     old, new = coordinate_values(scene, x), coordinate_values(scene, x_new)
     size = coordinate_sizes(scene)
-    enough = np.where(held, _SET, CLOSED) * size
+    enough = np.where(held, EQUAL, CLOSED) * size
     rate = float(np.abs(np.concatenate([v / size, v_new / size])).max(initial=0.0))
     told = [(scene.velocity_names[k], k, old, new) for k in np.flatnonzero(np.abs(new - old) > enough)]
     changes = np.abs(v_new - v) / size
-    if (changes > _SET * rate).any():
+    if (changes > EQUAL * rate).any():
         rate = max(rate, own_rate(scene, work, x_new, solve))
-    told += [(f"rate of {scene.velocity_names[k]}", k, v, v_new) for k in np.flatnonzero(changes > _SET * rate)]
+    told += [(f"rate of {scene.velocity_names[k]}", k, v, v_new) for k in np.flatnonzero(changes > EQUAL * rate)]
     return tuple((name, float(before[k]), float(after[k])) for name, k, before, after in told)
 
 
@@ -114,7 +114,7 @@ def changed_velocities(scene: CompiledScene, wanted: FloatArray, v: FloatArray, 
     """
     size = coordinate_sizes(scene)
     rate = float(np.abs(v / size).max(initial=0.0))
-    allowed = np.maximum(_CHANGED * np.where(wanted == 0.0, rate * size, np.abs(wanted)), _SET * rate * size)
+    allowed = np.maximum(_CHANGED * np.where(wanted == 0.0, rate * size, np.abs(wanted)), EQUAL * rate * size)
     changed = np.flatnonzero(held & (np.abs(v - wanted) > allowed))
     if not len(changed):
         return ""

@@ -43,11 +43,10 @@ from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivat
 from flexmbd.reduction.static_shapes.frame_motions import on_supports
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads
+from flexmbd.round_off import EQUAL
 
 # Averaged interfaces in sampled states and their rotations, by the numbers of interface and state.
 _Averages: TypeAlias = "dict[tuple[int, int], tuple[AveragedInterface, FloatArray]]"
-# Of the largest strain energy among the candidates: what is left of it by round-off.
-_ROUND_OFF = 1e-13
 # How often what is lacking at the sampled loads is added to the candidates.
 _ROUNDS = 8
 # Of the tolerated error: strain energy of a shape that is not looked at.
@@ -205,7 +204,7 @@ class _Search:
 
         def change() -> FloatArray:
             values, vectors = np.linalg.eigh(k)
-            own = np.flatnonzero(values > max(self.least, _ROUND_OFF * values[-1]))[::-1][:most]
+            own = np.flatnonzero(values > max(self.least, EQUAL * values[-1]))[::-1][:most]
             found: FloatArray = vectors[:, own] / np.sqrt(values[own])
             return found
 

@@ -34,13 +34,12 @@ from flexmbd.reduction.large_displacements.face_membranes import FaceMembranes
 from flexmbd.reduction.large_displacements.force_derivatives import ForceDerivatives
 from flexmbd.reduction.stiffening.point_gradients import RulePoints, by_node, field_gradients, point_gradients
 from flexmbd.reduction.stiffening.stress_stiffness import gradient_tensor
+from flexmbd.round_off import TEN_DIGITS
 
 # Strains xx yy zz and twice yz xz xy, by their entries of the gradient.
 _VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 # Numbers in the strains of a chunk of cells: 8 MB.
 _CHUNK = 2**20
-# Of the forces' size: sums of products of doubles.
-_ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def _agree(derivatives: ForceDerivatives, modes: FloatArray, cubic: FloatArray, 
         (StrainPolynomial(np.zeros(n), np.zeros_like(cubic), quartic), derivatives.third(u, u, u) / 6.0),
     ):
         work, size = inner(model.comm, own, np.asarray(force, dtype=float)[:, None])[:, 0] * q, part.force(q) * q
-        if abs(work - size).max(initial=0.0) > _ROUND_OFF * abs(work).max(initial=0.0):
+        if abs(work - size).max(initial=0.0) > TEN_DIGITS * abs(work).max(initial=0.0):
             return False
     return True
 
@@ -169,7 +168,7 @@ def _coefficients(linear: FloatArray, square: FloatArray) -> tuple[FloatArray, F
 def _is_of_strain(tensor: FloatArray) -> bool:
     """Whether a rotation costs nothing, of second derivatives (9, 9) by the gradient."""
     turned = tensor.reshape(3, 3, 9).transpose(1, 0, 2).reshape(9, 9)
-    return bool(abs(turned - tensor).max() <= _ROUND_OFF * abs(tensor).max())
+    return bool(abs(turned - tensor).max() <= TEN_DIGITS * abs(tensor).max())
 
 
 def _add_products(

@@ -33,14 +33,13 @@ from flexmbd.reduction.modes.truncation import LOWEST, MOST, Truncation, whole_n
 from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.static_shapes.memory import memory_limit, workspace
 from flexmbd.reduction.static_shapes.statics import Statics
+from flexmbd.round_off import TEN_DIGITS
 
 #: Modes beyond those that are asked for, so that a pair of equal frequencies is not cut unseen.
 GUARD = 2
 # Relative distance below which neighbouring eigenvalues count as equal: as equal as a mesh leaves those of a body whose
 # shape has them so. Half a pair is a body that bends more easily one way than another.
 _EQUAL = 1e-4
-# Relative change of eigenvalues that have converged, as long as none was missing among them.
-_SAME = 1e-9
 #: Basis vectors, enough for MOST modes.
 SEARCH_LIMIT = 10 * MOST + 100
 
@@ -117,7 +116,7 @@ def fixed_interface_modes(
             break
         before = search.eigenvalues[:whole].copy()
         provenance["completeness"] = confirmed(statics, search, whole)
-        moved = abs(search.eigenvalues[:whole] - before) > _SAME * before
+        moved = abs(search.eigenvalues[:whole] - before) > TEN_DIGITS * before
         if not np.any(moved) and _whole_clusters(search.eigenvalues, whole) == whole:
             break  # else a mode was missing, and with it the number below a frequency or the end of a cluster changes
     found = search.modes(min(whole + GUARD, len(search.eigenvalues)))

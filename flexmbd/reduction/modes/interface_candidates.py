@@ -12,9 +12,7 @@ from flexmbd.continuum.matrices.blocks import FloatArray, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.record.carrying_dofs import carrying_dofs
 from flexmbd.reduction.static_shapes.statics import Statics
-
-# Of a shape's size in the norm of strain energy what is round-off of others: half the digits, as energies are squares.
-_DEPENDENT = 1e-8
+from flexmbd.round_off import SQUARED
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +152,7 @@ def _independent(
         left = shape / np.linalg.norm(shape)
         for _ in range(2):
             left = left - known @ (known.T @ left)
-        if np.linalg.norm(left) > _DEPENDENT:
+        if np.linalg.norm(left) > SQUARED:
             chosen.append(i)
             known = np.column_stack([known, left / np.linalg.norm(left)])
     own: FloatArray = scipy.linalg.solve_triangular(half, known[:, given:])

@@ -10,9 +10,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
 from flexmbd.reduction.modes.signs import determined_rotation
-
-# Part of a shape's strain energy that is round-off.
-_ROUNDING = 1e-12
+from flexmbd.round_off import EQUAL
 
 
 def ritz_modes(model: LinearModel, shapes: FloatArray, *, images: FloatArray) -> Modes:
@@ -60,6 +58,6 @@ def independent(energies: FloatArray, whole: FloatArray) -> FloatArray:
     """(l, r) combinations of shapes, of energy 1/2, none in common, but for what is round-off of the whole."""
     scale = np.divide(1.0, np.sqrt(np.abs(whole)), out=np.zeros(len(whole)), where=whole != 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * energies * scale)
-    own = values > _ROUNDING
+    own = values > EQUAL
     combinations: FloatArray = scale[:, None] * vectors[:, own] / np.sqrt(values[own])
     return combinations

@@ -19,9 +19,7 @@ import numpy as np
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.errors import ReductionError
 from flexmbd.reduction.static_shapes.factor import SINGULAR
-
-# Smallest eigenvalue of the scaled Gram matrix of averages that are independent.
-_INDEPENDENT = 1e-12
+from flexmbd.round_off import WORTHLESS_PIVOT
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ def constrain(
     c, r = columns.shape[1], rigid.shape[1]
     gram = inner(comm, columns, columns)
     # with a regular stiffness the averages depend on each other where their rows do, and nowhere else
-    if not np.linalg.eigvalsh(_scaled(gram)[0])[0] > _INDEPENDENT:
+    if not np.linalg.eigvalsh(_scaled(gram)[0])[0] > WORTHLESS_PIVOT:
         raise ReductionError(
             f"the averages of the interfaces {', '.join(map(repr, names))} depend on each other or on "
             "the rigid interfaces, so their frames cannot move alone; take groups that overlap less"

@@ -19,12 +19,9 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.grid.pieces import pieces
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
-from flexmbd.record.carrying_dofs import independent_rows
+from flexmbd.record.carrying_dofs import AT_REST, independent_rows
 from flexmbd.reduction.static_shapes.interface_motions import rigidly_bound
 from flexmbd.reduction.static_shapes.rigid_modes import RigidModes
-
-#: Relative size below which a rigid motion leaves dofs at rest; found from squares, whose rounding is that of 1e-8.
-AT_REST = 1e-6
 
 
 def needs_support(model: LinearModel, interfaces: Sequence[FoundInterface]) -> bool:

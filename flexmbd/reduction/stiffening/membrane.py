@@ -23,9 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.continuum.matrices.blocks import FloatArray, symmetric
-
-# Relative to the largest: squares of what the static solutions leave.
-_ROUNDING = 1e-12
+from flexmbd.round_off import EQUAL
 
 
 def membrane_fields(second_order: FloatArray, *, first: int = 0) -> FloatArray:
@@ -44,7 +42,7 @@ def membrane_fields(second_order: FloatArray, *, first: int = 0) -> FloatArray:
     given = np.moveaxis(second_order, 1, 0).reshape(n, n * n)
     excess = symmetric(taken @ taken.T) - symmetric(given @ given.T)
     values, fields = np.linalg.eigh(excess[first:, first:])
-    chosen: FloatArray = fields[:, values > _ROUNDING * np.abs(values).max(initial=0.0)]
+    chosen: FloatArray = fields[:, values > EQUAL * np.abs(values).max(initial=0.0)]
     return chosen[:, ::-1]
 
 
@@ -59,5 +57,5 @@ def stretching_fields(fields: FloatArray, gradients: FloatArray) -> FloatArray:
         (n, k) combinations of the basis.
     """
     values, vectors = np.linalg.eigh(symmetric(fields.T @ gradients @ fields))
-    chosen: FloatArray = fields @ vectors[:, values > _ROUNDING * np.abs(values).max(initial=0.0)]
+    chosen: FloatArray = fields @ vectors[:, values > EQUAL * np.abs(values).max(initial=0.0)]
     return chosen

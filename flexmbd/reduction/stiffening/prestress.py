@@ -9,7 +9,7 @@ is enclosed and not jumped over.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -17,6 +17,8 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexmbd.continuation.newton import Correction, NewtonEnd, newton
+from flexmbd.continuation.strides import stride_along
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
@@ -31,14 +33,13 @@ from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.loaded_forms import LoadedForms, assembled_vector, loaded_forms
 from flexmbd.reduction.stiffening.stability import is_stable
 from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
+from flexmbd.round_off import EQUAL
 
 # Size of the last Newton step, by the energy norm, relative to the largest: its square is what is left after it.
 _STEP = 1e-6
 _STEPS = 20
 # A step that is that much larger than the one before is not converging.
 _GROWTH = 10.0
-# Relative change of the stiffness that is round-off.
-_SAME = 1e-12
 # Largest rotation, rad, up to which a formulation's rotations are taken for those of small motions.
 _ROTATION = 1e-3
 # Smallest part of the load in which it is brought up.
@@ -123,7 +124,7 @@ def prestressed(
     _check_rotations(model, found)
     tangent = model.tangent(found.displacement[: model.n_owned])
     change = tangent - model.K
-    if change.norm() <= _SAME * model.K.norm():
+    if change.norm() <= EQUAL * model.K.norm():
         found = replace(found, note=f"{found.note}; no change of the stiffness, as of a quadratic strain energy")
     change.destroy()
     return PrestressedModel(model, found, tangent)
@@ -200,6 +201,45 @@ class _NotFoundError(Exception):
         self.displacement = displacement
 
 
+@dataclass(frozen=True, eq=False)
+class _NewtonStep:
+    """A step (owned dofs,), the model that it was found of, and twice its energy, J."""
+
+    tangent: PrestressedModel
+    step: FloatArray
+    energy: float
+
+
+class _PartOfLoads:
+    """The state under a part of the loads as a problem for Newton's method, in the norm of the energy.
+
+    Attributes:
+        last: the state that was reached.
+    """
+
+    def __init__(self, search: _Equilibrium, part: float, begin: StaticState) -> None:
+        self._search, self._part, self.last = search, part, begin
+        self._largest, self._count = 0.0, 0
+
+    def is_solved(self, here: StaticState, *, close: bool) -> bool:
+        return close
+
+    def correction(self, here: StaticState) -> Correction[_NewtonStep]:
+        """Newton's step. Collective."""
+        # the softening by a spin is left out until the tension that goes with it is there
+        found = self._search.newton_step(here, self._part, softened=self._count > 0)
+        self._count += 1
+        size = float(np.sqrt(abs(found.energy)))
+        self._largest = max(self._largest, size)
+        return Correction(found, size, scale=self._largest)
+
+    def moved(self, here: StaticState, correction: Correction[_NewtonStep], *, close: bool) -> StaticState:
+        found = correction.change
+        moved = self._search.moved(found.tangent, here, found.step)
+        self.last = self._search.with_balance(moved, self._part)
+        return self.last
+
+
 class _Equilibrium:
     """The search for the static state. Constructing one is collective, and compiles.
 
@@ -230,18 +270,23 @@ class _Equilibrium:
         Raises:
             ConvergenceError: on all ranks.
         """
-        state, part, step, successes, steps = self._rest, 0.0, 1.0, 0, 0
-        while part < 1.0:
+        state, failure = self._rest, _NotFoundError("", self._rest.displacement)
+        successes, steps, missed = 0, 0, 1.0
+
+        def attempt(part: float, ahead: float) -> float | None:
+            nonlocal state, failure, successes, steps, missed
             try:
-                state = self._solve(state, part + step)
-            except _NotFoundError as failure:
-                if step <= _PART:
-                    raise ConvergenceError(self._failure(failure, part=part, step=step)) from None
-                step, successes = step / 2.0, 0
-            else:
-                part, successes, steps = part + step, successes + 1, steps + 1
-                # twice in a row: the step has not just been found to be the largest
-                step = min(2.0 * step if successes > 1 else step, 1.0 - part)
+                state = self._solve(state, ahead)
+            except _NotFoundError as reason:
+                failure, successes, missed = reason, 0, ahead
+                return None
+            successes, steps = successes + 1, steps + 1
+            # twice in a row: the step has not just been found to be the largest
+            return 2.0 if successes > 1 else 1.0
+
+        part = stride_along(attempt, 0.0, 1.0, first=1.0, least=_PART)
+        if part < 1.0:
+            raise ConvergenceError(self._failure(failure, part=part, missed=missed))
         if self._model.comm.allreduce(float(abs(state.displacement).max(initial=0.0)), op=MPI.MAX) == 0.0:
             return state
         text = f"largest displacement {self._largest(state.displacement)[0]:.4g} m"
@@ -249,27 +294,24 @@ class _Equilibrium:
 
     def _solve(self, start: StaticState, part: float) -> StaticState:
         """The state under a part of the loads, by Newton's method from another state. Collective."""
-        state = self._with_balance(start, part)
-        size, before = 0.0, np.inf
-        for i in range(_STEPS):
-            try:
-                # the softening by a spin is left out until the tension that goes with it is there
-                energy, state = self._improved(state, part, softened=i > 0)
-            except np.linalg.LinAlgError:
-                raise _NotFoundError(_BUCKLES, state.displacement) from None
-            except (ReductionError, FormulationError) as error:
-                raise _NotFoundError(f"the tangent stiffness fails, {error}", state.displacement) from error
-            size = max(size, abs(energy))
-            if not np.isfinite(energy) or energy > _GROWTH**2 * before:
-                raise _NotFoundError("Newton's method diverges", state.displacement)
-            if abs(energy) <= _STEP**2 * size:
-                self._check_stability(state, part)
-                return state
-            before = abs(energy)
-        raise _NotFoundError(f"Newton's method has not converged in {_STEPS} steps", state.displacement)
+        problem = _PartOfLoads(self, part, self.with_balance(start, part))
+        try:
+            found = newton(problem, problem.last, most=_STEPS, close=_STEP, grows=_GROWTH)
+        except np.linalg.LinAlgError:
+            raise _NotFoundError(_BUCKLES, problem.last.displacement) from None
+        except ConvergenceError as error:
+            raise _NotFoundError(str(error), problem.last.displacement) from error
+        except (ReductionError, FormulationError) as error:
+            raise _NotFoundError(f"the tangent stiffness fails, {error}", problem.last.displacement) from error
+        if found.is_solution:
+            self._check_stability(found.place, part)
+            return found.place
+        if found.end is NewtonEnd.GROWN:
+            raise _NotFoundError("Newton's method diverges", found.place.displacement)
+        raise _NotFoundError(f"Newton's method has not converged in {_STEPS} steps", found.place.displacement)
 
-    def _improved(self, state: StaticState, part: float, *, softened: bool) -> tuple[float, StaticState]:
-        """Twice the energy of a Newton step, and the state after it. Collective."""
+    def newton_step(self, state: StaticState, part: float, *, softened: bool) -> _NewtonStep:
+        """From a state under a part of the loads. Collective."""
         model = self._model
         tangent = PrestressedModel(model, state, self._tangent(state, part, softened=softened))
         lacking = -state.balance[:, None]
@@ -281,10 +323,9 @@ class _Equilibrium:
                 step = statics.static_response(np.asfortranarray(lacking))
         finally:
             tangent.K.destroy()
-        energy = inner(model.comm, step, lacking).item()
-        return energy, self._with_balance(self._moved(tangent, state, step[:, 0]), part)
+        return _NewtonStep(tangent, step[:, 0], inner(model.comm, step, lacking).item())
 
-    def _moved(self, tangent: PrestressedModel, state: StaticState, step: FloatArray) -> StaticState:
+    def moved(self, tangent: PrestressedModel, state: StaticState, step: FloatArray) -> StaticState:
         """The state after a step, in which rigid interfaces turn by finite rotations. Collective."""
         model = self._model
         u = state.displacement[: model.n_owned] + step
@@ -309,7 +350,7 @@ class _Equilibrium:
                 frames[i] = followed_average(model, rest, frames[i], whole)
         return replace(state, displacement=whole, interfaces=tuple(frames))
 
-    def _with_balance(self, state: StaticState, part: float) -> StaticState:
+    def with_balance(self, state: StaticState, part: float) -> StaticState:
         """The state with the forces of its displacement, under a part of the loads. Collective."""
         forms = self._set(state, part)
         outside = part * self._dead + assembled_vector(forms.centrifugal, self._model)
@@ -347,11 +388,11 @@ class _Equilibrium:
         mine = (float(size[k]), model.node_x[k].tolist()) if len(size) else (-1.0, [0.0] * 3)
         return max(model.comm.allgather(mine))
 
-    def _failure(self, failure: _NotFoundError, *, part: float, step: float) -> str:
+    def _failure(self, failure: _NotFoundError, *, part: float, missed: float) -> str:
         size, place = self._largest(failure.displacement)
         return (
             f"no static state under {'; '.join(self._rest.loads)}: there is one up to {part:g} of the loads and "
-            f"none was found at {part + step:g}: {failure}. The largest displacement there is {size:.3g} m, of the "
+            f"none was found at {missed:g}: {failure}. The largest displacement there is {size:.3g} m, of the "
             f"point {[round(x, 6) for x in place]} m of the undeformed body; reduce the loads, or hold the body at more"
         )
 

@@ -15,9 +15,7 @@ import numpy as np
 
 from flexmbd.continuum.matrices.blocks import FloatArray, symmetric
 from flexmbd.reduction.modes.ritz import independent
-
-# Of the largest energy of a response what is round-off of others.
-_ROUNDING = 1e-12
+from flexmbd.round_off import EQUAL
 
 
 def resolved_deformations(
@@ -36,7 +34,7 @@ def resolved_deformations(
     """
     own = responses[:, accelerations > 0.0] / accelerations[accelerations > 0.0]
     energies = np.einsum("ij,ij->j", own, own)
-    own = own[:, energies > _ROUNDING * energies.max(initial=0.0)]
+    own = own[:, energies > EQUAL * energies.max(initial=0.0)]
     quotients = np.einsum("ij,ij->j", own, mass @ own) / np.einsum("ij,ij->j", own, own)
     values, vectors = np.linalg.eigh(symmetric(mass))
     highest = max(eigenvalue, float((1.0 / quotients).max(initial=0.0)))

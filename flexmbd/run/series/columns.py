@@ -22,6 +22,7 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.rotation import to_quaternion
+from flexmbd.round_off import EQUAL, TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 
@@ -358,13 +359,13 @@ def tabulate(run: Answers, columns: Sequence[ResultColumns], *, t: FloatArray | 
 
 def equal_times(begin: float, end: float, every: float) -> FloatArray:
     """(k,) s: equal steps from the beginning, and the end."""
-    steps = (end - begin) / every * (1 + 1e-12)
+    steps = (end - begin) / every * (1 + EQUAL)
     try:
         t = begin + every * np.arange(math.floor(steps) + 1)
     except (OverflowError, ValueError, MemoryError) as error:
         raise SceneError(f"every = {every:g} s makes {steps:.3g} times, which no memory holds; give more") from error
     t[-1] = min(t[-1], end)
-    return t if end - t[-1] <= 1e-9 * every else np.append(t, end)
+    return t if end - t[-1] <= TEN_DIGITS * every else np.append(t, end)
 
 
 def _named(

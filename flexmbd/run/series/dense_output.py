@@ -13,6 +13,7 @@ from flexmbd.given import numbers
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.sampling.interpolation import interpolated_coordinates, motion_at
 from flexmbd.overflow import looked_at
+from flexmbd.round_off import EQUAL
 from flexmbd.run.series.departure import Departure
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +36,7 @@ def motion_between(
     ends = rows[0]
     if not len(ends):
         raise SceneError("the run stopped before its first row: there is no motion to ask for")
-    slack = 1e-12 * float(np.abs(ends[[0, -1]]).max())
+    slack = EQUAL * float(np.abs(ends[[0, -1]]).max())
     if wanted.min() < ends[0] - slack or wanted.max() > ends[-1] + slack:
         raise SceneError(
             f"time {wanted.min():g} to {wanted.max():g} s lies outside the trajectory, {ends[0]:g} to {ends[-1]:g} s"

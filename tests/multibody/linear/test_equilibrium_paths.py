@@ -304,6 +304,14 @@ def test_a_load_that_does_nothing():
         scene.equilibrium(path=fm.Continuation(to=1.0))
 
 
+@pytest.mark.parametrize("load", [lambda t: -t * t, lambda t: -2.0 * np.sin(np.pi * t)])
+def test_a_load_that_does_nothing_at_first_or_comes_back(load):
+    scene, slide = truss(load=load)
+    path = scene.equilibrium(path=fm.Continuation(to=1.0))
+    assert path.end is fm.PathEnd.REACHED
+    assert load_of_truss(path.beta(slide)) == pytest.approx([-load(t) for t in path.factors], abs=1e-9)
+
+
 def test_a_mechanism():
     scene, _ = truss()
     loose = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="loose")
@@ -364,3 +372,25 @@ def test_a_path_whose_tangent_is_no_number_ends():
     begin = Station(SimpleNamespace(factor=0.0), PathDirection(np.array([np.nan]), np.nan), None)
     with pytest.raises(ConvergenceError, match="cannot be followed beyond the factor 0"):
         next(follow(Nowhere(), begin, Bounds(to=1.0, back_to=-1.0, longest=0.3, points=10)))
+
+
+def test_zieglers_column_flutters_while_its_load_is_large():
+    """Under a follower beyond (7/2 - sqrt 2) c / l (Ziegler 1952); the load comes back to where it began."""
+    scene, small = fm.System(gravity=(0.0, 0.0, 0.0)), (1e-7, 1e-7, 1e-7)
+    lower, upper = (scene.add(fm.RigidBody(mass=m, inertia=small, com=(1.0, 0.0, 0.0))) for m in (2.0, 1.0))
+    hinges = [
+        scene.connect(fm.joint.Revolute(axis="z"), scene.ground.frame(), lower.frame()),
+        scene.connect(fm.joint.Revolute(axis="z"), lower.frame(p=(1.0, 0.0, 0.0)), upper.frame()),
+    ]
+    for hinge in hinges:
+        scene.add_force(fm.force.JointSpring(hinge, 1.0))
+    push = (lambda t: -12.0 * t * (1.0 - t), 0.0, 0.0)
+    tip = upper.frame(p=(1.0, 0.0, 0.0))
+    scene.add_force(fm.force.FrameForce(tip, push, axes=fm.force.Axes.FRAME))
+    path = scene.equilibrium(path=fm.Continuation(to=1.0))
+    assert [one.kind for one in path.critical] == 2 * [fm.CriticalKind.FLUTTER]
+    root = np.sqrt(0.25 - (3.5 - np.sqrt(2.0)) / 12.0)
+    assert [one.t for one in path.critical] == pytest.approx([0.5 - root, 0.5 + root], abs=1e-6)
+    outside = np.abs(path.factors - 0.5) > root
+    assert set(path.unstable[outside]) == {0}
+    assert set(path.unstable[~outside]) == {2}

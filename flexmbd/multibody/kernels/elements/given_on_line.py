@@ -8,9 +8,10 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, scale3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement
+from flexmbd.round_off import NO_LENGTH
 
 _ZERO = (0.0, 0.0, 0.0)
-_LEAST = 1e-150  # a length that is none
+_LEAST = NO_LENGTH
 
 
 @kernel

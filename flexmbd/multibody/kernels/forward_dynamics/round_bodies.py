@@ -22,8 +22,9 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import body_about_joint
+from flexmbd.round_off import TEN_DIGITS
 
-_ROUND = 1e-9  # the share of a moment of inertia by which two that are equal may differ
+_ROUND = TEN_DIGITS  # the share of a moment of inertia by which two that are equal may differ
 
 
 def round_axes(plan: Plan, quaternions: IntArray) -> FloatArray:

@@ -1,8 +1,8 @@
 """Where the values of a sparse matrix of blocks stand, before and after its factorisation: made once, at compile.
 
-Blocks that are eliminated together are a front (``elimination_tree``).  Of a front with p pivots and u others stand, one
-after the other in one flat array, its upper rows (p, p + u) and its left columns (u, p): entries of the matrix, then of
-its factors.  What it leaves to its others (u, u) lives on a stack until its parent takes it.
+Blocks that are eliminated together are a front (``elimination_tree``).  Of a front with p pivots and u others stand,
+one after the other in one flat array, its upper rows (p, p + u) and its left columns (u, p): entries of the matrix,
+then of its factors.  What it leaves to its others (u, u) lives on a stack until its parent takes it.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class BlockPattern(ArrayStruct):
 
     first: (b + 1,) block k has the unknowns first[k] to before first[k + 1].  unknown: (n,) in order of elimination.
     pivots: (f + 1,) front k eliminates the places pivots[k] to before pivots[k + 1] of that order.
-    at: (f + 1,) its others are places[at[k]:at[k + 1]], ascending; above[at[k]:at[k + 1]] are they in its parent's list,
-        which is its pivots, then its others.
+    at: (f + 1,) its others are places[at[k]:at[k + 1]], ascending; above[at[k]:at[k + 1]] are they in its parent's
+        list, which is its pivots, then its others.
     values_at: (f + 1,) where its values begin.  stack_at: (f,) where what it leaves stands.
     children_at: (f + 1,), children: fronts whose parent it is.
     entry_at: (b + 1,), column, offset, stride: block i couples column[entry_at[i]:entry_at[i + 1]], ascending, itself
@@ -110,30 +110,25 @@ def new_block_pattern(
     at, lists, others = _columns(*at_order, parent, sizes[order])
     front, pivots = np.empty(count, np.int64), np.empty(count)
     operations, fill = merge_fronts(parent, sizes[order], others, front, pivots)
-    tops = np.flatnonzero(front == np.arange(count))
-    number = np.empty(count, np.int64)
-    number[tops] = np.arange(len(tops))
-    front = number[front]  # of a block in the order, among fronts
-    kept = np.lexsort((np.arange(count), front))
-    place = np.empty(count, np.int64)
-    place[kept] = np.arange(count)
-    above = np.where(parent[tops] < 0, -1, front[parent[tops]])
-    inside = _taken(at, tops)
+    fronts = _sorted_fronts(order, parent, front, at=at, lists=lists)
+    return _laid_out(sizes, fronts, starts=starts, neighbours=neighbours, operations=float(operations), fill=int(fill))
+
+
+def _sorted_fronts(order: IntArray, parent: IntArray, last: IntArray, *, at: IntArray, lists: IntArray) -> _Fronts:
+    """Fronts, each with its blocks one after the other, from the ``last`` block (b,) of the front of each."""
+    tops = np.flatnonzero(last == np.arange(len(order)))  # in a postorder, as the blocks are
+    front = np.searchsorted(tops, last)
+    kept = np.lexsort((np.arange(len(order)), front))
+    place = np.empty(len(order), np.int64)
+    place[kept] = np.arange(len(order))
     owner = np.repeat(np.arange(len(tops)), np.diff(at)[tops])
-    others_of = place[lists[inside]]
-    sorted_others = np.lexsort((others_of, owner))
-    block_order = order[kept]
-    return _laid_out(
-        sizes,
-        block_order,
-        front[kept],
-        above,
-        owner,
-        others_of[sorted_others],
-        starts,
-        neighbours,
-        operations=float(operations),
-        fill=int(fill),
+    others = place[lists[_taken(at, tops)]]
+    return _Fronts(
+        order=order[kept],
+        front=front[kept],
+        parent=np.where(parent[tops] < 0, -1, front[parent[tops]]),
+        owner=owner,
+        others=others[np.lexsort((others, owner))],
     )
 
 
@@ -165,70 +160,69 @@ def _taken(at: IntArray, which: IntArray) -> IntArray:
     return np.repeat(at[which] - ends + counts, counts) + np.arange(int(counts.sum()))
 
 
-def _laid_out(
-    sizes: IntArray,
-    order: IntArray,
-    front: IntArray,
-    parent: IntArray,
-    owner: IntArray,
-    others: IntArray,
-    starts: IntArray,
-    neighbours: IntArray,
-    *,
-    operations: float,
-    fill: int,
-) -> BlockPattern:
-    """The pattern, from blocks in their final ``order`` with the ``front`` of each, and the ``others`` of fronts.
+@dataclass(frozen=True)
+class _Fronts:
+    """Fronts, of blocks in their final order.
 
-    ``others`` are places in that order, ascending within their ``owner``, a front.
+    order: (b,) blocks; front: (b,) that of each.  parent: (f,), -1 of a root.  others: places in that order, ascending
+    within their owner, a front.
     """
-    fronts, count = len(parent), len(sizes)
-    first = _sums(sizes)
-    begins = _sums(sizes[order])  # of blocks, in the order of elimination
-    pivots = begins[np.searchsorted(front, np.arange(fronts + 1))]
-    p, u = np.diff(pivots), np.bincount(owner, sizes[order][others], fronts).astype(np.int64)
+
+    order: IntArray
+    front: IntArray
+    parent: IntArray
+    owner: IntArray
+    others: IntArray
+
+
+def _laid_out(
+    sizes: IntArray, fronts: _Fronts, *, starts: IntArray, neighbours: IntArray, operations: float, fill: int
+) -> BlockPattern:
+    """The pattern, from the fronts and the matrix's own pattern."""
+    front, parent, owner, others = fronts.front, fronts.parent, fronts.owner, fronts.others
+    number, count = len(parent), len(sizes)
+    begins = _sums(sizes[fronts.order])  # of blocks, in the order of elimination
+    widths = sizes[fronts.order][others]
+    pivots = begins[np.searchsorted(front, np.arange(number + 1))]
+    p, u = np.diff(pivots), np.bincount(owner, widths, number).astype(np.int64)
     at, values_at = _sums(u), _sums(p * (p + 2 * u))
-    # where an unknown stands in a front's list: its pivots, then its others
-    listed = _sums(sizes[order][others])[:-1] - at[owner] + p[owner]
+    # where an other stands in its front's list: after the pivots
+    listed = _sums(widths)[:-1] - at[owner] + p[owner]
     keys = owner * count + others
+
+    def in_list(one: IntArray, home: IntArray) -> IntArray:
+        found = begins[one] - pivots[home]
+        passed = front[one] != home
+        found[passed] = listed[np.searchsorted(keys, home[passed] * count + one[passed])]
+        return found
+
+    above = np.zeros(len(others), np.int64)
     has = parent[owner] >= 0
-    is_pivot = has & (front[others] == parent[owner])
-    local = np.zeros(len(others), np.int64)
-    local[is_pivot] = begins[others[is_pivot]] - pivots[parent[owner[is_pivot]]]
-    passed = has & ~is_pivot
-    local[passed] = listed[np.searchsorted(keys, parent[owner[passed]] * count + others[passed])]
+    above[has] = in_list(others[has], parent[owner[has]])
     children = np.argsort(parent, kind="stable")[np.count_nonzero(parent < 0) :]
-    children_at = np.searchsorted(parent[children], np.arange(fronts + 1)).astype(np.int64)
     stack_at, stack = _stacked(parent, u)
     # blocks of the matrix, each row's columns ascending
     place = np.empty(count, np.int64)
-    place[order] = np.arange(count)
+    place[fronts.order] = np.arange(count)
     rows = np.concatenate((np.repeat(np.arange(count), np.diff(starts)), np.arange(count)))
     columns = np.concatenate((neighbours, np.arange(count)))
-    sorted_entries = np.lexsort((columns, rows))
-    rows, columns = rows[sorted_entries], columns[sorted_entries]
-    i, j = place[rows], place[columns]
-    home = front[np.minimum(i, j)]
-
-    def in_list(one: IntArray) -> IntArray:
-        inside = front[one] == home
-        found = begins[one] - pivots[home]
-        found[~inside] = listed[np.searchsorted(keys, home[~inside] * count + one[~inside])]
-        return found
-
-    row, column = in_list(i), in_list(j)
+    ascending = np.lexsort((columns, rows))
+    rows, columns = rows[ascending], columns[ascending]
+    home = front[np.minimum(place[rows], place[columns])]
+    row, column = in_list(place[rows], home), in_list(place[columns], home)
     width, upper = (p + u)[home], row < p[home]
     below = p[home] * width + (row - p[home]) * p[home] + column
+    first = _sums(sizes)
     return BlockPattern(
         first=first,
-        unknown=_taken(first, order),
+        unknown=_taken(first, fronts.order),
         pivots=pivots,
         at=at,
         places=_taken(begins, others),
-        above=np.repeat(local, sizes[order][others]) + _within(sizes[order][others]),
+        above=np.repeat(above, widths) + _within(widths),
         values_at=values_at,
         stack_at=stack_at,
-        children_at=children_at,
+        children_at=np.searchsorted(parent[children], np.arange(number + 1)).astype(np.int64),
         children=children,
         entry_at=np.searchsorted(rows, np.arange(count + 1)).astype(np.int64),
         column=columns,
@@ -253,8 +247,8 @@ def _within(counts: IntArray) -> IntArray:
 def _stacked(parent: IntArray, others: IntArray) -> tuple[IntArray, int]:
     """Where what each front leaves stands, and how many entries that takes.
 
-    Two stacks: of fronts at even depths, and of those at odd ones, so that a front takes from one what its children left
-    and leaves on the other; the second begins where the first ends at its highest.
+    Two stacks: of fronts at even depths, and of those at odd ones, so that a front takes from one what its children
+    left and leaves on the other; the second begins where the first ends at its highest.
     """
     depth = np.zeros(len(parent), np.int64)
     for k in range(len(parent) - 1, -1, -1):

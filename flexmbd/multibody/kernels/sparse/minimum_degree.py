@@ -23,10 +23,10 @@ _VARIABLE, _ELEMENT, _GONE = 0, 1, 2
 class QuotientGraph(ArrayStruct):
     """Blocks and elements while blocks are eliminated; all but ``lists`` (capacity,) and ``bucket`` are (b,).
 
-    begin, elements, others: where in ``lists`` a block's elements stand, how many, and how many blocks after them; of an
-    element, its blocks.  state: variable, element or neither.  weight: unknowns, of all that was merged into it.
+    begin, elements, others: where in ``lists`` a block's elements stand, how many, and how many blocks after them; of
+    an element, its blocks.  state: variable, element or neither.  weight: unknowns, of all that was merged into it.
     merged, tail: a chain of what was merged.  degree: of a variable, approximately; of an element, its unknowns.
-    outside, stamp: an element's unknowns outside the newest, and of which newest.  mark: the newest element of a variable.
+    outside, stamp: an element's unknowns outside the newest, and which that was.  mark: a variable's newest element.
     key: the sum of a variable's list; seen: in which comparison of lists an entry was met.
     bucket (unknowns + 1,), next, previous: variables by degree; listed: whether one stands there.
     waiting: 1 while a block must not go.  unspent: unknowns of an eliminated block that can give pivots.
@@ -61,7 +61,8 @@ def elimination_order(sizes: IntArray, starts: IntArray, neighbours: IntArray, r
 
     Args:
         sizes: (b,) unknowns of each block.
-        starts, neighbours: the symmetric pattern: block i couples ``neighbours[starts[i]:starts[i + 1]]``, not itself.
+        starts: (b + 1,) where the neighbours of each block stand.
+        neighbours: the symmetric pattern: block i couples ``neighbours[starts[i]:starts[i + 1]]``, not itself.
         ranks: (b,) a block waits for neighbours of lower rank.
     """
     count = len(sizes)
@@ -197,7 +198,7 @@ def _note(graph, i, order, done):
 
 @kernel
 def _new_element(graph, pivot, end):
-    """List what ``pivot`` couples at ``end`` of the lists, its elements absorbed; the new end, -1 if there is no room."""
+    """List what ``pivot`` couples at ``end`` of the lists, its elements absorbed; the new end, -1 without room."""
     lists, mark = graph.lists, graph.mark
     begin, first = end, graph.begin[pivot]
     graph.state[pivot] = _ELEMENT

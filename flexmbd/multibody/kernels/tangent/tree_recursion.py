@@ -29,8 +29,9 @@ from flexmbd.multibody.kernels.elements.table import act_between_frames, call_us
 from flexmbd.multibody.kernels.physics.joints import is_slide
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.tangent_columns import composite_change
+from flexmbd.round_off import WORTHLESS_PIVOT
 
-_LEAST_PIVOT = 1e-12  # of the terms that it is the sum of: below, its round-off is no longer small
+_LEAST_PIVOT = WORTHLESS_PIVOT  # of the terms that it is the sum of: below, its round-off is no longer small
 _DENSE_GAIN = 3.0  # how much faster LAPACK does a flop than these loops do
 _WRENCH, _MOST = 6, 6
 _ZERO = (0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@ from flexmbd.continuation.branch import beside
 from flexmbd.continuation.critical import crossings
 from flexmbd.continuation.crossing import PathCrossing
 from flexmbd.continuation.follow import PathEnd, follow, found_end
-from flexmbd.continuation.request import Bounds, Continuation, bounds_of
+from flexmbd.continuation.request import Bounds, Continuation, bounds_of, looked_at
 from flexmbd.continuation.space import PathDirection, typical_motion
 from flexmbd.continuation.station import Station, station
 from flexmbd.errors import ConvergenceError, PathError, SceneError
@@ -120,10 +120,16 @@ def _first(
 
 def _does_anything(space: MachineSpace, there: MachinePoint, to: float) -> bool:
     """Whether the factor changes a force along a motion that is free, a place, or what a motion meets (stiffness)."""
-    by = there.at.by
+    at, by = there.at, there.at.by
     if by.Xu.any() or (by.Vz.T @ there.slopes.force).any():
         return True
-    return not np.array_equal(there.at.stiffness(), space.at(there.x, to).at.stiffness())
+    others = [space.at(there.x, place).at for place in looked_at(there.factor, to)]
+    return any(
+        one.by.Xu.any()
+        or not np.array_equal(one.lacking, at.lacking)
+        or not np.array_equal(one.stiffness(), at.stiffness())
+        for one in others
+    )
 
 
 def _working_point(scene: CompiledScene, here: Station[MachinePoint]) -> WorkingPoint:

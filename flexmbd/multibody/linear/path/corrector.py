@@ -14,13 +14,14 @@ import scipy
 from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import corrected
-from flexmbd.continuation.space import PathDirection, unit
+from flexmbd.continuation.space import ALIKE, APART, PathDirection, unit
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
+from flexmbd.multibody.linear.forces_at_play import BALANCED
 from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes
-from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness, spectrum
+from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness, spectrum
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -28,11 +29,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 12
-_ALIKE = 1e-6  # of what is remembered: up to round-off
 _SINGULAR = 1e-14  # pivots over the largest one, of equations with each coordinate in the unit of its own stiffness
-_SOFT = 1e-8  # of the stiffest motion: so soft, nothing resists it
-_BALANCED = 1e-9  # of the forces at play: what drives nothing
-_APART = float(np.finfo(float).eps ** (1 / 3))  # rad, of the extent or the range: between points of a difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +150,7 @@ class MachineSpace:
         """Whether force elements remember the same."""
         plain, quaternions = coordinate_slots(self.scene.plan)
         first = len(plain) + 4 * len(quaternions)
-        return bool(np.allclose(one.x[first:], other.x[first:], rtol=_ALIKE, atol=0.0))
+        return bool(np.allclose(one.x[first:], other.x[first:], rtol=ALIKE, atol=0.0))
 
     def tangent(self, here: MachinePoint, onwards: PathDirection) -> PathDirection:
         """Unit tangent of the path at a point, on the side of a direction."""
@@ -172,7 +169,7 @@ class MachineSpace:
         left = scale * np.linalg.svd(scale[:, None] * stiffness * scale)[0][:, -1]
 
         def slope(along: PathDirection) -> float:
-            length = _APART / self.largest(along)
+            length = APART / self.largest(along)
             beside = [self.at(*self.moved(here.x, here.factor, along.times(side))).at for side in (-length, length)]
             if not all(np.array_equal(one.by.z, z) for one in beside):  # of a loop whose dependent coordinates change
                 return 0.0
@@ -262,9 +259,9 @@ class MachineSpace:
         scale = 1.0 / self._own(z, stiffness)
         left, values, across = np.linalg.svd(scale[:, None] * stiffness * scale)
         forces = np.broadcast_to(self.at_play, self.scene.nv)[z] / self.size[z] * scale
-        nothing = _BALANCED * float(np.linalg.norm(forces))
+        nothing = BALANCED * float(np.linalg.norm(forces))
         driven = np.abs(left.T @ (scale[:, None] * np.stack([here.at.lacking, here.at.by.Vz.T @ here.slopes.force], 1)))
-        kept = (values <= _SOFT * values[0]) & (driven <= nothing).all(axis=1)
+        kept = (values <= SOFT * values[0]) & (driven <= nothing).all(axis=1)
         return StillMotions(across[kept].T, left[:, kept] / scale[:, None]) if kept.any() else None
 
     def _solution(

@@ -9,11 +9,13 @@ Continuation Methods, section 1.5).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuation.follow import follow
+from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.continuation.request import Bounds
 from flexmbd.continuation.space import PathDirection, typical_motion, unit, until
 from flexmbd.continuation.station import station
@@ -21,23 +23,20 @@ from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, step_size
 from flexmbd.multibody.linear.downhill import newton_cut
-from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
 from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
-from flexmbd.multibody.linear.stability import MotionSpectrum, own_stiffness
+from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 
 _LONGEST = 0.5  # rad, or of the extent: of a path's steps
 _POINTS = 60  # of a path
-_CONVERGED = 1e-9  # rad, or of the extent: a step so short is Newton's last one
-_REFINEMENTS, _DIGITS = 3, 1e-12  # further steps, and of what was gone what they need not tell
+_REFINEMENTS = 3  # further steps
 _STRAIGHT = 0.1  # rad, or of the extent: by how much the middle of a step that is longer than 1 may lie off the path
-_RESOLVED = 1e-12  # of what linear equations sum: what they leave where they determine all motions
-_NOTHING = 1e-9  # of the forces at play: what counts as balanced along motions that nothing resists
-_SLACK = 1e-8  # of the largest stiffness: so much less may be round-off, and is compared with the forces at play
 
 
 class LostPathError(SceneError):
@@ -85,7 +84,7 @@ def forces_let_go(
     open_ = _unresolved(space, goal, step) if np.any(space.at_play) else np.zeros(len(start.by.z))
     if open_.any():
         return _along_the_path(space, goal, before, open_)
-    if space.largest(step) <= _CONVERGED:
+    if space.largest(step) <= SETTLED:
         x, _ = space.moved(start.x, 1.0, step)
         there = space.at(x, 1.0)
         return Settled(there, space.spectrum(there), False, False)
@@ -153,7 +152,7 @@ def _along_the_path(
         for stretch in follow(space, here, Bounds(to=1.0, back_to=-np.inf, longest=_LONGEST, points=_POINTS)):
             here = stretch.after
             turned = turned or here.tangent.factor < 0.0
-            if open_.any() and abs(here.point.factor) <= _NOTHING:
+            if open_.any() and abs(here.point.factor) <= BALANCED:
                 _refuse_open(space, goal, open_)
     except ConvergenceError as reason:
         raise LostPathError(f"no equilibrium found: {reason}; {_LOOK}") from reason
@@ -176,7 +175,7 @@ def _has_soft_motions(space: MachineSpace, here: MachinePoint) -> bool:
     """Whether round-off of the forces at play might move something, or be taken for a stiffness."""
     size, stiffness = space.size[here.at.by.z], np.abs(here.at.stiffness())
     own = stiffness @ size * size
-    return bool(own.min(initial=np.inf) <= _SLACK * own.max(initial=0.0)) or space.softest(here) <= _SLACK
+    return bool(own.min(initial=np.inf) <= SOFT * own.max(initial=0.0)) or space.softest(here) <= SOFT
 
 
 def _unresolved(space: MachineSpace, here: MachinePoint, step: PathDirection) -> FloatArray:
@@ -188,7 +187,7 @@ def _unresolved(space: MachineSpace, here: MachinePoint, step: PathDirection) ->
     own = own_stiffness(stiffness, space.size[z], at_play[z])
     solved = np.linalg.norm(np.abs(stiffness) @ np.abs(change) / own) + np.linalg.norm(at.lacking / own)
     carried = np.abs(at.by.Vz).T @ (at_play / space.size)
-    open_ = (np.abs(left) > _NOTHING * carried) & (np.abs(left / own) > _RESOLVED * solved)
+    open_ = (np.abs(left) > BALANCED * carried) & (np.abs(left / own) > EQUAL * solved)
     return np.where(open_, left, 0.0)
 
 
@@ -213,17 +212,37 @@ def _balanced(space: MachineSpace, goal: MachinePoint, found: Settled) -> Settle
     return found
 
 
+class _Stepping(NamedTuple):
+    """A point and Newton's step from there."""
+
+    point: MachinePoint
+    step: PathDirection
+
+
+@dataclass(frozen=True, eq=False)
+class _LastDigits:
+    """Further steps of Newton's method at a point; ``least``: a step so short changes none of the digits."""
+
+    space: MachineSpace
+    least: float
+
+    def at(self, point: MachinePoint) -> _Stepping:
+        return _Stepping(point, self.space.newton_step(point, self.space.along_factor(1.0)))
+
+    def is_solved(self, here: _Stepping, *, close: bool) -> bool:
+        return self.space.largest(here.step) <= self.least
+
+    def correction(self, here: _Stepping) -> Correction[PathDirection]:
+        return Correction(here.step, self.space.largest(here.step))
+
+    def moved(self, here: _Stepping, correction: Correction[PathDirection], *, close: bool) -> _Stepping:
+        return self.at(self.space.at(self.space.moved(here.point.x, 1.0, correction.change)[0], 1.0))
+
+
 def _refined(space: MachineSpace, point: MachinePoint, reach: float) -> MachinePoint:
     """A point after further steps of Newton's method, as long as they become shorter and change digits of ``reach``."""
-    across, last = space.along_factor(1.0), np.inf
-    for _ in range(_REFINEMENTS):
-        step = space.newton_step(point, across)
-        size = space.largest(step)
-        if size <= _DIGITS * min(1.0, reach) or not size <= 0.5 * last:
-            break
-        last = size
-        point = space.at(space.moved(point.x, 1.0, step)[0], 1.0)
-    return point
+    digits = _LastDigits(space, EQUAL * min(1.0, reach))
+    return newton(digits, digits.at(point), most=_REFINEMENTS, close=0.0, grows=0.5).place.point
 
 
 def _refuse_open(space: MachineSpace, here: MachinePoint, open_: FloatArray) -> None:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.space import LOAD_DIFFERENCE
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows, driven_coordinates
@@ -20,7 +21,6 @@ FloatArray = NDArray[np.float64]
 #: Brings ``Work.time`` of a scene up to date for a time (s), as ``run.stepping.evaluate_inputs``.
 Inputs = Callable[[CompiledScene, Work, float], None]
 
-_DIFFERENCE = 1e-4  # of the range of factors: over how much loads are differenced; exact of loads in proportion to it
 
 
 class Loading(Protocol):
@@ -112,14 +112,14 @@ def load_slopes(
     forces, places, gaps = np.zeros((2, scene.nv)), np.zeros((2, scene.nv)), np.zeros((2, m))
     rest = np.zeros(scene.nv)
     for k, side in enumerate((-1.0, 1.0)):
-        further = loading.apply(work, factor + side * _DIFFERENCE * width)
+        further = loading.apply(work, factor + side * LOAD_DIFFERENCE * width)
         residual(plan, work, x, v, rest, np.zeros(m), forces[k])
         scene.refuse_failed(work)
         forces[k] += further
         places[k, driven.v] = work.time[driven.time, 0]
         gaps[k] = np.where(rows >= 0, work.time[rows, 0], 0.0)
     loading.apply(work, factor)
-    force, place, gap = (np.diff(pair, axis=0)[0] / (2.0 * _DIFFERENCE * width) for pair in (forces, places, gaps))
+    force, place, gap = (np.diff(pair, axis=0)[0] / (2.0 * LOAD_DIFFERENCE * width) for pair in (forces, places, gaps))
     motion, row = np.zeros((3, scene.nv, 1)), np.zeros((2, m, 1))
     motion[0, :, 0], row[0, :, 0] = place, gap
     return LoadSlopes(force, Prescribed(motion, row, np.zeros((1, 1))))
