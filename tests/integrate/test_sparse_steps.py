@@ -31,7 +31,8 @@ def flexible_loop():
     drive = scene.connect(HINGE, scene.ground.frame(), crank.frame())
     drive.velocity = 2.0
     scene.connect(HINGE, crank.frame((0.3, 0.0, 0.0)), rod.frame("root"))
-    scene.connect(fm.joint.PointOnPlane("y"), scene.ground.frame((0.0, 0.1, 0.0)), rod.frame("tip"), way=fm.Way.CONSTRAINTS)
+    plane = scene.ground.frame((0.0, 0.1, 0.0))
+    scene.connect(fm.joint.PointOnPlane("y"), plane, rod.frame("tip"), way=fm.Way.CONSTRAINTS)
     turn = scene.connect(HINGE, scene.ground.frame((0.0, 1.0, 0.0)), follower.frame(), name="follower's hinge")
     scene.couple(fm.joint.Gear(drive, turn, 2.0))
     return scene

@@ -117,7 +117,7 @@ def limbs():
     driven = scene.add(brick(), name="driven")
     scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), driven.frame()).prescribe(fm.Sine(0.2, 3.0))
     stiffness = np.diag([50.0, 60.0, 70.0, 5.0, 6.0, 7.0]) + 0.5
-    scene.add_force(fm.force.Bushing(*ends, stiffness, 0.1 * stiffness))
+    scene.add_force(fm.force.Bushing(ends[0], ends[1], stiffness, 0.1 * stiffness))
     scene.add_force(fm.force.SpringDamper(last[0].frame((0.1, 0.2, 0.0)), last[1].frame(), 40.0, 3.0, 0.1))
     scene.add_force(fm.force.SpringDamper(driven.frame((0.3, 0.2, 0.0)), ends[0], 40.0, 3.0, 0.1))
     scene.add_force(fm.force.SpringDamper(scene.ground.frame((0.3, 0.2, 0.0)), last[0].frame(), 40.0, 3.0, 0.1))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
@@ -67,6 +69,16 @@ def sparse_blocks(
     return (blocks, pattern) if cost < dense else None
 
 
+def has_balls(plan: Plan) -> bool:
+    """Whether a joint turns like a ball, so that its turns do not add."""
+    return bool((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any())
+
+
+def is_augmented(plan: Plan) -> bool:
+    """Whether an augmented Lagrangian enforces a row."""
+    return bool((plan.rows[:, at.ROW_ENFORCEMENT] > 0).any())
+
+
 def new_sparse_matrix(plan: Plan, blocks: UnknownBlocks, pattern: BlockPattern) -> SparseMatrix:
     """Allocate the matrix of a plan."""
     pairs = blocks.pairs()
@@ -96,7 +108,8 @@ def new_pattern(blocks: UnknownBlocks) -> BlockPattern:
     if not waits:
         return pattern
     number = np.repeat(np.arange(len(blocks.first)), blocks.size)
-    return new_block_pattern(blocks.size, pairs, order=_in_turn(dict.fromkeys(number[pattern.unknown].tolist()), waits))
+    eliminated: Any = number[pattern.unknown].tolist()
+    return new_block_pattern(blocks.size, pairs, order=_in_turn(dict.fromkeys(eliminated), waits))
 
 
 def _in_turn(order: Iterable[int], waits: dict[int, list[int]]) -> list[int]:
@@ -130,16 +143,17 @@ def _own_unknowns(plan: Plan) -> IntArray:
 
 def _cut(plan: Plan, size: int) -> NDArray[np.bool_]:
     """(bodies,) cuts that leave some ``size`` unknowns between one and the next ones outwards."""
-    own, massless = _own_unknowns(plan).tolist(), (~plan.rigid.any(axis=1)).tolist()
-    cut = np.zeros(len(own), bool)
+    own: Any = _own_unknowns(plan).tolist()
+    massless: Any = (~plan.rigid.any(axis=1)).tolist()
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    cut = np.zeros(len(own), np.bool_)
     for i in range(len(own) - 1, -1, -1):
-        parent = plan.tree[i, at.PARENT]
-        if parent < 0:
+        if parents[i] < 0:
             continue
         if own[i] >= size and not massless[i]:
             cut[i] = True
         else:
-            own[parent] += own[i]
+            own[parents[i]] += own[i]
     return cut
 
 
@@ -152,7 +166,8 @@ def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
     section = np.empty(len(own), np.int64)
     size = own.astype(float)
     joined: set[tuple[int, int]] = set()
-    for i, parent in enumerate(plan.tree[:, at.PARENT].tolist()):
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    for i, parent in enumerate(parents):
         inner = section[parent] if parent >= 0 else i
         section[i] = inner
         if inner != i:
