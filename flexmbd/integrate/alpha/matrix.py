@@ -310,7 +310,10 @@ def linearise(plan, work, state, scratch, h):
 @kernel
 def solve_factored(plan, scratch, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
-    if scratch.pivot[0] == _OF_RECURSION:
+    if scratch.matrix.shape[0] == 1:  # where LAPACK's call would be most of the time
+        for q in range(rhs.shape[0]):
+            rhs[q, 0] /= scratch.matrix[0, 0]
+    elif scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
     elif scratch.pivot[0] == _OF_SPARSE:
         if plan.rows.shape[0] > 0:
