@@ -12,7 +12,7 @@ from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.explicit.central_difference import CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.integrate.explicit.tableau import Pair
-from flexmbd.integrate.machine_rates import machine_rates
+from flexmbd.integrate.machine_rates import MachineRates, machine_rates, rates_of_many
 from flexmbd.integrate.predicted_cost import CENTRAL, ORDER_5, ORDER_8, RADAU, RADAU_GRIPPED, StepModel, counts
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
@@ -24,7 +24,7 @@ from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
 _PAIRS = {Pair.DORMAND_PRINCE_5: ORDER_5, Pair.DORMAND_PRINCE_8: ORDER_8}
-_LARGE = 300  # velocities above which the machine's vibrations are not computed
+_LARGE = 300  # velocities above which the machine's vibrations are not all computed
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     if h is not None:
         return IntegratorChoice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
     elements = dict.fromkeys(force_elements(start.scene.plan).behaviour)
-    unseen = _unseen(start, elements)
+    unseen = ", ".join(dict.fromkeys(one.name for one in elements if one.stiffness is Stiffness.UNSEEN))
     if unseen:
         return IntegratorChoice(RadauIIA(), f"stiff: {unseen}")
     elastic = len(start.scene.plan.flex) > 0
@@ -65,16 +65,19 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     pairs = [long] if elastic or gripped or rtol <= _TIGHT else [Pair.DORMAND_PRINCE_5, long]
     if not elastic and not gripped and not any(one.stiffness is Stiffness.SEEN for one in elements):
         return IntegratorChoice(ExplicitRungeKutta(pairs[0]), f"nothing stiff, rtol = {rtol:g}")
-    return _cheapest(start, pairs, t=t, rtol=rtol)
+    rates = rates_of_many(start, t) if start.scene.nv > _LARGE else machine_rates(start, t)
+    if rates is None:
+        return IntegratorChoice(RadauIIA(), f"stiff: {_in_a_large_machine(start, elements)}")
+    return _cheapest(start, rates, pairs, rtol=rtol)
 
 
-def _cheapest(start: Start, pairs: Sequence[Pair], *, t: float, rtol: float) -> IntegratorChoice:
+def _cheapest(start: Start, rates: MachineRates, pairs: Sequence[Pair], *, rtol: float) -> IntegratorChoice:
     """The method that is predicted to take least time, of explicit pairs, Radau IIA and central differences.
 
     These are weighed with elastic bodies alone: of rigid machines their order is too low.
     """
     plan = start.scene.plan
-    rates, machine = machine_rates(start, t), counts(plan)
+    machine = counts(plan)
     gripping = list(dict.fromkeys(one.name for one in force_elements(plan).behaviour if one.grip is not None))
     radau = RADAU_GRIPPED if gripping and not len(plan.flex) else RADAU
     weighed: list[tuple[Integrator, StepModel]] = [(ExplicitRungeKutta(pair), _PAIRS[pair]) for pair in pairs]
@@ -101,14 +104,9 @@ def _with_history(interiors: Interiors) -> IntegratorChoice:
     return IntegratorChoice(CentralDifference(), "bodies with history, whose interiors step explicitly")
 
 
-def _unseen(start: Start, elements: Collection[Behaviour]) -> str:
-    """What may be stiff, in words, without the rates of the machine telling; empty if there is nothing."""
-    unseen = [one.name for one in elements if one.stiffness is Stiffness.UNSEEN]
-    if unseen:
-        return ", ".join(dict.fromkeys(unseen))
-    if start.scene.nv <= _LARGE:
-        return ""
+def _in_a_large_machine(start: Start, elements: Collection[Behaviour]) -> str:
+    """What may be stiff, in words, where the machine's rates are not known."""
     if len(start.scene.plan.flex):
         return "modes of flexible bodies in a large machine"
     stiff = [one.name for one in elements if one.stiffness is Stiffness.SEEN or one.grip is not None]
-    return f"{', '.join(dict.fromkeys(stiff))} in a large machine" if stiff else ""
+    return f"{', '.join(dict.fromkeys(stiff))} in a large machine"

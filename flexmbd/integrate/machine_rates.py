@@ -14,12 +14,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from flexmbd.integrate.krylov_rates import krylov_motions
+from flexmbd.integrate.motions import Motions
 from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.arrays import Plan, new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import gripped_velocities, gripping, grips, keep_forces
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, coordinate_sizes, fastest_rate
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.overflow import looked_at
@@ -53,31 +56,59 @@ class MachineRates:
 @looked_at()
 def machine_rates(start: Start, t: float) -> MachineRates:
     """Rates at the start, at time t (s): dense, in O(nv^3).  A start or inertias beyond numbers: infinite."""
-    mass, damping, stiffness, along = _linearised(start, t)
+    return _rates(start, _vibrations(start, t))
+
+
+@looked_at()
+def rates_of_many(start: Start, t: float) -> MachineRates | None:
+    """As ``machine_rates``, of a machine of many bodies by its sparse matrices; None where it has none."""
+    work = new_work(start.scene.plan)
+    evaluate_times(start.scene.plan, t, work.time)
+    found = krylov_motions(start, _without_grips(start.scene), work, rate=_joint_rate(start))
+    return None if found is None else _rates(start, found)
+
+
+def _rates(start: Start, found: Motions | None) -> MachineRates:
+    """By vibrations; None: they are beyond numbers."""
     motion = _joint_rate(start)
-    if not len(mass):
+    if found is None or not np.isfinite(found.squares).all():
+        return MachineRates(motion, np.inf, 0.0, 0, *np.zeros((2, 0)))
+    squares = found.squares
+    if not len(squares):
         return MachineRates(motion, 0.0, 0.0, 0, *np.zeros((2, 0)))
-    if not all(np.isfinite(part).all() for part in (mass, damping, stiffness)):
-        return MachineRates(motion, np.inf, 0.0, 0, *np.zeros((2, 0)))
-    try:
-        squares, shapes = scipy.linalg.eigh(stiffness, mass)
-    except scipy.linalg.LinAlgError:  # inertias so unlike that round-off takes the smallest
-        return MachineRates(motion, np.inf, 0.0, 0, *np.zeros((2, 0)))
     motion = max(motion, float(np.sqrt(max(-squares[0], 0.0))))
-    contact, held = _grips(start, motion, along @ shapes)
-    decay = np.abs(np.linalg.eigvalsh(shapes.T @ damping @ shapes + held)).max()
+    contact, held = _grips(start, motion, found.shapes)
+    decay = np.abs(np.linalg.eigvalsh(found.damping + held)).max()
     fastest = max(float(np.sqrt(np.abs(squares).max())), contact, float(decay))
     quick = squares > motion * motion
     rates = np.sqrt(squares[quick])
-    modal = shapes.T @ mass @ np.linalg.pinv(along)
-    free = start.scene.plan.free
-    pushes, runs = (modal @ part[free] for part in (start.a, start.v))
-    swings = np.hypot(pushes[quick] / squares[quick], runs[quick] / rates)
-    moved = np.abs(along @ shapes[:, quick]) * swings  # (free, k): each coordinate by each vibration
+    swings = np.hypot(found.pushes[quick] / squares[quick], found.runs[quick] / rates)
+    moved = np.abs(found.shapes[:, quick]) * swings  # (free, k): each coordinate by each vibration
     amplitudes = (moved / _sizes(start, moved)[:, None]).max(axis=0, initial=0.0)
     followed = 0.0 if len(start.scene.plan.flex) else contact
     gripped = int(np.count_nonzero(gripping(start.scene.plan)))
     return MachineRates(motion, fastest, followed, gripped, rates, amplitudes)
+
+
+def _vibrations(start: Start, t: float) -> Motions | None:
+    """All vibrations, by dense matrices; None where these are beyond numbers."""
+    mass, damping, stiffness, along = _linearised(start, t)
+    if not all(np.isfinite(part).all() for part in (mass, damping, stiffness)):
+        return None
+    if not len(mass):
+        return Motions(np.zeros(0), along, damping, *np.zeros((2, 0)))
+    try:
+        squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    except scipy.linalg.LinAlgError:  # inertias so unlike that round-off takes the smallest
+        return None
+    modal = shapes.T @ mass @ np.linalg.pinv(along)
+    pushes, runs = (modal @ part[start.scene.plan.free] for part in (start.a, start.v))
+    return Motions(squares, along @ shapes, shapes.T @ damping @ shapes, pushes, runs)
+
+
+def _without_grips(scene: CompiledScene) -> Plan:
+    """The plan without stops and friction."""
+    return keep_forces(scene.plan, range(len(scene.plan.forces)), ~gripping(scene.plan))
 
 
 def _grips(start: Start, motion: float, shapes: FloatArray) -> tuple[float, FloatArray]:
@@ -112,7 +143,7 @@ def _sizes(start: Start, moved: FloatArray) -> FloatArray:
 def _linearised(start: Start, t: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Symmetric M, D and K of the motions that loops leave, without stops and friction, and these (free, k)."""
     scene = start.scene
-    plan, n = keep_forces(scene.plan, range(len(scene.plan.forces)), ~gripping(scene.plan)), scene.nv
+    plan, n = _without_grips(scene), scene.nv
     sizes = np.stack([coordinate_sizes(scene), np.zeros(n)])
     work, tangent_work = new_work(plan), new_tangent_work(plan, n, sizes=sizes)
     evaluate_times(plan, t, work.time)

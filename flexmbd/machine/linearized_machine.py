@@ -21,6 +21,7 @@ from flexmbd.multibody.linear.linearize import LinearEquations
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
+from flexmbd.round_off import of_solver
 from flexmbd.run.stats import NOTHING_SPENT
 from flexmbd.run.trajectory import Trajectory
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 _MOST_INSTANTS = 10**6  # of a film of hours
+
+
+_LEAST_OF_MANY, _FEW_OF_MANY = 200, 4  # rows from which, and so many to each eigenvalue, not all are computed
 
 
 class StateSpace(NamedTuple):
@@ -253,9 +257,29 @@ class LinearizedMachine:
         order = np.lexsort((-values.imag, np.abs(values)))
         return values[order], vectors[:, order]
 
-    def eigenvalues(self) -> ComplexArray:
-        """(ny + nz,) 1/s, in ascending size, of pairs the one with positive imaginary part first."""
-        return self._modes[0].copy()
+    @checked()
+    def eigenvalues(self, *, modes: int | None = None) -> ComplexArray:
+        """(ny + nz,) 1/s, in ascending size, of pairs the one with positive imaginary part first.
+
+        With ``modes`` as many of the smallest alone, or one more that is the other of a pair: of a machine with
+        hundreds of coordinates, none of which is free to move, they take a small part of the time of all.
+
+        Raises:
+            SceneError: ``modes`` is no number of modes.
+        """
+        if modes is None:
+            return self._modes[0].copy()
+        if is_truth(modes) or not isinstance(modes, int | np.integer) or modes < 1:
+            raise SceneError(f"modes must be a whole number of eigenvalues from 1, not {modes!r}")
+        A = self._system[0]
+        wanted = int(modes) + 1  # the other of the last pair
+        values = None
+        if "_modes" not in vars(self) and len(A) >= max(_FEW_OF_MANY * wanted, _LEAST_OF_MANY):
+            values = _smallest_eigenvalues(A, wanted)
+        if values is None:
+            values = self._modes[0]
+        parts_pair = modes < len(values) and values[modes - 1].imag > 0.0
+        return values[: modes + int(parts_pair)].copy()
 
     def frequencies(self) -> FloatArray:
         """Hz, |eigenvalue| / (2 pi) of the vibrations, in ascending order; real eigenvalues have none."""
@@ -345,3 +369,20 @@ class LinearizedMachine:
         import flexmbd.visual as visual  # matplotlib loads only here
 
         return visual.plot_response(self, omega, path=path, title=title)
+
+
+def _smallest_eigenvalues(A: FloatArray, count: int) -> ComplexArray | None:
+    """(count,) of A (n, n) by inverse iteration, sorted as all are; None where some may be zero.
+
+    Arnoldi's method (Lehoucq, Sorensen & Yang 1998).
+    """
+    from scipy.sparse.linalg import LinearOperator, eigs
+
+    n, lapack = len(A), scipy.linalg.lapack
+    *factors, zero = lapack.dgetrf(A)
+    if zero or lapack.dgecon(factors[0], np.abs(A).sum(axis=0).max())[0] <= of_solver(n):
+        return None
+    inverse = LinearOperator((n, n), lambda b: lapack.dgetrs(*factors, b)[0])
+    first = np.random.default_rng(0).standard_normal(n)
+    values = 1.0 / eigs(inverse, k=count, v0=first, return_eigenvectors=False)
+    return np.asarray(values[np.lexsort((-values.imag, np.abs(values)))])

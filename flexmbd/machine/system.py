@@ -19,6 +19,7 @@ from flexmbd.continuation.request import Continuation
 from flexmbd.errors import EquilibriumWarning, SceneError, warn
 from flexmbd.given import checked, refuse_other
 from flexmbd.integrate.automatic import choose
+from flexmbd.integrate.matrix_text import matrix_text
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.machine.compilable import CompilableMachine
 from flexmbd.machine.linearization import linear_machine, working_point
@@ -235,12 +236,13 @@ class System(CompilableMachine, Steppable):
         start = self.start()
         if integrator == "auto":
             choice = choose(start, t=0.0, rtol=rtol, h=h)
-            method = f"{choice.method.name} ({choice.why})"
+            chosen, why = choice.method, choice.why
         else:
             refuse_no_integrator(integrator)
-            method = f"{integrator.name} (as asked)"
+            chosen, why = integrator, "as asked"
+        method = f"{chosen.name} ({why})"
         sampled = "".join(f"{one.explained}\n" for one in self._controllers)
-        return f"{explain(start)}\n{sampled}integrator: {method}"
+        return f"{explain(start)}\n{sampled}{matrix_text(chosen, start.scene)}integrator: {method}"
 
     def simulate(
         self,

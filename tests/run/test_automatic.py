@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from machines import pendulum, slider_crank
 from particles import particle_body
+from spring_lattice import linked_pendulums, spring_lattice
 
 import flexmbd as fm
 from flexmbd.errors import SceneError
 from flexmbd.forms.beam_timoshenko import Parameters
-from flexmbd.integrate.machine_rates import machine_rates
+from flexmbd.integrate.automatic import choose
+from flexmbd.integrate.machine_rates import machine_rates, rates_of_many
 
 
 def with_spring(stiffness):
@@ -100,8 +102,7 @@ def with_beam(*, looped, softer=1.0):
 )
 def test_the_method_suits_the_scene(scene, arguments, chosen, why):
     machine = scene()
-    said = machine.explain(**arguments).splitlines()[-1]
-    assert said.startswith("integrator: ")
+    (said,) = (line for line in machine.explain(**arguments).splitlines() if line.startswith("integrator: "))
     assert chosen in said
     assert why in said
     run = machine.simulate(0.01, **arguments)
@@ -227,3 +228,31 @@ def test_every_rank_chooses_the_same():
     mpi = pytest.importorskip("mpi4py.MPI")
     said = mpi.COMM_WORLD.allgather(flexible(stiffer=1e4).explain(rtol=1e-3))
     assert set(said) == {said[0]}
+
+
+@pytest.mark.parametrize("kind", ["lattice", "damped lattice", "loops"])
+def test_rates_of_many_bodies_as_by_dense_matrices(kind):
+    """The fastest rate, and the vibrations that count most with what the start excites of each."""
+    if kind == "loops":
+        scene = linked_pendulums(60)
+    else:
+        damping = 30.0 if kind == "damped lattice" else 0.0
+        scene = spring_lattice(20, 5, fm.joint.Generic("xy"), damping=damping)[0]
+    start = scene.start()
+    every, found = machine_rates(start, 0.0), rates_of_many(start, 0.0)
+    assert found.motion == pytest.approx(every.motion, rel=1e-6)
+    assert found.fastest == pytest.approx(every.fastest, rel=1e-2)
+    assert found.fastest <= every.fastest * (1.0 + 1e-9)  # as of any space of motions that the loops allow
+    for order in (4.0, 7.0):
+        wanted, told = (one.vibrations * one.amplitudes ** (1.0 / order) for one in (every, found))
+        assert told.max(initial=0.0) == pytest.approx(wanted.max(initial=0.0), rel=0.1)
+
+
+def test_a_large_lattice_is_stepped_as_its_rates_say():
+    """Soft springs: nothing stiff in how many there are."""
+    scene, _ = spring_lattice(40, 5, fm.joint.Generic("xy"), damping=1.0)
+    start = scene.start()
+    assert start.scene.nv > 300
+    chosen = choose(start, t=0.0, rtol=1e-7, h=None)
+    assert isinstance(chosen.method, fm.ExplicitRungeKutta)
+    assert "vibrations up to" in chosen.why

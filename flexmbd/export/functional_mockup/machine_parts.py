@@ -138,7 +138,7 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     if isinstance(method, ExplicitRungeKutta):
         run = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
         return Parts(run, resting, state, plan, breaks=breaks.jumps, impulses=impulses)
-    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv)
+    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv, dense=True)
     memory = scratch.memory
     memory.index[0] = method.index
     memory.scheme[:] = method.coefficients()

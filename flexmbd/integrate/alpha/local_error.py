@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import solve_factored
+from flexmbd.integrate.alpha.sparse_loops import is_sparse, remove_across_sparse, solve_tree_sparse
 from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
@@ -72,6 +73,9 @@ def _filter(plan, work, state, scratch):
 @deferred_kernel()
 def _solve_tree(plan, scratch):
     """Solve with the tree's iteration matrix for ``s.error_v``, in place."""
+    if is_sparse(scratch):
+        solve_tree_sparse(plan, scratch, scratch.error_v)
+        return
     free = scratch.tangent.blocks.free
     solve_blocks(plan.lapack, scratch.tree_matrix, free, scratch.tree_pivot, scratch.sizes, scratch.error_v)
 
@@ -79,6 +83,9 @@ def _solve_tree(plan, scratch):
 @kernel
 def _remove_across_rows(plan, state, scratch, vector):
     """Remove from a vector (free,) what reactions of the rows would make: rows hold positions and velocities there."""
+    if is_sparse(scratch):
+        remove_across_sparse(plan, scratch, vector)
+        return
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
         first, last = between(blocks.free, c)

@@ -5,6 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.alpha.sparse_loops import (
+    assemble,
+    is_sparse,
+    linearise_loops,
+    solve_loops,
+    tell_worthless,
+)
 from flexmbd.integrate.alpha.workspace import (
     coefficients,
     holds_position_alone,
@@ -17,13 +24,13 @@ from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, is_augmented
+from flexmbd.multibody.kernels.sparse.block_lu import factor_sparse, solve_sparse
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 from flexmbd.multibody.kernels.tangent.residual_tangent import turn_columns, turn_row_columns
-from flexmbd.multibody.kernels.tangent.tree_factor import factor_tree, solve_tree
 from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
 
-# In place of LAPACK's first pivot: the factors are those of the tree, of its lines of ancestors or of the recursion.
-_OF_TREE, _OF_RECURSION = -1, -2
+# In place of LAPACK's first pivot: the factors are those of the recursion over the tree or of a sparse matrix.
+_OF_RECURSION, _OF_SPARSE = -1, -2
 
 
 @kernel
@@ -251,10 +258,31 @@ def _solve_recursion(plan, scratch, rhs):
     solve_recursion(plan, scratch.recursion, rhs)
 
 
+@deferred_kernel(FLAG)
+def _linearise_sparse(plan, work, scratch, per_x, per_v):
+    """Build and factor the sparse matrix of a tree; False if a pivot is worthless."""
+    assemble(plan, work, scratch, per_x, per_v, 1.0)
+    return factor_sparse(scratch.sparse.pattern, scratch.sparse.matrix)
+
+
+@deferred_kernel()
+def _solve_sparse(scratch, rhs):
+    """Solve with its factors; unknowns of cut bodies come last, and no force acts on them."""
+    sparse = scratch.sparse
+    right = sparse.rhs[0]
+    for q in range(rhs.shape[0]):
+        for i in range(rhs.shape[1]):
+            right[i] = rhs[q, i]
+        for i in range(rhs.shape[1], right.shape[0]):
+            right[i] = 0.0
+        solve_sparse(sparse.pattern, sparse.matrix, sparse.rhs)
+        for i in range(rhs.shape[1]):
+            rhs[q, i] = right[i]
+
+
 @kernel
 def linearise(plan, work, state, scratch, h):
     """Build and factor the iteration matrix at the last trial; False if it is singular."""
-    nu = plan.free.shape[0]
     m = plan.rows.shape[0]
     per_x, per_v = coefficients(scratch.memory.scheme, h)
     state.counts[st.FACTORISATIONS] += 1
@@ -262,28 +290,36 @@ def linearise(plan, work, state, scratch, h):
     scratch.memory.contraction[0] = 1.0
     if scratch.recursion.number.shape[0] > 0 and _recur(plan, work, scratch, per_x, per_v):
         return True
+    if is_sparse(scratch):
+        scratch.pivot[0] = _OF_SPARSE
+        if m > 0:
+            regular = linearise_loops(plan, work, state, scratch, per_x, per_v)
+        else:
+            regular = _linearise_sparse(plan, work, scratch, per_x, per_v)
+        if not regular:
+            tell_worthless(plan, state, scratch)
+        return regular
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False
     if not _is_finite(scratch):
         return False
-    scratch.pivot[0] = _OF_TREE
-    if scratch.ancestors.shape[0] > 0 and factor_tree(scratch.ancestors, scratch.matrix):
-        return True
-    if scratch.ancestors.shape[0] > 0:  # it failed without pivoting, and is overwritten
-        for i in range(nu):
-            for j in range(nu):
-                scratch.matrix[i, j] = scratch.full_tangent[plan.free[i], plan.free[j]]
     return factor_blocks(plan.lapack, scratch.matrix, scratch.bounds, scratch.pivot, scratch.sizes)
 
 
 @kernel
 def solve_factored(plan, scratch, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
-    if scratch.pivot[0] == _OF_TREE:
-        solve_tree(scratch.ancestors, scratch.matrix, rhs)
+    if scratch.matrix.shape[0] == 1:  # where LAPACK's call would be most of the time
+        for q in range(rhs.shape[0]):
+            rhs[q, 0] /= scratch.matrix[0, 0]
     elif scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
+    elif scratch.pivot[0] == _OF_SPARSE:
+        if plan.rows.shape[0] > 0:
+            solve_loops(plan, scratch, rhs)
+        else:
+            _solve_sparse(scratch, rhs)
     elif scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, rhs)
     else:

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import linearise, solve_factored
+from flexmbd.integrate.alpha.sparse_loops import is_sparse, shift_positions, sizes_of_correction
 from flexmbd.integrate.alpha.workspace import (
     ALPHA_F,
     ALPHA_M,
@@ -59,6 +60,13 @@ def update_end(plan, work, state, scratch, h, unknown):
             (0.5 - beta) * scratch.memory.auxiliary[k] + beta * auxiliary
         )
         scratch.v[k] = state.v[k] + h * ((1.0 - gamma) * scratch.memory.auxiliary[k] + gamma * auxiliary)
+    if m > 0 and is_sparse(scratch):
+        for i in range(m):
+            scratch.multipliers[i] = unknown[nu + i]
+        shift_positions(plan, scratch, unknown[nu + m :], per_x, scratch.displacement)
+        retract(plan, state.x, scratch.displacement, scratch.x)
+        drive(plan, work, scratch.x, scratch.v, scratch.a)
+        return
     blocks = scratch.tangent.blocks
     free, displacement, direction = plan.free, scratch.displacement, scratch.shift_direction
     for c in range(blocks.velocity.shape[0]):
@@ -123,6 +131,8 @@ def correct(plan, state, scratch, h):
     imbalance = 0.0
     for i in range(scratch.unknown.shape[0]):
         scratch.unknown[i] -= scratch.correction[0, i]
+    if m > 0 and is_sparse(scratch):
+        return sizes_of_correction(plan, state, scratch, per_x, per_v)
     reactions = scratch.correction[0, nu : nu + m]
     correction, direction = scratch.correction[0], scratch.shift_direction
     blocks = scratch.tangent.blocks

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
+from flexmbd.integrate.matrix_choice import alpha_matrix
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -15,11 +16,13 @@ from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, is_augmented
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, block_matrix, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
-from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, is_cheaper_than_dense
-from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
+from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
+from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix
+from flexmbd.multibody.kernels.tangent.sparse_parts import LoopMatrices, new_loop_matrices
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion
 
 FloatArray = NDArray[np.float64]
 
@@ -107,8 +110,10 @@ class AlphaWorkspace(ArrayStruct):
     row_factors: (m, m) of the blocks of C B^-1 C^T, with row_order (m,) and row_rank (c,); least_pivot: (1,) of rows of
     unit length, 1 without rows.
     bounds: (c + 1,) of the blocks of the iteration matrix; sorted_rhs: (1, n) a right-hand side sorted by them.
-    phi, phi_rate, phi_rate2: (m,) residuals of the rows.  ancestors: see ``tree_factor.ancestors``.
-    kernels: addresses of the tangent, and of that for the recursion where it serves.
+    phi, phi_rate, phi_rate2: (m,) residuals of the rows.
+    sparse: the matrix where that is cheaper; what is dense has no entries there.  loops: see ``sparse_loops``.
+    kernels: addresses of the tangent (0: of a sparse matrix), of that for the recursion where it serves, and of that of
+    a sparse matrix.
     """
 
     x: FloatArray
@@ -150,26 +155,39 @@ class AlphaWorkspace(ArrayStruct):
     pivot: NDArray[np.int32]
     tree_pivot: NDArray[np.int32]
     sizes: NDArray[np.int32]
-    ancestors: NDArray[np.int64]
     recursion: TreeRecursion
+    sparse: SparseMatrix
+    loops: LoopMatrices
     kernels: NDArray[np.int64]
     tangent: TangentWork
     data: DataLoads
     memory: AlphaMemory
 
 
-def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False) -> AlphaWorkspace:
-    """Allocate the work arrays of a step for ``plan``; ``interiors`` couple all branches of the tree."""
+def new_workspace(
+    plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False, dense: bool = False
+) -> AlphaWorkspace:
+    """Allocate the work arrays of a step for ``plan``.
+
+    ``interiors`` couple all branches of the tree.  ``dense``: by LAPACK alone, whatever is cheaper.
+    """
     m, nu = len(plan.rows), len(plan.free)
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
-    tangent = new_tangent_work(plan, nv, sizes=scales)
-    full = zeros((nv, nv))
+    choice = alpha_matrix(plan, dense=dense or interiors)
+    recursion, found = choice.recursion, choice.sparse
+    bounds, free = choice.bounds, choice.side_by_side.free
+    tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
+    full = zeros((0, 0) if found else (nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
-    bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
-    recursion = new_tree_recursion(plan, np.diff(free))
-    kernels = [address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)), 0]
+    kernels = [0, 0, 0]
+    if found:
+        arguments = (plan, work, tangent, sparse.to, *state, 0.0, 0.0, 0.0, sparse.matrix.values)
+        kernels[2] = address_of(assemble_sparse, arguments)
+        bounds = free = free[:1]
+    else:
+        kernels[0] = address_of(tangent_after_residual, (plan, work, tangent, *state, 0.0, 0.0, 0.0, full))
     if len(recursion.number):
         kernels[1] = address_of(
             tree_tangent_after_residual, (plan, work, tangent, recursion, *state[:3], 0.0, 0.0, 0.0)
@@ -195,8 +213,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         rate_stiffness=zeros((m, int(np.diff(free).max(initial=0)))),
         tangent_stiffness=zeros((len(plan.elements) if stiffness_may_change(plan) else 0, 2)),
         interior_stiffness=zeros((nu, nu) if interiors else (0, 0)),
-        shift_direction=zeros((m, nu)),
-        row_factors=zeros((m, m)),
+        shift_direction=zeros((0, 0) if found else (m, nu)),
+        row_factors=zeros((0, 0) if found else (m, m)),
         row_order=zeros(m, np.int64),
         row_rank=zeros(len(tangent.blocks.velocity), np.int64),
         least_pivot=np.ones(1),
@@ -214,21 +232,14 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool =
         pivot=zeros(max(1, n), np.int32),
         tree_pivot=zeros(max(1, nu), np.int32),
         sizes=zeros(N_SIZES, np.int32),
-        ancestors=_ancestor_table(plan, tangent.blocks, serves=not (interiors or len(recursion.number))),
         recursion=recursion,
+        sparse=sparse,
+        loops=new_loop_matrices(plan, found),
         kernels=np.array(kernels),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),
     )
-
-
-def _ancestor_table(plan: Plan, blocks: DiagonalBlocks, *, serves: bool) -> NDArray[np.int64]:
-    """Ancestors of the unknowns where it ``serves`` and to factor by the tree is cheaper than as a whole; else none."""
-    if not serves or len(plan.rows) or len(blocks.velocity) != 1:
-        return np.zeros((0, 1), np.int64)
-    lines = ancestors(plan)
-    return lines if is_cheaper_than_dense(lines) else lines[:0]
 
 
 @kernel

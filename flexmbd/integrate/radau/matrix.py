@@ -6,6 +6,14 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
+from flexmbd.integrate.radau.sparse_matrices import (
+    factor_both,
+    is_sparse,
+    put_block_imbalance,
+    solve_complex_blocks,
+    solve_real_blocks,
+    take_blocks,
+)
 from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, TREE_TANGENT, evaluate_stage
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
@@ -76,6 +84,8 @@ def take_tangent(plan, work, state, scratch, stage):
     scratch.memory.step_factored[0] = 0.0
     if recurs(scratch):
         return _take_parts(plan, work, scratch, stage)
+    if is_sparse(scratch):
+        return take_blocks(plan, work, scratch, stage)
     derive(plan, work, scratch, stage, 1.0, 0.0, 0.0)
     _take_free(plan, scratch, scratch.stiffness)
     _take_rows(plan, scratch.tangent.blocks, scratch.tangent.rate_jacobian, scratch.rate_jacobian)
@@ -157,6 +167,9 @@ def put_imbalance(plan, scratch, step):
     """Write M ``s.error_v`` - ``step`` K ``s.error_x`` into the coordinates' part of ``s.rhs_real``."""
     if recurs(scratch):
         _put_tree_imbalance(plan, scratch, step)
+        return
+    if is_sparse(scratch):
+        put_block_imbalance(scratch, step)
         return
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
@@ -265,6 +278,8 @@ def factor_step(plan, state, scratch, h):
     scratch.memory.step_factored[0] = h
     if recurs(scratch):
         return _factor_recursions(plan, scratch, h)
+    if is_sparse(scratch):
+        return factor_both(scratch, h)
     if plan.rows.shape[0] > 0 and not _shift_directions(plan, scratch, h):
         return False
     _fill_matrix(plan, scratch, h / REAL + 0.0, scratch.real_matrix)
@@ -281,6 +296,9 @@ def solve_real(plan, scratch):
     if recurs(scratch):
         _solve_real_recursion(plan, scratch)
         return
+    if is_sparse(scratch):
+        solve_real_blocks(scratch)
+        return
     if scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
         return
@@ -293,6 +311,9 @@ def solve_real(plan, scratch):
 def _solve_complex(plan, scratch):
     if recurs(scratch):
         _solve_complex_recursion(plan, scratch)
+        return
+    if is_sparse(scratch):
+        solve_complex_blocks(scratch)
         return
     if scratch.bounds.shape[0] == 2:
         matrix, pivot = scratch.complex_matrix, scratch.pivot_complex

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
+from flexmbd.integrate.matrix_choice import radau_matrix
 from flexmbd.integrate.radau.coefficients import NODES, STAGES, TO_POWERS, WEIGHTS
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.algebra.so3 import left_jacobian_inverse, load3, scale3, store3
@@ -28,7 +29,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, block_matrix
 from flexmbd.multibody.kernels.tangent.recursion_parts import (
     ComplexRecursion,
     RecursionParts,
@@ -36,15 +37,18 @@ from flexmbd.multibody.kernels.tangent.recursion_parts import (
     new_recursion_parts,
 )
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual, tree_tangent_after_residual
-from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
+from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
+from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix
+from flexmbd.multibody.kernels.tangent.sparse_parts import ShiftedMatrix, new_shifted_matrix
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
 # Entries of RadauWorkspace.kernels: kernels called by their addresses.
-RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, TREE_TANGENT, N_KERNELS = range(5)
+RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, TREE_TANGENT, SPARSE_TANGENT, N_KERNELS = range(6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +125,7 @@ class RadauWorkspace(ArrayStruct):
     own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     kernels: addresses of large kernels, which are compiled once and not within each of the method's kernels.
     recursion, complex_recursion, parts: the tangent and its factors where ``tree_recursion`` serves; the matrices have
-    no entries there, the others none elsewhere.
+    no entries there, the others none elsewhere.  sparse, shifted: likewise, where a sparse matrix is cheaper.
     """
 
     x: FloatArray
@@ -186,6 +190,8 @@ class RadauWorkspace(ArrayStruct):
     recursion: TreeRecursion
     complex_recursion: ComplexRecursion
     parts: RecursionParts
+    sparse: SparseMatrix
+    shifted: ShiftedMatrix
     tangent: TangentWork
     data: DataLoads
     memory: RadauMemory
@@ -197,12 +203,14 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
-    tangent = new_tangent_work(plan, nv, sizes=scales)
-    bounds, free = unknown_bounds(tangent.blocks, 2), tangent.blocks.free
-    recursion = new_tree_recursion(plan, np.diff(free))
-    if len(recursion.number):  # no matrix
+    choice = radau_matrix(plan)
+    recursion, found = choice.recursion, choice.sparse
+    bounds, free = choice.bounds, choice.side_by_side.free
+    tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
+    no_matrix = choice.recurs or found is not None
+    if no_matrix:
         bounds = free = free[:1]
-    phi, full = zeros((3, m)), zeros((0, 0) if len(recursion.number) else (nv, nv))
+    phi, full = zeros((3, m)), zeros((0, 0) if no_matrix else (nv, nv))
     state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
     kernels = zeros(N_KERNELS, np.int64)
     kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
@@ -211,6 +219,9 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     if len(recursion.number):
         by_tree = (plan, work, tangent, recursion, *state[:3], 0.0, 0.0, 0.0)
         kernels[TREE_TANGENT] = address_of(tree_tangent_after_residual, by_tree)
+    elif found:
+        by_blocks = (plan, work, tangent, sparse.to, *state, 0.0, 0.0, 0.0, sparse.matrix.values)
+        kernels[SPARSE_TANGENT] = address_of(assemble_sparse, by_blocks)
     else:
         whole = (plan, work, tangent, *state, 0.0, 0.0, 0.0, full)
         kernels[TANGENT_AFTER_RESIDUAL] = address_of(tangent_after_residual, whole)
@@ -277,6 +288,8 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         recursion=recursion,
         complex_recursion=new_complex_recursion(recursion),
         parts=new_recursion_parts(recursion),
+        sparse=sparse,
+        shifted=new_shifted_matrix(sparse.pattern),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
         memory=_new_memory(nv, m),

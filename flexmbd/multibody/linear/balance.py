@@ -14,7 +14,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 from flexmbd.multibody.kernels.physics.joints import retract
-from flexmbd.multibody.kernels.reading.evaluated_motion import world_motion
+from flexmbd.multibody.kernels.reading.evaluated_motion import world_places
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.linear.derivatives import Derivatives, derive
 from flexmbd.multibody.linear.elimination import Elimination, Prescribed, eliminate, own_coordinates
@@ -220,7 +220,8 @@ def motion_sizes(scene: CompiledScene, work: Work, x: FloatArray) -> FloatArray:
     """
     plan = scene.plan
     forward_kinematics(plan, work, x, *np.zeros((2, scene.nv)))
-    places = np.array([world_motion(plan, work, k).p for k in range(len(plan.frames))]).reshape(-1, 3)
+    places = np.zeros((len(plan.frames), 3))
+    world_places(plan, work, places)
     spread = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
     grows = max(1.0, spread / scene.extent)
     lengths = np.isin(scene.group_kind[scene.group_of], (kinds.GROUP_LENGTH, kinds.GROUP_MODAL))

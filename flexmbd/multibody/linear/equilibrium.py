@@ -18,10 +18,11 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.downhill import most_lacking, stable_below
 from flexmbd.multibody.linear.forces_at_play import forces_at_play
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
+from flexmbd.multibody.linear.sparse_equilibrium import stable_equilibrium
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
 from flexmbd.multibody.linear.steadiness import STEADY, refuse_changing, refuse_unsteady, start_moving
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
-from flexmbd.multibody.linear.strain_predictor import strain_predictor
+from flexmbd.multibody.linear.strain_predictor import strain_predictor, stretches
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
@@ -83,8 +84,13 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> ToldE
 def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> ToldEquilibrium:
     """As ``find_equilibrium``, whether or not the motion is steady."""
     scene = start.scene
-    here = balance(scene, work, start.x, start.v, motion=motion)
     sizes = motion_sizes(scene, work, start.x)
+    if not (start.v.any() or motion.pairs or scene.state_mask.any() or scene.interiors or stretches(scene.plan)):
+        found = stable_equilibrium(scene, work, start.x, sizes)
+        if found is not None:
+            point = _point(scene, work, found.x, start.v, found.multipliers)
+            return ToldEquilibrium(replace(point, unstable=0, neutral=found.neutral), None)
+    here = balance(scene, work, start.x, start.v, motion=motion)
     if scene.state_mask.any():
         if stable:
             raise SceneError(
@@ -131,17 +137,24 @@ def _working_point(
     scene: CompiledScene, work: Work, there: ForceBalance, after: MotionSpectrum | None
 ) -> WorkingPoint:
     """A state in balance, with what force elements and bodies with history remember there."""
-    t, x = float(work.time[-1, 0]), there.x
     kept = NO_INTERIORS
     if scene.interiors is not None:
-        balance(scene, work, x, there.v, motion=there.motion)  # what was tried last may be another state
+        balance(scene, work, there.x, there.v, motion=there.motion)  # what was tried last may be another state
         kept = _committed(scene)
+    point = replace(_point(scene, work, there.x, there.v, there.multipliers), interiors=kept)
+    return point if after is None else replace(point, unstable=after.unstable, neutral=_neutral(scene, after))
+
+
+def _point(
+    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, multipliers: FloatArray
+) -> WorkingPoint:
+    """A state in balance, with what force elements remember there."""
+    t = float(work.time[-1, 0])
     if memories_end(scene.plan):
         x = x.copy()
-        remember(scene.plan, work, x, there.v, t)
-    refuse_other_sides(scene, t, x, there.v)
-    unstable, neutral = (None, ()) if after is None else (after.unstable, _neutral(scene, after))
-    return WorkingPoint(scene, t, x, there.v, there.multipliers, kept, unstable, neutral=neutral)
+        remember(scene.plan, work, x, v, t)
+    refuse_other_sides(scene, t, x, v)
+    return WorkingPoint(scene, t, x, v, multipliers)
 
 
 def _committed(scene: CompiledScene) -> InteriorSnapshot:

@@ -24,7 +24,7 @@ from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
-_HAS_POTENTIAL = 1e-6  # of the coordinates' own stiffness: what derivatives of users' functions by differences may lack
+HAS_POTENTIAL = 1e-6  #: of the coordinates' own stiffness: what derivatives of users' functions by differences may lack
 SOFT = 1e-8  #: of the stiffest motion: so soft, nothing resists it but what round-off may be
 
 
@@ -142,7 +142,7 @@ def has_potential(scene: CompiledScene, at: ForceBalance, *, at_play: FloatArray
     skew, stiffness = at.by.Vz.T @ skew @ at.by.Vz, at.stiffness()
     z = at.by.z
     own = own_stiffness(stiffness, coordinate_sizes(scene)[z], np.broadcast_to(at_play, scene.nv)[z])
-    return bool((np.abs(skew / np.outer(own, own)) <= _HAS_POTENTIAL).all())
+    return bool((np.abs(skew / np.outer(own, own)) <= HAS_POTENTIAL).all())
 
 
 def own_stiffness(stiffness: FloatArray, size: FloatArray, at_play: FloatArray | float = 0.0) -> FloatArray:

@@ -94,6 +94,11 @@ class StrainPredictor:
         return slack_elsewhere(self.beams, -excess.reshape(-1, 6))
 
 
+def stretches(plan: Plan) -> bool:
+    """Whether a machine has such strains."""
+    return any(True for _ in membrane_stretches(plan)) or len(beam_elements_alone(plan).elements) > 0
+
+
 def strain_predictor(plan: Plan, work: Work, nv: int) -> StrainPredictor:
     """Of a machine's plan with nv velocities."""
     beams = beam_elements_alone(plan)

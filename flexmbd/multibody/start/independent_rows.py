@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_values, coordinate_sizes, row_sizes
 from flexmbd.multibody.start.loop_closing import CLOSED, close_as_far
-from flexmbd.round_off import EQUAL
+from flexmbd.round_off import EQUAL, ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
@@ -201,12 +201,26 @@ def decompose_rows(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowD
 def _decomposed(slopes: FloatArray, driven: FloatArray, holds: NDArray[np.bool_], blur: float) -> RowDecomposition:
     """The decomposition of slopes (m, free) known to ``blur``."""
     m, free = slopes.shape
-    left, found = scipy.linalg.svd(slopes)[:2] if free else (np.eye(m), np.zeros(0))
+    left, found = _left_vectors(slopes) if free else (np.eye(m), np.zeros(0))
     largest = max(float(found.max(initial=0.0)), 1e-300)
     sigma = np.zeros(m)
     sigma[: len(found)] = found / largest
     # The terms of slopes are of size 1 or less: where all slopes are rounding of these, none is known.
     return RowDecomposition(slopes, driven, holds, left, sigma, blur / min(largest, 1.0))
+
+
+def _left_vectors(slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """All left singular vectors of slopes (m, n), and the singular values; rows that are round-off have none."""
+    norms = np.linalg.norm(slopes, axis=1)
+    told = np.flatnonzero(norms > ROUND_OFF * norms.max(initial=0.0))
+    m, count = len(slopes), len(told)
+    if count == m:
+        return scipy.linalg.svd(slopes)[:2]
+    inner, found = scipy.linalg.svd(slopes[told])[:2]
+    left = np.zeros((m, m))
+    left[told, :count] = inner
+    left[np.setdiff1d(np.arange(m), told), np.arange(count, m)] = 1.0
+    return left, found
 
 
 def independent_rows(

@@ -7,6 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from flexmbd.multibody.plan.row_slopes import RowSlopes
+from flexmbd.round_off import ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -61,6 +62,10 @@ def _shares(
 ) -> FloatArray:
     """The step (n,) of a block, as shares of full size; ``scaled`` (k, n), ``price`` and ``before`` are per such."""
     priced = price > 0.0
+    told = np.linalg.norm(scaled, axis=1)
+    told = told > ROUND_OFF * told.max(initial=0.0)  # what out of a plane says nothing need not be decomposed
+    if not told.all():
+        scaled, gap = scaled[told], gap[told]
     u, sigma, vt = scipy.linalg.svd(scaled, full_matrices=bool(priced.any()))
     rank = int(np.sum(sigma > _RANK * max(sigma.max(initial=0.0), 1e-300)))
     if blurred is None:

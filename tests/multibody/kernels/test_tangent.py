@@ -18,7 +18,6 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
 from flexmbd.multibody.kernels.tangent.tangent_layout import new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_factor import ancestors, factor_tree, is_cheaper_than_dense, solve_tree
 from flexmbd.multibody.plan.scene_matrices import constraint_jacobian, constraint_values, mass_matrix
 
 # central differences of order 8
@@ -255,47 +254,6 @@ def test_forces_of_users_by_differences():
     beta = x[compiled.index.joints[hinge].x.start]
     expected[k, k] += 0.3 * 9.0 * beta**2 + 0.7 * 0.8 * abs(v[k])
     np.testing.assert_allclose(added, expected, atol=1e-8)
-
-
-def test_factors_of_the_tree_fill_nothing_in():
-    """Against LAPACK, on a tree of flexible limbs; entries outside the pattern stay as they were."""
-    compiled = branched_scene().compile().scene
-    plan = tree_only(compiled)
-    matrix = analytic(plan, random_state(compiled, 3), (1e-4, 1e-2, 1.0))
-    lines = ancestors(plan)
-    allowed = np.eye(len(matrix), dtype=bool)
-    for k, line in enumerate(lines):
-        allowed[k, line[1 : 1 + line[0]]] = allowed[line[1 : 1 + line[0]], k] = True
-    assert not matrix[~allowed].any()
-    assert allowed.mean() < 0.75
-    factors = matrix.copy()
-    factors[~allowed] = np.nan
-    assert factor_tree(lines, factors)
-    sides = np.random.default_rng(0).standard_normal((3, len(matrix)))
-    found = sides.copy()
-    solve_tree(lines, factors, found)
-    np.testing.assert_allclose(found, np.linalg.solve(matrix, sides.T).T, rtol=1e-10, atol=1e-12)
-
-
-def test_factors_of_the_tree_refuse_a_small_pivot():
-    lines = np.array([[0, 0], [1, 0]])
-    assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, 1.0]]))
-    assert not factor_tree(lines, np.array([[1.0 + 1e-10, 1.0], [1.0, 1.0]]))
-    assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, 0.0]]))
-    assert not factor_tree(lines, np.array([[1.0, 1.0], [1.0, np.nan]]))
-
-
-def test_the_trees_factors_are_taken_where_they_pay():
-    branched, chain = fm.System(), fm.System()
-    for scene, limbs, links in ((branched, 8, 4), (chain, 1, 32)):
-        for i in range(limbs):
-            end = scene.ground.frame()
-            for k in range(links):
-                link = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"{i}, {k}")
-                scene.connect(fm.joint.Revolute("y"), end, link.frame())
-                end = link.frame(p=(1.0, 0.0, 0.0))
-    assert is_cheaper_than_dense(ancestors(branched.compile().scene.plan))
-    assert not is_cheaper_than_dense(ancestors(chain.compile().scene.plan))
 
 
 def branched_scene():

@@ -361,3 +361,44 @@ def test_a_steered_bicycle_against_differences():
         return other
 
     compare(scene, lin, variant, [seen])
+
+
+def mass_chain(count, *, held, damping=0.0):
+    """Masses of 2 kg in a row on springs of 50 N/m, held at one end or at none."""
+    scene, before = fm.System(), None
+    for n in range(count):
+        mass = scene.add(fm.RigidBody(2.0, (1.0, 1.0, 1.0)), name=f"mass {n}")
+        scene.connect(fm.joint.Prismatic("x"), scene.ground.frame((float(n), 0, 0)), mass.frame())
+        if before is not None:
+            scene.add_force(fm.force.SpringDamper(before, mass.frame(), 50.0, 1.0, damping))
+        elif held:
+            scene.add_force(fm.force.SpringDamper(scene.ground.frame((-1.0, 0, 0)), mass.frame(), 50.0, 1.0, damping))
+        before = mass.frame()
+    return scene
+
+
+def test_a_few_eigenvalues_of_many():
+    """Of a chain held at one end: 2 sqrt(k / m) sin((2 j - 1) pi / (4 n + 2)), damped in proportion."""
+    n, damping = 120, 0.4
+    few = mass_chain(n, held=True, damping=damping).linearize().eigenvalues(modes=7)
+    rate = 2.0 * 5.0 * np.sin((2.0 * np.arange(1, 5) - 1.0) * np.pi / (4.0 * n + 2.0))
+    decay = damping / 50.0 * rate**2 / 2.0
+    expected = -decay + 1j * np.sqrt(rate**2 - decay**2)
+    np.testing.assert_allclose(few, np.ravel([expected, expected.conj()], order="F"), rtol=1e-9)  # 8: no pair is parted
+
+
+def test_a_few_eigenvalues_of_what_is_free_to_move():
+    """Two that are zero, of the whole chain's motion, as the root of round-off lets them be."""
+    n = 110
+    machine = mass_chain(n, held=False).linearize()
+    few = machine.eigenvalues(modes=6)
+    rates = 2.0 * 5.0 * np.sin(np.arange(1, 3) * np.pi / (2.0 * n))
+    assert abs(few[:2]).max() < 1e-5
+    np.testing.assert_allclose(few[2:], 1j * np.ravel([rates, -rates], order="F"), rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(mass_chain(3, held=True).linearize().eigenvalues(modes=99).shape, (6,))
+
+
+@pytest.mark.parametrize("modes", [0, -3, 2.5, True, "all"])
+def test_no_number_of_eigenvalues(modes):
+    with pytest.raises(fm.errors.SceneError, match="modes"):
+        mass_chain(3, held=True).linearize().eigenvalues(modes=modes)

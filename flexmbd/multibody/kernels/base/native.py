@@ -28,8 +28,18 @@ def complex_lapack_addresses() -> np.ndarray:
     return _addresses("zgetrf", "zgetrs")
 
 
-def _addresses(*names: str) -> np.ndarray:
-    exported = extension_module("scipy.linalg.cython_lapack").__pyx_capi__
+def blas_addresses() -> np.ndarray:
+    """(2,) addresses of BLAS's dgemm and dtrsm."""
+    return _addresses("dgemm", "dtrsm", library="blas")
+
+
+def complex_blas_addresses() -> np.ndarray:
+    """(2,) addresses of zgemm and ztrsm."""
+    return _addresses("zgemm", "ztrsm", library="blas")
+
+
+def _addresses(*names: str, library: str = "lapack") -> np.ndarray:
+    exported = extension_module(f"scipy.linalg.cython_{library}").__pyx_capi__
     return np.array([_address_in(exported[name]) for name in names], np.int64)
 
 
@@ -182,6 +192,18 @@ def _call_getrf(typingctx, address, pointers):
 @intrinsic
 def _call_getrs(typingctx, address, pointers):
     return _caller(9)
+
+
+@intrinsic
+def call_gemm(typingctx, address, pointers):
+    """Call BLAS's product at an address, with the 13 addresses of its arguments."""
+    return _caller(13)
+
+
+@intrinsic
+def call_trsm(typingctx, address, pointers):
+    """Call BLAS's triangular solve at an address, with the 11 addresses of its arguments."""
+    return _caller(11)
 
 
 @kernel

@@ -70,4 +70,5 @@ USER_LAW = GeneralisedForce(
     _subtract,
     _subtract_tangent,
     slope=_slope,
+    couples=False,
 )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
-from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +43,15 @@ def world_motion(plan: Plan, work: Work, frame: int) -> RigidMotion:
     p, R, v, w, *_ = frame_motion(plan, work, frame)
     turn = np.array(R).reshape(3, 3)
     return RigidMotion(np.array(p), turn, turn @ v, turn @ w)
+
+
+@entry_kernel
+def world_places(plan, work, out):
+    """The origins (frames, 3) of all frames of the plan, in inertial axes."""
+    for k in range(plan.frames.shape[0]):
+        p = frame_motion(plan, work, k)[0]
+        for c in range(3):
+            out[k, c] = p[c]
 
 
 def frame_in_body(work: Work, frame: int) -> tuple[FloatArray, FloatArray]:

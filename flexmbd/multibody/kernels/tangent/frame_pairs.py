@@ -1,4 +1,4 @@
-"""The tangent of what acts between two frames: reactions of constraint rows and force elements.
+"""The tangent of what acts between two frames: force elements, and by ``row_pairs`` reactions of constraint rows.
 
 Both give a wrench from the motion of frame G against frame F in F's axes, and its variation.  Columns that move one of
 the frames and not the other change it; that it goes along with the bodies is part of their columns already.
@@ -7,7 +7,6 @@ the frames and not the other change it; that it goes along with the bodies is pa
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
@@ -19,24 +18,42 @@ from flexmbd.multibody.kernels.elements.table import (
     is_between_frames,
     is_of_pairs,
 )
-from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, relative_motion
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
-from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench, row_wrench_variation
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import clear_rows
 from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
-from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION
+from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, RATE, SHIFT, TURN
 
 
 @kernel
-def _add_unknown(tw, count, k, twist, motion, column, o, sign):
-    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+def _enter(tw, count, k):
+    """Put unknown k on the path, without a twist, where it is not there yet; return the path's length."""
     if tw.path_mark[k] == 0:
         tw.path_mark[k] = 1
         tw.path[count] = k
         count += 1
         for t in range(18):
             tw.path_twist[t, k] = 0.0
+    return count
+
+
+@kernel
+def _add_cut(tw, count, first, o, sign):
+    """Add the entries of a cut body's motion, from unknown ``first``, that say where it is and how fast."""
+    for t in range(3):
+        for entry in (t, RATE + t, SHIFT + t, TURN + t):
+            count = _enter(tw, count, first + entry)
+        tw.path_twist[o + t, first + TURN + t] = 1.0
+        tw.path_twist[o + 3 + t, first + SHIFT + t] = 1.0
+        tw.path_twist[12 + t, first + t] += sign
+        tw.path_twist[15 + t, first + RATE + t] += sign
+    return count
+
+
+@kernel
+def _add_unknown(tw, count, k, twist, motion, column, o, sign):
+    """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
+    count = _enter(tw, count, k)
     for t in range(6):
         tw.path_twist[o + t, k] = twist[t, column]
     for t in range(3):
@@ -56,6 +73,8 @@ def _collect_path(plan, tw, f, o, sign, count):
             for k in range(plan.flex[tree[at.FLEX], at.N_MODES]):
                 q = tree[at.MODAL_V] + k
                 count = _add_unknown(tw, count, q, tw.edge_twist, tw.edge_motion, edge + k, o, sign)
+        if tw.cut_of[b] >= 0:
+            return _add_cut(tw, count, tw.cut_of[b], o, sign)
         for k in range(tree[at.JOINT_SIZE]):
             j = tree[at.JOINT_V] + k
             count = _add_unknown(tw, count, j, tw.twist, tw.motion, j, o, sign)
@@ -65,13 +84,14 @@ def _collect_path(plan, tw, f, o, sign, count):
 
 
 @kernel
-def _collect_paths(plan, tw, f, g):
+def collect_paths(plan, tw, f, g):
     """Enter all unknowns that move frames f or g into the path; return their number."""
     return _collect_path(plan, tw, g, 6, 1.0, _collect_path(plan, tw, f, 0, -1.0, 0))
 
 
 @kernel
-def _clear_path(tw, count):
+def clear_path(tw, count):
+    """Take all unknowns off the path."""
     for i in range(count):
         tw.path_mark[tw.path[i]] = 0
 
@@ -92,7 +112,7 @@ def relative_variation(phi, r, turn, rate, c_G, v_G, w_F, w_G, R_F):
 
 
 @kernel
-def _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
+def variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     """Variation of G's motion against F by unknown k: whether there is one, dd, dtheta, drate, dspin (F's axes).
 
     Also the relative twist (phi, r) itself, in world axes.
@@ -103,6 +123,8 @@ def _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
     turn = (m[12, k], m[13, k], m[14, k])
     rate = (m[15, k], m[16, k], m[17, k])
     any_of = abs(phi[0]) + abs(phi[1]) + abs(phi[2]) + abs(r[0]) + abs(r[1]) + abs(r[2])
+    if k >= tw.twist.shape[1]:  # an entry of a cut body's motion, of which some are rates alone
+        any_of += abs(turn[0]) + abs(turn[1]) + abs(turn[2]) + abs(rate[0]) + abs(rate[1]) + abs(rate[2])
     moved = scale3(per_x, phi), scale3(per_x, r)
     dd, dtheta, drate, dspin = relative_variation(moved[0], moved[1], turn, rate, c_G, v_G, w_F, w_G, R_F)
     return any_of > 0.0, dd, dtheta, drate, dspin, phi, r
@@ -119,7 +141,7 @@ def pair_frames(plan, work, tw, f, g):
 
 
 @kernel
-def _put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
+def put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
     """Store what unknown k changes of the wrench between F and G, about o in world axes.
 
     ``dforce``, ``dmoment`` about F's origin in F's axes; (force, torque) the wrench itself in world axes.
@@ -133,14 +155,14 @@ def _put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
 
 
 @kernel
-def _put_first(tw, moved, j):
+def put_first(tw, moved, j):
     """Exchange the path's unknown j with the one at ``moved``; one more than that."""
     tw.path[moved], tw.path[j] = tw.path[j], tw.path[moved]
     return moved + 1
 
 
 @kernel
-def _add_changes(tw, count, moved, matrix):
+def add_changes(tw, count, moved, matrix):
     """Add the stored changes, on the ``count`` unknowns that move F or G, by the first ``moved`` of them.
 
     The others move both alike, as all that lies between the two and the ground does, and change nothing.
@@ -148,14 +170,14 @@ def _add_changes(tw, count, moved, matrix):
     path, wrench = tw.path, tw.path_wrench
     for i in range(count):
         r = path[i]
-        motion = _motion_of_pair(tw.path_twist, r)
+        motion = motion_of_pair(tw.path_twist, r)
         for j in range(moved):
             k = path[j]
-            matrix[r, k] += _change(wrench, motion, k)
+            matrix[r, k] += change_by(wrench, motion, k)
 
 
 @kernel
-def _motion_of_pair(twist, r):
+def motion_of_pair(twist, r):
     """What unknown r turns and moves: G relative to F, then G."""
     angular, linear = (twist[6, r], twist[7, r], twist[8, r]), (twist[9, r], twist[10, r], twist[11, r])
     apart = (angular[0] - twist[0, r], angular[1] - twist[1, r], angular[2] - twist[2, r])
@@ -164,8 +186,8 @@ def _motion_of_pair(twist, r):
 
 
 @kernel
-def _change(wrench, motion, k):
-    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``_motion_of_pair``."""
+def change_by(wrench, motion, k):
+    """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``motion_of_pair``."""
     apart, away, angular, linear = motion
     t = 0.0
     for c in range(3):
@@ -175,8 +197,11 @@ def _change(wrench, motion, k):
 
 
 @kernel
-def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, matrix):
-    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G."""
+def load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a, at_f, at_g):
+    """Columns of the modes that move F or G under the wrench (force, torque about o; world axes) on G.
+
+    ``at_f`` and ``at_g`` have the entries of their bodies' modes.
+    """
     for side in range(2):
         end = f if side == 0 else g
         if tw.edge_of[end] >= 0:
@@ -184,114 +209,16 @@ def _load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_
             for t in range(3):
                 tw.point[tl.C_FORCE + t] = sign * force[t]
                 tw.point[tl.C_TORQUE + t] = sign * torque[t]
+            matrix = at_f if side == 0 else at_g
             frame_columns(plan, work, tw, end, tw.point, x, v, a, per_x, per_v, per_a, matrix)
 
 
 @kernel
-def _same_frames(row, other):
-    return row[at.ROW_F] == other[at.ROW_F] and row[at.ROW_G] == other[at.ROW_G]
-
-
-@kernel
-def _last_of_group(plan, first):
-    """One past the last row that joins the same frames as row ``first``."""
-    last = first + 1
-    while (
-        last < plan.rows.shape[0]
-        and plan.rows[last, at.ROW_KIND] != kinds.ROW_COUPLING
-        and _same_frames(plan.rows[first], plan.rows[last])
-    ):
-        last += 1
-    return last
-
-
-@kernel
-def _coupling_row(plan, tw, i, per_v):
-    """Jacobian of a coupling of coordinates."""
-    o = plan.rows[i, at.ROW_DATA]
-    for k in range(int(plan.data[o])):
-        v, share = coupling_term(plan, o, k)
-        tw.jacobian[i, v] += share
-        tw.rate_jacobian[i, v] += per_v * share
-
-
-@kernel
-def _total_wrench(plan, first, last, multipliers, d, R):
-    """Wrench of rows first .. last - 1 together, at G, in F's axes."""
-    force = torque = (0.0, 0.0, 0.0)
-    for i in range(first, last):
-        one, turn = row_wrench(plan.data, plan.rows[i], d, R)
-        force = add3(force, scale3(multipliers[i], one))
-        torque = add3(torque, scale3(multipliers[i], turn))
-    return force, torque
-
-
-@kernel
-def _row_column(plan, tw, i, k, d, R, rate, spin, change, multiplier):
-    """Jacobians of row i by unknown k; returns what k changes of the row's wrench, times the multiplier."""
-    dd, dtheta, drate, dspin, unit, turn = change
-    row = plan.rows[i]
-    force, torque = row_wrench(plan.data, row, d, R)
-    dforce, dtorque = row_wrench_variation(plan.data, row, d, R, dd, dtheta)
-    tw.jacobian[i, k] = dot3(force, unit) + dot3(torque, turn)
-    tw.rate_jacobian[i, k] = (
-        dot3(dforce, rate) + dot3(dtorque, spin) + dot3(force, drate) + dot3(torque, dspin)
-    )
-    return scale3(multiplier, dforce), scale3(multiplier, dtorque)
-
-
-@kernel
-def _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix):
-    """Rows first .. last - 1, which join the same two frames."""
-    f, g = plan.rows[first, at.ROW_F], plan.rows[first, at.ROW_G]
-    d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-    c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
-    force, torque = _total_wrench(plan, first, last, multipliers, d, R)
-    pull = rotate(R_F, force)
-    moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
-    count = _collect_paths(plan, tw, f, g)
-    moved = 0
-    for j in range(count):
-        k = tw.path[j]
-        moves, dd, dtheta, drate, dspin, phi, r = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
-        if not moves:
-            continue
-        moved = _put_first(tw, moved, j)
-        dforce = dtorque = (0.0, 0.0, 0.0)
-        unit = rotate_back(R_F, add3(r, cross3(phi, c_G)))
-        change = (dd, dtheta, drate, dspin, unit, rotate_back(R_F, phi))
-        for i in range(first, last):
-            one, turn = _row_column(plan, tw, i, k, d, R, rate, spin, change, multipliers[i])
-            dforce = add3(dforce, one)
-            dtorque = add3(dtorque, turn)
-        dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
-        _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
-    _add_changes(tw, count, moved, matrix)
-    _clear_path(tw, count)
-
-
-@deferred_kernel()
-def add_closures(plan, work, tw, x, v, a, multipliers, per_x, per_v, per_a, matrix):
-    """Add the geometric stiffness of the rows' reactions; write ``tw.jacobian`` and ``tw.rate_jacobian``."""
-    clear_rows(tw.blocks, tw.jacobian)
-    clear_rows(tw.blocks, tw.rate_jacobian)
-    first = 0
-    while first < plan.rows.shape[0]:
-        if plan.rows[first, at.ROW_KIND] == kinds.ROW_COUPLING:
-            _coupling_row(plan, tw, first, per_v)
-            first += 1
-            continue
-        last = _last_of_group(plan, first)
-        _add_group(plan, work, tw, first, last, x, v, a, multipliers, per_x, per_v, per_a, matrix)
-        first = last
-
-
-@kernel
-def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
+def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """Store what the unknowns change of a force between frames, which is applied, so subtracted.
 
-    Returns how many unknowns move one of the frames and how many of these, the first of the path, move them apart.
+    ``at_f`` and ``at_g`` have the entries of the modes that move the frames, and of states.  Returns how many unknowns
+    move one of the frames and how many of these, the first of the path, move them apart.
     """
     f, g = row[at.EL_F], row[at.EL_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
@@ -300,24 +227,25 @@ def _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
-    count = _collect_paths(plan, tw, f, g)
+    load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
+    count = collect_paths(plan, tw, f, g)
     moved = 0
     for j in range(count):
         k = tw.path[j]
-        moves, dd, dtheta, drate, dspin, phi, r = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        moves, dd, dtheta, drate, dspin, phi, r = variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
         if not moves:
             continue
-        moved = _put_first(tw, moved, j)
-        step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
+        moved = put_first(tw, moved, j)
+        sized = k if k < tw.twist.shape[1] else 0  # laws that need a difference meet no cut bodies
+        step = difference_step(per_x, per_v, tw.size_x[sized], tw.size_v[sized])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
         if row[at.EL_V] >= 0:
-            add_rates(plan, work, row, k, 1.0, matrix)
+            add_rates(plan, work, row, k, 1.0, at_g)
         dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
-        _put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
+        put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
     if row[at.EL_V] >= 0:
-        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, matrix)
+        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, at_g)
     return count, moved
 
 
@@ -336,10 +264,10 @@ def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v, matrix):
             tw.path_twist[t, k] = 0.0
         tw.path[count] = k
         count += 1
-        moved = _put_first(tw, moved, count - 1)
+        moved = put_first(tw, moved, count - 1)
         dforce = scale3(-per_v, force)
         dmoment = add3(scale3(-per_v, torque), cross3(d, dforce))
-        _put_change(tw, k, 0.0, none, none, dforce, dmoment, none, none, c_F, R_F)
+        put_change(tw, k, 0.0, none, none, dforce, dmoment, none, none, c_F, R_F)
     return count, moved
 
 
@@ -357,7 +285,7 @@ def _put_frame_load(plan, work, tw, row, count):
     load = tw.frame_loads[row[at.EL_X]]
     load[:] = 0.0
     for j in range(count):
-        apart, away, _, _ = _motion_of_pair(tw.path_twist, tw.path[j])
+        apart, away, _, _ = motion_of_pair(tw.path_twist, tw.path[j])
         load[tw.path[j]] = dot3(away, pull) + dot3(apart, moment)
 
 
@@ -367,11 +295,11 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]) and not is_of_pairs(row[at.EL_KIND]):
-            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix)
-            _add_changes(tw, count, moved, matrix)
+            count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
+            add_changes(tw, count, moved, matrix)
             if row[at.EL_X] >= 0:
                 _put_frame_load(plan, work, tw, row, count)
-            _clear_path(tw, count)
+            clear_path(tw, count)
 
 
 @kernel
@@ -390,12 +318,12 @@ def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_between_frames(row[at.EL_KIND]) and not (placed and is_from_ground(plan, row)):
-            count, moved = _put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own)
+            count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, recursion.own, recursion.own)
             for j in range(moved):
                 k = tw.path[j]
                 for q in range(moved):
-                    motion = _motion_of_pair(tw.path_twist, tw.path[q])
-                    recursion.own[tw.path[q], recursion.place[k]] += _change(tw.path_wrench, motion, k)
+                    motion = motion_of_pair(tw.path_twist, tw.path[q])
+                    recursion.own[tw.path[q], recursion.place[k]] += change_by(tw.path_wrench, motion, k)
                 for c in range(6):
                     recursion.push[k, c] -= tw.path_wrench[6 + c, k]
-            _clear_path(tw, count)
+            clear_path(tw, count)

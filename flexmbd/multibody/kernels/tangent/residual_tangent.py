@@ -22,10 +22,11 @@ from flexmbd.multibody.kernels.tangent.body_moments import (
     rigid_composite,
 )
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, clear_blocks
-from flexmbd.multibody.kernels.tangent.frame_pairs import add_closures, add_elements, add_elements_of_joints
+from flexmbd.multibody.kernels.tangent.frame_pairs import add_elements, add_elements_of_joints
 from flexmbd.multibody.kernels.tangent.ground_forces import add_ground_forces
 from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
 from flexmbd.multibody.kernels.tangent.pair_tangent import add_pairs
+from flexmbd.multibody.kernels.tangent.row_pairs import add_closures
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
     add_product,
     add_products,
@@ -37,8 +38,8 @@ from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, put_bodies,
 
 
 @kernel
-def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
-    """Each body's moments, and all about its own modes."""
+def begin_columns(plan, work, tw):
+    """Place the point o, and clear what columns add up."""
     for k in range(3):
         tw.origin[k] = 0.0
         tw.origin[3 + k] = 0.0
@@ -51,16 +52,22 @@ def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
             tw.origin[3 + k] = velocity[k]
     tw.wrench[:] = 0.0
     tw.projection[:] = 0.0
+
+
+@kernel
+def _body_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
+    """Each body's moments, and all about its own modes."""
+    begin_columns(plan, work, tw)
     for i in range(plan.tree.shape[0]):
         tree = plan.tree[i]
         if tree[at.FLEX] < 0:
             rigid_composite(plan, work, tw, i)
         else:
-            _add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, matrix)
+            add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, matrix)
 
 
 @deferred_kernel()
-def _add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, matrix):
+def add_modes(plan, work, tw, i, x, v, a, per_x, per_v, per_a, matrix):
     """Moments of flexible body i, and all about its own modes."""
     tree = plan.tree[i]
     n = plan.flex[tree[at.FLEX], at.N_MODES]
@@ -81,10 +88,16 @@ def _inward_sweep(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
         f = tree[at.FRAME_PARENT]
         if plan.frame_of[f, at.FRAME_MODES] >= 0:
             frame_columns(plan, work, tw, f, tw.body[i], x, v, a, per_x, per_v, per_a, matrix)
-        parent = tree[at.PARENT]
-        if parent >= 0:
-            for k in range(tl.C_FORCE):
-                tw.body[parent, k] += tw.body[i, k]
+        carry_inward(plan, tw, i)
+
+
+@kernel
+def carry_inward(plan, tw, i):
+    """Add the moments of body i, and of all outboard of it, to those of the body that carries it."""
+    parent = plan.tree[i, at.PARENT]
+    if parent >= 0:
+        for k in range(tl.C_FORCE):
+            tw.body[parent, k] += tw.body[i, k]
 
 
 @kernel
@@ -106,7 +119,7 @@ def _twist_product(tw, r, k):
 
 
 @kernel
-def _joint_block(plan, tw, link, matrix):
+def joint_block(plan, tw, link, matrix):
     """The unknowns of one joint among themselves.
 
     What slides along an axis of the parent's frame does not turn with the body; an axis of turning moves with it.
@@ -123,25 +136,28 @@ def _joint_block(plan, tw, link, matrix):
 
 
 @deferred_kernel()
-def _mode_block(tw, edge, n, first, start, stop, matrix):
-    """Unknowns start .. stop - 1 of a body outboard of a frame, with the n modes that move the frame."""
+def mode_block(tw, edge, n, first, start, stop, outer, inner):
+    """Unknowns start .. stop - 1 of a body outboard of a frame, with the n modes that move the frame.
+
+    ``outer`` has the rows of those outboard, ``inner`` those of the modes: the same matrix, or two blocks of one.
+    """
     for r in range(start, stop):
-        row = matrix[r, first : first + n]
+        row = outer[r, first : first + n]
         for t in range(3):
             feel = (tw.projection[3 * t, r], tw.projection[3 * t + 1, r], tw.projection[3 * t + 2, r])
             add_product(feel, tw.edge_motion, 3 * t, edge, row)
     for b in range(n):
         angular, linear = load_column(tw.edge_twist, edge + b)
-        add_products(linear, angular, tw.wrench, start, matrix[first + b, start:stop])
+        add_products(linear, angular, tw.wrench, start, inner[first + b, start:stop])
 
 
 @kernel
-def _joint_coupling_block(tw, o, size, start, stop, matrix):
-    """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o."""
+def joint_coupling_block(tw, o, size, start, stop, outer, inner):
+    """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o; ``outer``, ``inner``: as above."""
     for r in range(start, stop):
         for k in range(o, o + size):
-            matrix[r, k] += _projection_product(tw, r, tw.motion, k)
-            matrix[k, r] += _twist_product(tw, k, r)
+            outer[r, k] += _projection_product(tw, r, tw.motion, k)
+            inner[k, r] += _twist_product(tw, k, r)
 
 
 @kernel
@@ -153,10 +169,10 @@ def _ancestor_sweep(plan, tw, matrix):
         o = tree[at.JOINT_V]
         modes = 0
         q = tree[at.MODAL_V]
-        _joint_block(plan, tw, tree, matrix)
+        joint_block(plan, tw, tree, matrix)
         if tree[at.FLEX] >= 0:
             modes = plan.flex[tree[at.FLEX], at.N_MODES]
-            _joint_coupling_block(tw, o, size, q, q + modes, matrix)
+            joint_coupling_block(tw, o, size, q, q + modes, matrix, matrix)
         child = i
         parent = tree[at.PARENT]
         while parent >= 0:
@@ -165,11 +181,11 @@ def _ancestor_sweep(plan, tw, matrix):
             edge = tw.edge_of[f]
             if edge >= 0:
                 n = plan.flex[above[at.FLEX], at.N_MODES]
-                _mode_block(tw, edge, n, above[at.MODAL_V], o, o + size, matrix)
-                _mode_block(tw, edge, n, above[at.MODAL_V], q, q + modes, matrix)
+                mode_block(tw, edge, n, above[at.MODAL_V], o, o + size, matrix, matrix)
+                mode_block(tw, edge, n, above[at.MODAL_V], q, q + modes, matrix, matrix)
             above_size = above[at.JOINT_SIZE]
-            _joint_coupling_block(tw, above[at.JOINT_V], above_size, o, o + size, matrix)
-            _joint_coupling_block(tw, above[at.JOINT_V], above_size, q, q + modes, matrix)
+            joint_coupling_block(tw, above[at.JOINT_V], above_size, o, o + size, matrix, matrix)
+            joint_coupling_block(tw, above[at.JOINT_V], above_size, q, q + modes, matrix, matrix)
             child = parent
             parent = above[at.PARENT]
 

@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, sides_end
 from flexmbd.multibody.kernels.elements.table import act_between_frames
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks
+from flexmbd.multibody.kernels.tangent.unknown_blocks import UnknownBlocks
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,8 +51,10 @@ class TangentWork(ArrayStruct):
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
     path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
     path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
-    jacobian: (rows, nv) rates of the constraint rows per unit velocity.
-    rate_jacobian: (rows, nv) derivative of the rows' rates, per_x by x and per_v by v.
+    jacobian: (rows, nv) rates of the constraint rows per unit velocity.  For a sparse matrix (rows, longest path), and
+    ``row_unknown`` has the unknowns of its columns, ``row_count`` many, in the first of rows that join the same frames.
+    rate_jacobian: likewise, derivative of the rows' rates, per_x by x and per_v by v.
+    cut_of: (bodies,) the first unknown of a cut body, -1 of others.
     move, moved_x, moved_v: (nv,), (nx,), (nv,) a state nearby.
     size_x, size_v: (nv,) sizes of positions and of velocities, of which users' functions are moved by a share.
     out: (nv,) residual.
@@ -76,6 +79,9 @@ class TangentWork(ArrayStruct):
     path_wrench: FloatArray
     jacobian: FloatArray
     rate_jacobian: FloatArray
+    row_unknown: IntArray
+    row_count: IntArray
+    cut_of: IntArray
     move: FloatArray
     moved_x: FloatArray
     moved_v: FloatArray
@@ -87,23 +93,27 @@ class TangentWork(ArrayStruct):
     blocks: DiagonalBlocks
 
 
-def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
+def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownBlocks | None = None) -> TangentWork:
     """Allocate the tangent's scratch space for ``plan`` with nv velocities.
 
     ``sizes``: (2, nv) of positions and of velocities, kept and not copied, for they may change from step to step;
-    those of velocities may be zero where there is no derivative by them.
+    those of velocities may be zero where there is no derivative by them.  ``blocks``: of a sparse matrix, which has
+    other unknowns besides but no prescribed velocities.
     """
-    edge_of = np.full(len(plan.frames), -1, np.int64)
-    edges = 0
-    for f, (body, modes, _) in enumerate(plan.frame_of):
-        if modes >= 0:
-            edge_of[f] = edges
-            edges += int(plan.flex[plan.tree[body, at.FLEX], at.N_MODES])
+    edge_of, edges = edge_columns(plan)
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
     polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
     loaded = _frame_load_times(plan)
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     zeros = np.zeros
+    n, longest, m = nv, nv, len(plan.rows)
+    cut_of = np.full(len(plan.tree), -1, np.int64)
+    if blocks is not None:
+        n, longest = blocks.unknowns, blocks.longest_path
+        cut_of[blocks.cuts] = [blocks.cut(k) for k in range(len(blocks.cuts))]
+    marks = zeros(n, np.int64)
+    if blocks is not None:
+        marks[plan.driven[:, at.DRIVEN_V]] = 1  # as if they were on the path already
     return TangentWork(
         origin=zeros(6),
         body=zeros((len(plan.tree), N_COMPOSITE)),
@@ -117,12 +127,15 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         mode_moments=zeros((M_SECOND_RATES + 9, most)),
         second=zeros((polynomial, polynomial)),
         point=zeros(N_COMPOSITE),
-        path=zeros(nv, np.int64),
-        path_mark=zeros(nv, np.int64),
-        path_twist=zeros((18, nv)),
-        path_wrench=zeros((12, nv)),
-        jacobian=zeros((len(plan.rows), nv)),
-        rate_jacobian=zeros((len(plan.rows), nv)),
+        path=zeros(n, np.int64),
+        path_mark=marks,
+        path_twist=zeros((18, n)),
+        path_wrench=zeros((12, n)),
+        jacobian=zeros((m, longest)),
+        rate_jacobian=zeros((m, longest)),
+        row_unknown=zeros((m if blocks is not None else 0, longest), np.int64),
+        row_count=zeros(m, np.int64),
+        cut_of=cut_of,
         move=zeros(nv),
         moved_x=zeros(max(nv + quaternions, memories_end(plan), sides_end(plan))),
         moved_v=zeros(nv),
@@ -133,6 +146,16 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray) -> TangentWork:
         frame_load_times=loaded,
         blocks=diagonal_blocks(plan),
     )
+
+
+def edge_columns(plan: Plan) -> tuple[IntArray, int]:
+    """(frames,) the first edge column of a deforming frame, -1 of the others; and how many columns there are."""
+    edge_of = np.full(len(plan.frames), -1, np.int64)
+    edges = 0
+    for f in np.flatnonzero(plan.frame_of[:, at.FRAME_MODES] >= 0):
+        edge_of[f] = edges
+        edges += int(plan.flex[plan.tree[plan.frame_of[f, at.FRAME_BODY], at.FLEX], at.N_MODES])
+    return edge_of, edges
 
 
 def _frame_load_times(plan: Plan) -> IntArray:

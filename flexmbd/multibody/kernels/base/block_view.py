@@ -1,0 +1,33 @@
+"""One block of a sparse matrix as an array whose rows and columns are counted as the whole matrix's."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base.on_demand import intrinsic, types
+
+
+@intrinsic
+def block_view(typingctx, values, base, stride, n):
+    """The array (n, n) whose entry (r, k) is ``values[base + stride * r + k]``.
+
+    ``base`` may be negative: of the view only entries that lie in ``values`` may be touched.
+    """
+    kind = types.Array(values.dtype, 2, "A")
+
+    def codegen(context, builder, signature, arguments):
+        from numba.np.arrayobj import make_array, populate_array
+
+        array = make_array(kind)(context, builder)
+        own = make_array(signature.args[0])(context, builder, arguments[0])
+        size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+        word = context.get_value_type(types.intp)
+        populate_array(
+            array,
+            data=builder.gep(own.data, [arguments[1]]),
+            shape=[arguments[3], arguments[3]],
+            strides=[builder.mul(arguments[2], word(size)), word(size)],
+            itemsize=word(size),
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    return kind(values, types.intp, types.intp, types.intp), codegen

@@ -1,0 +1,130 @@
+"""Equilibria of machines of many bodies by their sparse stiffness: closed forms, and the dense way."""
+
+import numpy as np
+import pytest
+from spring_lattice import linked_pendulums, spring_lattice
+
+import flexmbd as fm
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.linear import equilibrium, sparse_equilibrium
+from flexmbd.multibody.plan.sparse_stiffness import sparse_stiffness
+
+
+@pytest.fixture
+def ways(monkeypatch):
+    """How often the sparse way found what was asked for, and how often not."""
+    found = []
+
+    def told(*arguments):
+        answer = sparse_equilibrium.stable_equilibrium(*arguments)
+        found.append(answer is not None)
+        return answer
+
+    monkeypatch.setattr(equilibrium, "stable_equilibrium", told)
+    return found
+
+
+def dense(monkeypatch, scene, **named):
+    """The equilibrium by dense matrices."""
+    with monkeypatch.context() as patch:
+        patch.setattr(equilibrium, "stable_equilibrium", lambda *_: None)
+        return scene.equilibrium(**named)
+
+
+def test_a_hanging_chain(ways):
+    """Each spring carries what hangs on it."""
+    count, m, k, g, length = 60, 0.7, 250.0, 9.81, 0.3
+    scene, above, bodies = fm.System(gravity=(0.0, 0.0, -g)), None, []
+    for n in range(count):
+        body = scene.add(fm.RigidBody(m, (1e-3, 1e-3, 1e-3)), name=f"mass {n}")
+        scene.connect(fm.joint.Generic("xyz"), scene.ground.frame((0, 0, -length * (n + 1))), body.frame())
+        upper = scene.ground.frame() if above is None else above.frame()
+        scene.add_force(fm.force.SpringDamper(upper, body.frame(), k, length))
+        bodies.append(body)
+        above = body
+    found = scene.equilibrium()
+    assert ways == [True]
+    stretched = length + (count - np.arange(count)) * m * g / k
+    places = [found.position(body.frame())[2] for body in bodies]
+    np.testing.assert_allclose(places, -np.cumsum(stretched), rtol=1e-12)
+    assert (found.unstable, found.neutral) == (0, ())
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_lattices_as_by_dense_matrices(ways, monkeypatch, seed):
+    scene, _ = spring_lattice(14, 5, fm.joint.Generic("xy"), seed=seed)
+    expected = dense(monkeypatch, scene)
+    found = scene.equilibrium()
+    assert ways == [True]
+    np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-11)
+    assert (found.unstable, found.neutral) == (expected.unstable, expected.neutral) == (0, ())
+
+
+def test_turns_that_nothing_holds_stay(ways, monkeypatch):
+    """Angles of masses that springs hold at their centres."""
+    scene, bodies = spring_lattice(12, 4, fm.joint.Planar("z"))
+    expected = dense(monkeypatch, scene)
+    found = scene.equilibrium()
+    assert ways == [True]
+    np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-9)
+    assert abs(found.x[2::3]).max() < 1e-15  # the angles, which stay
+    assert sorted(found.neutral) == sorted(expected.neutral)
+    assert len(found.neutral) == len(bodies)
+
+
+def test_loops_as_by_dense_matrices(ways, monkeypatch):
+    scene = linked_pendulums(40)
+    expected = dense(monkeypatch, scene)
+    found = scene.equilibrium()
+    assert ways == [True]
+    np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.multipliers, expected.multipliers, rtol=0, atol=1e-7)
+    assert found.unstable == expected.unstable == 0
+
+
+def test_an_unstable_one_is_counted(ways):
+    """Beside the lattice stands a body above its hinge, pressed down."""
+    scene, _ = spring_lattice(14, 5, fm.joint.Generic("xy"))
+    body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="top")
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame((0, 9, 0)), body.frame((0, -1, 0)), name="tipping")
+    scene.add_force(fm.force.FrameForce(body.frame(), (0, -3, 0)))
+    with pytest.warns(fm.EquilibriumWarning, match="tipping"):
+        found = scene.equilibrium()
+    assert ways == [False]
+    assert found.unstable == 1
+
+
+def test_what_nothing_carries_is_refused(ways, monkeypatch):
+    scene, _ = spring_lattice(14, 5, fm.joint.Generic("xy"))
+    loose = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="loose")
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame((0, 9, 0)), loose.frame(), name="slide")
+    scene.add_force(fm.force.FrameForce(loose.frame(), (2.5, 0.0, 0.0)))
+    with pytest.raises(fm.errors.SceneError, match=r"'slide\.displacement'.* 2\.5 .* stays unbalanced"):
+        scene.equilibrium()
+    assert ways == [False]
+    monkeypatch.setattr(sparse_equilibrium, "_DENSE_UP_TO", 100)  # as of a machine that is too large for dense matrices
+    with pytest.raises(fm.errors.SceneError, match=r"'slide\.displacement'.* 2\.5 .* stays unbalanced"):
+        scene.equilibrium()
+
+
+def test_the_matrix_and_its_solutions():
+    """Entries lie across the diagonal where they should; what is held stays, the rest is solved for."""
+    scene, _ = spring_lattice(12, 4, fm.joint.Planar("z"))
+    compiled = scene.compile().scene
+    stiffness = sparse_stiffness(compiled, new_work(compiled.plan))
+    x = compiled.start
+    force = stiffness.force(x, np.zeros(0))
+    stiffness.assemble(x, np.zeros(0))
+    values, size = stiffness.values(), np.ones(compiled.nv)
+    entries = stiffness.entries
+    assert entries.skewness(values, size, least=1e-8) < 1e-9
+    matrix = np.zeros((compiled.nv, compiled.nv))
+    matrix[entries.row, entries.column] = values
+    np.testing.assert_array_equal(matrix.T[entries.row, entries.column], values[entries.mirrored])
+    assert stiffness.factor(1e-3 * entries.nearby(entries.energies(values, size)))
+    step, _ = stiffness.solve(-force)
+    held = stiffness.held() > 0.0
+    assert held.sum() == compiled.nv // 3
+    moved = ~held
+    exact = np.linalg.solve(matrix[np.ix_(moved, moved)], -force[moved])
+    np.testing.assert_allclose(step[moved], exact, rtol=1e-9)
