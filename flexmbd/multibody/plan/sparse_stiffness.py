@@ -52,7 +52,8 @@ class Entries:
 
     def energies(self, values: FloatArray, size: FloatArray) -> FloatArray:
         """(nv,) J, all that a coordinate's row has in sizes (nv,)."""
-        return np.bincount(self.row, np.abs(values) * size[self.row] * size[self.column], len(size))
+        terms = np.abs(values) * size[self.row] * size[self.column]
+        return np.asarray(np.bincount(self.row, terms, len(size)), dtype=np.float64)
 
     def nearby(self, energies: FloatArray) -> FloatArray:
         """(nv,) the largest of those that a coordinate may be coupled with."""
@@ -207,11 +208,11 @@ def sparse_stiffness(
 
 def _carrying(plan: Plan) -> float:
     """How many pairs of velocities there are of which one carries the other."""
-    own = plan.tree[:, at.JOINT_SIZE].tolist()
+    own = list(map(int, plan.tree[:, at.JOINT_SIZE]))
     for place in modal_places(plan):
         own[place.row] += place.v.stop - place.v.start
     path, total = list[int](), 0.0
-    for size, parent in zip(own, parents(plan).tolist(), strict=True):
+    for size, parent in zip(own, map(int, parents(plan)), strict=True):
         path.append(size + (path[parent] if parent >= 0 else 0))
         total += size * path[-1]
     return total
