@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.multibody.kernels.base import kinds
-from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks, unknown_bounds
 from flexmbd.multibody.kernels.tangent.sparse_matrix import (
     SparseMatrix,
+    has_balls,
+    is_augmented,
     new_sparse_matrix,
     no_sparse_matrix,
     sparse_blocks,
@@ -97,9 +97,7 @@ def alpha_matrix(plan: Plan, *, dense: bool = False) -> MatrixChoice:
     Its loops stand in a sparse matrix but where an augmented Lagrangian enforces some, or where they hold balls, whose
     turns within a step count.
     """
-    augmented = bool((plan.rows[:, at.ROW_ENFORCEMENT] > 0).any())
-    balls = len(plan.rows) > 0 and bool((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any())
-    return choose_matrix(plan, dense=dense, serves=not (augmented or balls))
+    return choose_matrix(plan, dense=dense, serves=not (is_augmented(plan) or (len(plan.rows) > 0 and has_balls(plan))))
 
 
 def radau_matrix(plan: Plan) -> MatrixChoice:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from large_machines import brick, lattice
 from mixed_machine import mixed_scene
 from particles import particle_body
 from random_trees import random_tree
@@ -108,15 +109,15 @@ def limbs():
     for k, joint in enumerate((fm.joint.Screw(0.3, "x"), fm.joint.Spherical())):
         body = scene.add(fm.FlexibleBody(particle_body(20 + k, modes=3, damping=1.0).record), name=f"limb {k}")
         scene.connect(joint, scene.ground.frame(p=(0.3 * k, 0.1, 0.2)), body.frame("root"))
-        child = scene.add(_brick(), name=f"child {k}")
+        child = scene.add(brick(), name=f"child {k}")
         hinge = scene.connect(fm.joint.Revolute("y"), body.frame("tip"), child.frame())
         scene.add_force(fm.force.JointSpring(hinge, 3.0, 0.2))
         ends.append(body.frame("tip"))
         last.append(child)
-    driven = scene.add(_brick(), name="driven")
+    driven = scene.add(brick(), name="driven")
     scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), driven.frame()).prescribe(fm.Sine(0.2, 3.0))
     stiffness = np.diag([50.0, 60.0, 70.0, 5.0, 6.0, 7.0]) + 0.5
-    scene.add_force(fm.force.Bushing(*ends, stiffness, 0.1 * stiffness))
+    scene.add_force(fm.force.Bushing(ends[0], ends[1], stiffness, 0.1 * stiffness))
     scene.add_force(fm.force.SpringDamper(last[0].frame((0.1, 0.2, 0.0)), last[1].frame(), 40.0, 3.0, 0.1))
     scene.add_force(fm.force.SpringDamper(driven.frame((0.3, 0.2, 0.0)), ends[0], 40.0, 3.0, 0.1))
     scene.add_force(fm.force.SpringDamper(scene.ground.frame((0.3, 0.2, 0.0)), last[0].frame(), 40.0, 3.0, 0.1))
@@ -126,39 +127,13 @@ def limbs():
 def test_a_joint_that_is_turned_round():
     """Its links, and so their velocities, stand in the tree the other way."""
     scene = fm.System()
-    inner, outer = (scene.add(_brick()) for _ in range(2))
+    inner, outer = (scene.add(brick()) for _ in range(2))
     scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), inner.frame())
     scene.connect(fm.joint.Universal(), outer.frame((0.1, 0.0, 0.2)), inner.frame((0.4, 0.1, 0.0)))
     compiled = scene.compile().scene
     assert (np.diff(compiled.plan.tree[:, at.JOINT_V]) < 0).any()
     compare(compiled, 4)
     compare(compiled, 4, np.ones(len(compiled.plan.tree), bool))
-
-
-def _brick():
-    return fm.RigidBody(0.8, (0.02, 0.03, 0.02), (0.1, 0.0, 0.2))
-
-
-def lattice(rows, columns):
-    """Particles in a plane on springs to their neighbours, the first column on the ground."""
-    scene = fm.System(gravity=(0.0, -9.81, 0.0))
-    slides = fm.joint.Generic(translations="xy", rotations="")
-    frames = {}
-    for i in range(columns + 1):
-        for j in range(rows):
-            place = (0.1 * i, 0.1 * j, 0.0)
-            if i == 0:
-                frames[i, j] = scene.ground.frame(p=place)
-                continue
-            body = scene.add(fm.RigidBody(0.1, (1e-4, 1e-4, 1e-4)), name=f"{i}, {j}")
-            scene.connect(slides, scene.ground.frame(p=place), body.frame())
-            frames[i, j] = body.frame()
-    for (i, j), frame in frames.items():
-        for to in ((i + 1, j), (i, j + 1), (i + 1, j + 1), (i + 1, j - 1)):
-            if to in frames and (i > 0 or to[0] > 0):
-                length = 0.1 * np.hypot(to[0] - i, to[1] - j)
-                scene.add_force(fm.force.SpringDamper(frame, frames[to], 1e4, 1.0, length))
-    return scene
 
 
 def test_springs_between_branches():

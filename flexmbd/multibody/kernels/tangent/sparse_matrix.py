@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
@@ -21,7 +23,6 @@ from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks,
 # In operations of LAPACK's LU: what an entry of a sparse matrix costs, which is found, cleared, assembled and used by
 # each solution, and an operation of its factorisation, which of loops there are two.
 _ENTRY, _OPERATION = 400.0, 2.0
-_MET_TWICE = 3.0  # how often at most forces meet the same entry, in a lattice of springs to eight neighbours
 _SECTIONS = (8, 20, 50)  # unknowns between cuts that are tried
 
 
@@ -57,15 +58,25 @@ def sparse_blocks(
         return None
     ways = _ways(plan) if cuts else [None]
     counts = [_entries(plan, way) for way in ways]
-    if _ENTRY * min(counts) / _MET_TWICE >= dense:
+    if _ENTRY * min(counts) >= dense:
         return None
     found = []
-    for k in np.argsort(counts, kind="stable")[:3]:
+    for k in np.argsort(counts, kind="stable")[:2]:
         blocks = unknown_blocks(plan, ways[k])
-        pattern = _pattern(blocks)
+        pattern = new_pattern(blocks)
         found.append((_OPERATION * pattern.operations + _ENTRY * pattern.fill, blocks, pattern))
     cost, blocks, pattern = min(found, key=lambda one: one[0])
     return (blocks, pattern) if cost < dense else None
+
+
+def has_balls(plan: Plan) -> bool:
+    """Whether a joint turns like a ball, so that its turns do not add."""
+    return bool((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any())
+
+
+def is_augmented(plan: Plan) -> bool:
+    """Whether an augmented Lagrangian enforces a row."""
+    return bool((plan.rows[:, at.ROW_ENFORCEMENT] > 0).any())
 
 
 def new_sparse_matrix(plan: Plan, blocks: UnknownBlocks, pattern: BlockPattern) -> SparseMatrix:
@@ -90,14 +101,15 @@ def _ways(plan: Plan) -> list[NDArray[np.bool_] | None]:
     return found
 
 
-def _pattern(blocks: UnknownBlocks) -> BlockPattern:
+def new_pattern(blocks: UnknownBlocks) -> BlockPattern:
     """The pattern by minimum degree, but that blocks come after those that they wait for."""
     pairs, waits = blocks.pairs(), blocks.waits()
     pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
     if not waits:
         return pattern
     number = np.repeat(np.arange(len(blocks.first)), blocks.size)
-    return new_block_pattern(blocks.size, pairs, order=_in_turn(dict.fromkeys(number[pattern.unknown].tolist()), waits))
+    eliminated: Any = number[pattern.unknown].tolist()
+    return new_block_pattern(blocks.size, pairs, order=_in_turn(dict.fromkeys(eliminated), waits))
 
 
 def _in_turn(order: Iterable[int], waits: dict[int, list[int]]) -> list[int]:
@@ -131,33 +143,44 @@ def _own_unknowns(plan: Plan) -> IntArray:
 
 def _cut(plan: Plan, size: int) -> NDArray[np.bool_]:
     """(bodies,) cuts that leave some ``size`` unknowns between one and the next ones outwards."""
-    own, massless = _own_unknowns(plan).tolist(), (~plan.rigid.any(axis=1)).tolist()
-    cut = np.zeros(len(own), bool)
+    own: Any = _own_unknowns(plan).tolist()
+    massless: Any = (~plan.rigid.any(axis=1)).tolist()
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    cut = np.zeros(len(own), np.bool_)
     for i in range(len(own) - 1, -1, -1):
-        parent = plan.tree[i, at.PARENT]
-        if parent < 0:
+        if parents[i] < 0:
             continue
         if own[i] >= size and not massless[i]:
             cut[i] = True
         else:
-            own[parent] += own[i]
+            own[parents[i]] += own[i]
     return cut
 
 
 def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
-    """How many entries the matrix has at most, before it is factored."""
+    """How many entries the matrix has, about: full blocks of sections, each what one cut body or the ground carries.
+
+    And of sections that a cut body, a force or a row joins.
+    """
     own = _own_unknowns(plan)
-    path = np.zeros(len(own) + 1)  # unknowns that move each body; the last: of the ground
-    total = 0.0
-    for i, parent in enumerate(plan.tree[:, at.PARENT]):
-        total += own[i] * (2.0 * path[parent] + own[i])
-        path[i] = path[parent] + own[i]
+    section = np.empty(len(own), np.int64)
+    size = own.astype(float)
+    joined: set[tuple[int, int]] = set()
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    for i, parent in enumerate(parents):
+        inner = section[parent] if parent >= 0 else i
+        section[i] = inner
+        if inner != i:
+            size[inner] += size[i]
+            size[i] = 0.0
         if cut is not None and cut[i]:
-            total += 2.0 * CUT * path[i] + CUT**2
-            path[i] = CUT
+            section[i] = i
+            size[i] = CUT
+            joined.add((int(inner), i))
     between = plan.elements[act_between_frames(plan)]
     for rows, f, g in ((between, at.EL_F, at.EL_G), (plan.rows, at.ROW_F, at.ROW_G)):
-        if len(rows):
-            ends = plan.frame_of[rows[:, [f, g]], at.FRAME_BODY]
-            total += float((path[ends].sum(axis=1) ** 2).sum())
-    return total
+        ends = plan.frame_of[rows[:, [f, g]], at.FRAME_BODY]
+        ends = section[ends[(ends >= 0).all(axis=1)]]
+        joined.update(map(tuple, np.unique(ends, axis=0).tolist()))
+    pairs = np.array([pair for pair in joined if pair[0] != pair[1]], np.int64).reshape(-1, 2)
+    return float((size**2).sum() + 2.0 * (size[pairs[:, 0]] * size[pairs[:, 1]]).sum())

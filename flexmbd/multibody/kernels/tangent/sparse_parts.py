@@ -53,7 +53,8 @@ class ShiftedMatrix(ArrayStruct):
 
 def new_shifted_matrix(pattern: BlockPattern) -> ShiftedMatrix:
     """Allocate for a pattern of a tree that is not cut: of what is cut the equations have ones whatever the weights."""
-    return ShiftedMatrix(*(new_block_matrix(pattern) for _ in range(3)), new_complex_block_matrix(pattern))
+    stiffness, damping, mass = (new_block_matrix(pattern) for _ in range(3))
+    return ShiftedMatrix(stiffness, damping, mass, new_complex_block_matrix(pattern))
 
 
 @entry_kernel

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -68,15 +69,16 @@ def new_sparse_places(
     """Those of a matrix whose ``pairs`` (p, 2) of blocks begin at an offset (p,) of its values, rows a stride apart."""
     b, first = len(blocks.first), blocks.first
     base = offset - stride * first[pairs[:, 0]] - first[pairs[:, 1]]
-    keys, places = (pairs[:, 0] * b + pairs[:, 1]).tolist(), zip(base.tolist(), stride.tolist(), strict=True)
-    table = dict(zip(keys, places, strict=True))
+    keys: Any = (pairs[:, 0] * b + pairs[:, 1]).tolist()
+    places: Any = np.stack([base, stride], axis=1).tolist()
+    table: dict[int, list[int]] = dict(zip(keys, places, strict=True))
     edge_of, _ = edge_columns(plan)
 
     def pair(outer: Group, inner: Group) -> list[int]:
         i, j = int(blocks.of[outer.first]), int(blocks.of[inner.first])
         frame = max(outer.frame, inner.frame)
         edge = int(edge_of[frame]) if frame >= 0 else -1
-        ends = [outer.first, outer.first + outer.count, inner.first, inner.count]
+        ends = [outer.first, outer.first + outer.size, inner.first, inner.size]
         return [*ends, edge, *table[i * b + j], *table[j * b + i]]
 
     def cut(number: int) -> Group:

@@ -32,12 +32,12 @@ class Group(NamedTuple):
     """Unknowns that move one frame alike: a joint's, or a body's modes as far as they move a frame of it.
 
     Attributes:
-        first, count: in v.
+        first, size: in v, and how many.
         frame: row of ``Plan.frames`` that the modes move; -1 of a joint.
     """
 
     first: int
-    count: int
+    size: int
     frame: int
 
 
@@ -126,7 +126,7 @@ class UnknownBlocks:
     @cached_property
     def elements(self) -> list[list[int]]:
         """Of each force element the blocks that it joins."""
-        between = act_between_frames(self.plan).tolist()
+        between: Any = act_between_frames(self.plan).tolist()
         rows: Any = self.plan.elements[:, [at.EL_F, at.EL_G]].tolist()
         return [self.of_path(ends) if acts else [] for ends, acts in zip(rows, between, strict=True)]
 
@@ -242,9 +242,10 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
     modes: list[Group | None] = []
     inward: list[Way] = []
     outward: list[Way] = []
-    carries = np.bincount(plan.tree[:, at.PARENT] + 1, minlength=len(trees) + 1)[1:]
-    massless = ~plan.rigid.any(axis=1)
-    of, first, open_at = np.full(nv + m + CUT * len(cuts), -1, np.int64), list[int](), -1
+    carries: Any = np.bincount(plan.tree[:, at.PARENT] + 1, minlength=len(trees) + 1)[1:].tolist()
+    massless: Any = (~plan.rigid.any(axis=1)).tolist()
+    of: IntArray = np.full(nv + m + CUT * len(cuts), -1, np.int64)
+    first, open_at = list[int](), -1
     for i, tree in enumerate(trees):
         joint, size = tree[at.JOINT_V], tree[at.JOINT_SIZE]
         count = int(plan.flex[tree[at.FLEX], at.N_MODES]) if tree[at.FLEX] >= 0 else 0

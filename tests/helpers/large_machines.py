@@ -1,0 +1,69 @@
+"""Machines of many bodies, each joined with few others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import flexmbd as fm
+
+HINGE = fm.joint.Revolute("z")
+
+
+def brick(**options):
+    return fm.RigidBody(0.8, (0.02, 0.03, 0.02), (0.1, 0.0, 0.2), **options)
+
+
+def lattice(rows, columns):
+    """Particles in a plane on springs to their neighbours, the first column on the ground."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    slides = fm.joint.Generic(translations="xy", rotations="")
+    frames = {}
+    for i in range(columns + 1):
+        for j in range(rows):
+            place = (0.1 * i, 0.1 * j, 0.0)
+            if i == 0:
+                frames[i, j] = scene.ground.frame(p=place)
+                continue
+            body = scene.add(fm.RigidBody(0.1, (1e-4, 1e-4, 1e-4)), name=f"{i}, {j}")
+            scene.connect(slides, scene.ground.frame(p=place), body.frame())
+            frames[i, j] = body.frame()
+    for (i, j), frame in frames.items():
+        for to in ((i + 1, j), (i, j + 1), (i + 1, j + 1), (i + 1, j - 1)):
+            if to in frames and (i > 0 or to[0] > 0):
+                length = 0.1 * np.hypot(to[0] - i, to[1] - j)
+                scene.add_force(fm.force.SpringDamper(frame, frames[to], 1e4, 1.0, length))
+    return scene
+
+
+def ladder(windows):
+    """Four-bars that hang one from the other, the first on the ground."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    left, right = scene.ground.frame(), scene.ground.frame(p=(1.0, 0.0, 0.0))
+    inertia = (0.1, 0.1, 0.1)
+    for k in range(windows):
+        rail = scene.add(fm.RigidBody(1.0, inertia, (0.0, -0.5, 0.0)), name=f"rail {k}")
+        rung = scene.add(fm.RigidBody(1.0, inertia, (0.5, 0.0, 0.0)), name=f"rung {k}")
+        other = scene.add(fm.RigidBody(1.0, inertia, (0.0, -0.5, 0.0)), name=f"other rail {k}")
+        scene.connect(HINGE, left, rail.frame()).position = 0.3 if k == 0 else 0.0
+        scene.connect(HINGE, rail.frame(p=(0.0, -1.0, 0.0)), rung.frame())
+        scene.connect(HINGE, rung.frame(p=(1.0, 0.0, 0.0)), other.frame(p=(0.0, -1.0, 0.0)))
+        scene.connect(HINGE, right, other.frame())
+        left, right = rail.frame(p=(0.0, -1.0, 0.0)), other.frame(p=(0.0, -1.0, 0.0))
+    return scene
+
+
+def combs(teeth):
+    """Two chains side by side with springs between their links, which the recursion over a tree does not serve."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    chains = []
+    for side in range(2):
+        end, links = scene.ground.frame(p=(0.0, 0.0, float(side))), []
+        for k in range(teeth):
+            link = scene.add(brick(), name=f"link {side}, {k}")
+            scene.connect(HINGE, end, link.frame(), name=f"hinge {side}, {k}").position = 0.2 - 0.1 * side
+            end = link.frame(p=(0.5, 0.0, 0.0))
+            links.append(link)
+        chains.append(links)
+    for one, other in zip(*chains, strict=True):
+        scene.add_force(fm.force.SpringDamper(one.frame((0.2, 0.1, 0.0)), other.frame(), 300.0, 2.0, 0.9))
+    return scene

@@ -1,0 +1,153 @@
+"""Steps by a sparse matrix are those by a dense one; it is taken where it pays, and grows with the machine."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from large_machines import HINGE, brick, combs, ladder, lattice
+from particles import particle_body
+
+import flexmbd as fm
+from flexmbd.integrate import matrix_choice
+from flexmbd.integrate.alpha.interiors import newton_iteration
+from flexmbd.integrate.alpha.workspace import new_workspace
+from flexmbd.integrate.matrix_choice import alpha_matrix, radau_matrix
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.tangent.sparse_matrix import new_pattern
+from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
+from flexmbd.run.snapshot import new_snapshot
+
+ALPHA, RADAU = fm.GeneralizedAlpha(), fm.RadauIIA()
+
+
+def flexible_loop():
+    """A soft rod on a crank, its tip on a plane, and a gear from the crank to a further body."""
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    crank, follower = (scene.add(brick(), name=name) for name in ("crank", "follower"))
+    rod = scene.add(fm.FlexibleBody(particle_body(7, modes=4, damping=1.0).record), name="rod")
+    drive = scene.connect(HINGE, scene.ground.frame(), crank.frame())
+    drive.velocity = 2.0
+    scene.connect(HINGE, crank.frame((0.3, 0.0, 0.0)), rod.frame("root"))
+    plane = scene.ground.frame((0.0, 0.1, 0.0))
+    scene.connect(fm.joint.PointOnPlane("y"), plane, rod.frame("tip"), way=fm.Way.CONSTRAINTS)
+    turn = scene.connect(HINGE, scene.ground.frame((0.0, 1.0, 0.0)), follower.frame(), name="follower's hinge")
+    scene.couple(fm.joint.Gear(drive, turn, 2.0))
+    return scene
+
+
+MACHINES = {
+    "lattice": lambda: lattice(2, 3),
+    "ladder": lambda: ladder(4),
+    "combs": lambda: combs(4),
+    "flexible loop": flexible_loop,
+}
+
+
+def forced(way):
+    """A choice of a sparse matrix whatever it costs, with some bodies cut: "none", "some" or "all"."""
+
+    def chosen(plan, sizes, *, cuts=True):
+        share = {"none": 0.0, "some": 0.5, "all": 1.0}[way] if cuts else 0.0
+        drawn = np.random.default_rng(3).random(len(plan.tree)) < share
+        blocks = unknown_blocks(plan, drawn & (plan.tree[:, at.PARENT] >= 0))
+        return blocks, new_pattern(blocks)
+
+    return chosen
+
+
+def both(monkeypatch, scene, way, **how):
+    """The end and the numbers of steps, by the sparse matrix and by the dense one."""
+    found = []
+    for choose in (forced(way), lambda *_, **__: None):
+        monkeypatch.setattr(matrix_choice, "sparse_blocks", choose)
+        run = scene.compile().simulate(0.02, **how)
+        found.append((np.concatenate([run.x[-1], run.v[-1]]), run.stats))
+    return found
+
+
+@pytest.mark.parametrize("way", ["none", "some", "all"])
+@pytest.mark.parametrize("name", MACHINES)
+def test_generalized_alpha(monkeypatch, name, way):
+    """To round-off and in as many iterations: the same corrections, those of loops' shifts included."""
+    (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), way, h=2e-3, integrator=ALPHA)
+    np.testing.assert_allclose(end, expected, atol=1e-9)
+    assert stats.iterations == dense.iterations
+
+
+@pytest.mark.parametrize("name", ["lattice", "combs"])
+def test_radau_iia(monkeypatch, name):
+    (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), "none", rtol=1e-6, integrator=RADAU)
+    np.testing.assert_allclose(end, expected, atol=1e-9)
+    assert stats.steps == dense.steps
+
+
+def plan_of(scene):
+    return scene.start().scene.plan
+
+
+def test_a_sparse_matrix_grows_with_the_machine():
+    """Operations and numbers of the ladder's and a lattice's matrix: some twice as many for twice the length."""
+    for build, n in ((ladder, 60), (partial(lattice, 4), 20)):
+        few, many = (alpha_matrix(plan_of(build(k))).sparse[1] for k in (n, 2 * n))
+        assert many.operations < 2.0**1.25 * few.operations
+        assert many.fill < 2.0**1.25 * few.fill
+
+
+def test_it_is_taken_where_it_pays_and_told():
+    for scene in (lattice(6, 40), ladder(80)):
+        assert "its matrix: sparse" in scene.explain(integrator=ALPHA)
+    assert radau_matrix(plan_of(lattice(6, 40))).sparse is not None
+    assert "its matrix: dense, 18 unknowns" in lattice(3, 3).explain(integrator=RADAU)
+    chain = combs(0)
+    end = chain.ground.frame()
+    for _ in range(60):
+        link = chain.add(brick())
+        chain.connect(HINGE, end, link.frame())
+        end = link.frame((0.5, 0.0, 0.0))
+    assert "by the recursion over the tree" in chain.explain(integrator=ALPHA)
+    assert "its matrix" not in chain.explain(integrator=fm.ExplicitRungeKutta())
+
+
+def test_machines_side_by_side_take_no_square_of_their_number():
+    """Of 1500 pendulums no array holds a number for each pair."""
+    scene = fm.System()
+    for k in range(1500):
+        scene.connect(HINGE, scene.ground.frame((float(k), 0.0, 0.0)), scene.add(brick()).frame())
+    for choice in (alpha_matrix(plan_of(scene)), radau_matrix(plan_of(scene))):
+        sparse, work = choice.new_sparse(), choice.new_tangent(1500, np.zeros((2, 1500)))
+        arrays = [*sparse.to.fields().values(), *work.fields().values(), sparse.matrix.values]
+        assert max(np.size(one) for one in arrays if isinstance(one, np.ndarray)) < 1500 * 40
+
+
+def correction(scene, choice, monkeypatch, *, h):
+    """Newton's correction of a step from a start with random speeds: accelerations, reactions, shifts."""
+    monkeypatch.setattr(matrix_choice, "sparse_blocks", choice)
+    start = scene.start()
+    plan, nv, m = start.scene.plan, start.scene.nv, len(start.scene.plan.rows)
+    state = new_snapshot(start, ALPHA, t_start=0.0, t_end=1.0, rtol=1e-6, h=h).state
+    work = new_work(plan)
+    scratch = new_workspace(plan, work, start.scene.nx, nv)
+    scratch.memory.index[0], scratch.memory.scheme[:] = 2, ALPHA.coefficients()
+    scratch.scale_x[:] = scratch.scale_v[:] = 1.0
+    rng = np.random.default_rng(2)
+    state.v[:] = 3.0 * rng.standard_normal(nv)
+    scratch.unknown[: len(plan.free) + m] = rng.standard_normal(len(plan.free) + m)
+    sizes = newton_iteration(plan, work, state, scratch, h)
+    return scratch.correction[0].copy(), sizes
+
+
+@pytest.mark.parametrize("way", ["none", "some", "all"])
+@pytest.mark.parametrize("name", ["ladder", "flexible loop"])
+def test_corrections_of_loops(monkeypatch, name, way):
+    """By a step of 5 ms, in which rows turn by 15 mrad and stiffness counts: all but products of the two."""
+    scene = MACHINES[name]()
+    found, size = correction(scene, forced(way), monkeypatch, h=5e-3)
+    expected, dense_size = correction(scene, lambda *_, **__: None, monkeypatch, h=5e-3)
+    m = len(plan_of(scene).rows)
+    for part in (slice(0, -2 * m), slice(-2 * m, -m), slice(-m, None)):
+        scale = abs(expected[part]).max()
+        np.testing.assert_allclose(found[part], expected[part], atol=1e-4 * scale)
+    np.testing.assert_allclose(size, dense_size, rtol=1e-4)
