@@ -36,6 +36,7 @@ from flexmbd.errors import ToleranceWarning as ToleranceWarning
 from flexmbd.errors import UnitWarning as UnitWarning
 from flexmbd.errors import VersionError as VersionError
 from flexmbd.files.result_table import ResultTable as ResultTable
+from flexmbd.integrate.alpha.generalized_alpha import AlphaFamily as AlphaFamily
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum as EnergyMomentum
 from flexmbd.integrate.explicit.central_difference import CentralDifference as CentralDifference

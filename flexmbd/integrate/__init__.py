@@ -4,7 +4,9 @@ Users enter here; the system, runs, scene files and FMUs enter the rooms.  What 
 stands here, too (docs/extending.md).
 """
 
+from flexmbd.integrate.alpha.generalized_alpha import AlphaFamily as AlphaFamily
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+from flexmbd.integrate.alpha.implicit_method import ImplicitMethod as ImplicitMethod
 from flexmbd.integrate.controller import NoMemory as NoMemory
 from flexmbd.integrate.controller import Rule as Rule
 from flexmbd.integrate.controller import Stepper as Stepper

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import generalized_alpha
+from flexmbd.integrate.alpha import implicit_steps
 from flexmbd.integrate.alpha import workspace as alpha_layout
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.controller import NO_KNOTS, arrays_of
@@ -136,19 +136,18 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     if isinstance(method, ExplicitRungeKutta):
         run = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
         return Parts(run, resting, state, plan, breaks=breaks.jumps, impulses=impulses)
-    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv)
+    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv, method.relation())
     memory = scratch.memory
     memory.index[0] = method.index
-    memory.scheme[:] = method.coefficients()
     memory.filters[0] = len(plan.flex) > 0
     stepped = Call(tangent_after_residual, (
         plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full_tangent
     ))  # fmt: skip
     scratch.kernels[:] = 0
-    one = generalized_alpha.AlphaMethod(plan, work, scratch)
-    run = Call(generalized_alpha.advance, (one, generalized_alpha.RULE, breaks.knots, state, groups, record))
+    one = implicit_steps.ImplicitSteps(plan, work, scratch)
+    run = Call(implicit_steps.advance, (one, implicit_steps.RULE, breaks.knots, state, groups, record))
     own = tuple(arrays_of(memory).values())
-    histories = memory.auxiliary, memory.before, memory.earlier, memory.earliest
+    histories = memory.before, memory.earlier, memory.earliest
     behind = ((scratch.kernels, stepped),)
     return Parts(run, resting, state, plan, own, histories, behind, breaks=breaks.jumps, impulses=impulses)
 

@@ -1,4 +1,4 @@
-"""One implicit step of generalized-alpha: its equations, the predictor, Newton's iteration.
+"""A stage of an implicit step by a ``relation``: its equations, the predictor, Newton's iteration.
 
 The unknowns are the new accelerations, the multipliers, and shifts of the positions along the
 loops' reactions, which close the loops at position level while velocities fulfil them too.
@@ -10,15 +10,8 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import linearise, solve_factored
-from flexmbd.integrate.alpha.workspace import (
-    ALPHA_F,
-    ALPHA_M,
-    BETA,
-    GAMMA,
-    coefficients,
-    holds_position_alone,
-    is_unshifted,
-)
+from flexmbd.integrate.alpha.relation import A
+from flexmbd.integrate.alpha.workspace import coefficients, holds_position_alone, is_unshifted
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change, take_stiffness
@@ -37,29 +30,19 @@ _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where tryin
 
 @kernel
 def update_end(plan, work, state, scratch, h, unknown):
-    """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
-    scheme = scratch.memory.scheme
+    """Put x, v, a of the stage's end where ``unknown`` = (new a, multipliers, shifts) says."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    beta = scheme[BETA]
-    gamma = scheme[GAMMA]
-    per_x, _ = coefficients(scheme, h)
+    known = scratch.relation.known
+    per_x, per_v = coefficients(scratch.memory.scheme, h)
     for k in range(scratch.displacement.shape[0]):
         scratch.displacement[k] = 0.0
     for j in range(nu):
         k = plan.free[j]
         new = unknown[j]
-        auxiliary = (
-            (1.0 - scheme[ALPHA_F]) * new
-            + scheme[ALPHA_F] * state.a[k]
-            - scheme[ALPHA_M] * scratch.memory.auxiliary[k]
-        ) / (1.0 - scheme[ALPHA_M])
         scratch.a[k] = new
-        scratch.auxiliary[k] = auxiliary
-        scratch.displacement[k] = h * state.v[k] + h * h * (
-            (0.5 - beta) * scratch.memory.auxiliary[k] + beta * auxiliary
-        )
-        scratch.v[k] = state.v[k] + h * ((1.0 - gamma) * scratch.memory.auxiliary[k] + gamma * auxiliary)
+        scratch.displacement[k] = known[0, k] + per_x * new
+        scratch.v[k] = known[1, k] + per_v * new
     blocks = scratch.tangent.blocks
     free, displacement, direction = plan.free, scratch.displacement, scratch.shift_direction
     for c in range(blocks.velocity.shape[0]):
@@ -225,19 +208,19 @@ def _extrapolate(h1, h2, h, now, before, earlier):
 
 
 @kernel
-def _predict_equal_steps(now, before, earlier, earliest):
+def _predict_equal_steps(node, now, before, earlier, earliest):
     """Predictor after equal steps: of constant, line and parabola the one that was best for the last value.
 
-    Where a step does not resolve a vibration that is the constant.
+    Where a step does not resolve a vibration that is the constant.  ``node``: how far ahead, in steps.
     """
     first = now - before
     second = first - (before - earlier)
     third = second - (before - 2.0 * earlier + earliest)
     guess = now
     if abs(second) < abs(first):
-        guess += first
+        guess += node * first
         if abs(third) < abs(second):
-            guess += second
+            guess += 0.5 * node * (node + 1.0) * second
     return guess
 
 
@@ -246,32 +229,61 @@ def predict(plan, state, scratch, h, extrapolate):
     """Predictor of accelerations and multipliers: the last ones, or extrapolated if ``extrapolate``."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    known = scratch.memory.known_steps[0]
+    memory, relation = scratch.memory, scratch.relation
+    if relation.stage[0] > 0:
+        _predict_stage(plan, state, scratch, h, extrapolate)
+        return
+    known = memory.known_steps[0]
     fixed = state.counts[st.FIXED_STEP] == 1
-    memory = scratch.memory
     h1, h2 = state.numbers[st.STEP_BEFORE], memory.step_earlier[0]
+    node = relation.nodes[0]
     follows = extrapolate and known > 1 and not fixed
     for j in range(nu):
         k = plan.free[j]
         scratch.unknown[j] = state.a[k]
         if follows:
-            scratch.unknown[j] = _extrapolate(h1, h2, h, state.a[k], memory.before[k], memory.earlier[k])
+            scratch.unknown[j] = _extrapolate(h1, h2, node * h, state.a[k], memory.before[k], memory.earlier[k])
         elif extrapolate and known > 2 and fixed:
-            scratch.unknown[j] = _predict_equal_steps(
-                state.a[k], memory.before[k], memory.earlier[k], memory.earliest[k]
-            )
+            before, earlier = memory.before[k], memory.earlier[k]
+            scratch.unknown[j] = _predict_equal_steps(node, state.a[k], before, earlier, memory.earliest[k])
     for i in range(m):
-        scratch.unknown[nu + i] = state.multipliers[i]
+        now = state.multipliers[i]
+        before, earlier = memory.reactions_before[i], memory.reactions_earlier[i]
+        scratch.unknown[nu + i] = now
         if follows:
-            scratch.unknown[nu + i] = _extrapolate(
-                h1, h2, h, state.multipliers[i], memory.reactions_before[i], memory.reactions_earlier[i]
-            )
+            scratch.unknown[nu + i] = _extrapolate(h1, h2, node * h, now, before, earlier)
         elif extrapolate and known > 2 and fixed:
-            before, earlier = memory.reactions_before[i], memory.reactions_earlier[i]
-            scratch.unknown[nu + i] = _predict_equal_steps(
-                state.multipliers[i], before, earlier, memory.reactions_earliest[i]
-            )
+            scratch.unknown[nu + i] = _predict_equal_steps(node, now, before, earlier, memory.reactions_earliest[i])
         scratch.unknown[nu + m + i] = 0.0
+
+
+@deferred_kernel()
+def _predict_stage(plan, state, scratch, h, extrapolate):
+    """Predictor of a stage after the first: that of the stage before, or extrapolated if ``extrapolate``.
+
+    By the stage before and the ends of the last two steps.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    memory, relation = scratch.memory, scratch.relation
+    i = relation.stage[0]
+    passed = relation.nodes[i - 1] * h
+    ahead = relation.nodes[i] * h - passed
+    follows = extrapolate and passed > 0.0 and ahead > 0.0 and memory.known_steps[0] > 0
+    before = state.numbers[st.STEP_BEFORE]
+    for j in range(nu):
+        k = plan.free[j]
+        now = relation.points[i - 1, A, k]
+        scratch.unknown[j] = now
+        if follows:
+            scratch.unknown[j] = _extrapolate(passed, before, ahead, now, state.a[k], memory.before[k])
+    for r in range(m):
+        now = relation.reactions[i - 1, r]
+        scratch.unknown[nu + r] = now
+        if follows:
+            start, earlier = state.multipliers[r], memory.reactions_before[r]
+            scratch.unknown[nu + r] = _extrapolate(passed, before, ahead, now, start, earlier)
+        scratch.unknown[nu + m + r] = 0.0
 
 
 @kernel

@@ -29,6 +29,7 @@ class Signature(Enum):
     STATE = 4
     MEMORY = 5
     WRENCH = 6
+    RELATION = 7
     FRAME_STATES = 9
     WRENCH_VARIATION = 10
     SIDED_LAW = -3
@@ -131,6 +132,8 @@ def compiled(
     between which it does not turn: it changes ``memory`` in place, writes the force against the deformation, its slope
     and the number of the piece of the law that it is on into ``out`` (3,), and returns the energy (J) that it stores;
     for ``memory_law`` and ``memory_line`` of ``ElementTable``.
+    ``f(data, h, h_before, nodes, u, v, memory)`` writes the weights of a step of a method, for
+    ``flexmbd.integrate.ImplicitMethod``.
     ``f(t, beta, rate, side)`` and ``f(t, x, v, out, side)``, whose last argument has that very name, are laws of two
     sides, for ``flexmbd.Switched``.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
@@ -156,7 +159,7 @@ def compiled(
         raise SceneError(
             f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
             "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out), its derivative of ten "
-            "arguments, or f(t, data, z, u, d, R, rate, spin, out)"
+            "arguments, f(t, data, z, u, d, R, rate, spin, out), or f(data, h, h_before, nodes, u, v, memory)"
         )
     code = fingerprint(function)
     return _compiled(function, Signature(count), known, code, reads=code)
@@ -170,6 +173,7 @@ def _compiled(
         frame_function,
         frame_states_function,
         memory_function,
+        relation_function,
         scalar_function,
         state_function,
     )
@@ -179,6 +183,8 @@ def _compiled(
         pointer = state_function(function)
     elif signature is Signature.MEMORY:
         pointer = memory_function(function)
+    elif signature is Signature.RELATION:
+        pointer = relation_function(function)
     elif signature is Signature.FRAME_STATES:
         pointer = frame_states_function(function)
     elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):
