@@ -168,26 +168,22 @@ def _add_vector(total, weight, vector):
 
 
 @kernel
-def _sum_known(state, relation, remembered, weights, count, total):
-    """Write the sum of what is known after ``count`` stages, by weights (n,), into ``total`` (nv,)."""
-    v0, a0 = weights[V], weights[A]
-    first = weights.shape[0] - remembered.shape[0]
-    for k in range(total.shape[0]):
-        total[k] = v0 * state.v[k] + a0 * state.a[k]
-    for j in range(remembered.shape[0]):
-        weight = weights[first + j]
-        for k in range(total.shape[0]):
-            total[k] += weight * remembered[j, k]
-    if count > 0:
-        _add_points(relation, weights, count, total)
-
-
-@deferred_kernel()
-def _add_points(relation, weights, count, total):
-    """Add the sum over the ends of ``count`` stages by weights (n,) to ``total`` (nv,)."""
+def _add_parts(relation, remembered, weights, count, total):
+    """Add the sums over the ends of ``count`` stages and over what is remembered, by weights (n,), to ``total`` (nv,)."""
     for j in range(count):
         for part in range(POINT):
             _add_vector(total, weights[POINT * (j + 1) + part], relation.points[j, part])
+    first = weights.shape[0] - remembered.shape[0]
+    for j in range(remembered.shape[0]):
+        _add_vector(total, weights[first + j], remembered[j])
+
+
+@deferred_kernel()
+def _add_known(relation, remembered, i, through):
+    """Add what stages before stage i and several memories make of u and v at its end."""
+    _add_parts(relation, remembered, relation.velocity[i], i, relation.known[1])
+    _add_parts(relation, remembered, relation.position[i], i, relation.known[0])
+    _add_vector(relation.known[0], through, relation.known[1])
 
 
 @kernel
@@ -206,11 +202,22 @@ def begin_stage(plan, work, state, scratch, h, i):
         scratch.memory.step_factored[0] = 0.0
     scheme[0] = per_x
     scheme[1] = per_v
+    # one loop where a method has one stage and one memory, for small machines' sake
     remembered = scratch.memory.remembered
-    _sum_known(state, relation, remembered, relation.velocity[i], i, relation.known[1])
-    _sum_known(state, relation, remembered, relation.position[i], i, relation.known[0])
-    if through != 0.0:
-        _add_vector(relation.known[0], through, relation.known[1])
+    alone = i == 0 and remembered.shape[0] == 1 and through == 0.0
+    carried = remembered[0] if alone else state.v
+    m = relation.position.shape[1] - 1
+    x_v, x_a, x_m = relation.position[i, V], relation.position[i, A], relation.position[i, m]
+    v_v, v_a, v_m = relation.velocity[i, V], relation.velocity[i, A], relation.velocity[i, m]
+    if not alone:
+        x_m = v_m = 0.0
+    known_x, known_v = relation.known[0], relation.known[1]
+    v, a = state.v, state.a
+    for k in range(v.shape[0]):
+        known_x[k] = x_v * v[k] + x_a * a[k] + x_m * carried[k]
+        known_v[k] = v_v * v[k] + v_a * a[k] + v_m * carried[k]
+    if not alone:
+        _add_known(relation, remembered, i, through)
     end = state.numbers[st.STEP_END]
     if i + 1 < relation.nodes.shape[0]:
         end = state.numbers[st.TIME] + relation.nodes[i] * h
@@ -229,18 +236,27 @@ def keep_stage(scratch, i):
         relation.reactions[i, row] = scratch.multipliers[row]
 
 
-@kernel
+@deferred_kernel()
 def remember_step(state, scratch):
     """Replace what is remembered by what the accepted step in ``scratch`` makes of it; ``state`` is at its start."""
     relation, remembered = scratch.relation, scratch.memory.remembered
     last = relation.nodes.shape[0] - 1
     own = POINT * (last + 1)
     for j in range(remembered.shape[0]):
-        weights = relation.remember[j]
-        _sum_known(state, relation, remembered, weights, last, relation.next[j])
-        _add_vector(relation.next[j], weights[own + U], scratch.displacement)
-        _add_vector(relation.next[j], weights[own + V], scratch.v)
-        _add_vector(relation.next[j], weights[own + A], scratch.a)
+        weights, total = relation.remember[j], relation.next[j]
+        for k in range(total.shape[0]):
+            total[k] = weights[V] * state.v[k] + weights[A] * state.a[k] + weights[own + U] * scratch.displacement[k]
+            total[k] += weights[own + V] * scratch.v[k] + weights[own + A] * scratch.a[k]
+        _add_parts(relation, remembered, weights, last, total)
     for j in range(remembered.shape[0]):
         for k in range(remembered.shape[1]):
             remembered[j, k] = relation.next[j, k]
+
+
+@kernel
+def remembers_acceleration(relation):
+    """Whether a step of one stage remembers a sum of accelerations alone, as generalized-alpha does."""
+    if relation.remember.shape[0] != 1 or relation.nodes.shape[0] != 1:
+        return False
+    weights = relation.remember[0]
+    return weights[V] == 0.0 and weights[POINT + U] == 0.0 and weights[POINT + V] == 0.0

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.augmented import solve_passes
-from flexmbd.integrate.alpha.relation import begin_stage, keep_stage, remember_step, take_weights
+from flexmbd.integrate.alpha.relation import (
+    POINT,
+    A,
+    begin_stage,
+    keep_stage,
+    remember_step,
+    remembers_acceleration,
+    take_weights,
+)
 from flexmbd.multibody.kernels.base.compiling import kernel
 
 _NEWTON_SHARE = 0.02  # Newton's error as a share of the step's tolerance
@@ -44,8 +52,16 @@ def solve_stages(plan, work, state, scratch, h, tolerance):
 def accept(state, scratch, h):
     """Make the trial state the current one."""
     memory = scratch.memory
-    remember_step(state, scratch)
+    a0 = a1 = carried = 0.0
+    alone = remembers_acceleration(scratch.relation)
+    if alone:  # in the loop below, for small machines' sake
+        weights = scratch.relation.remember[0]
+        a0, a1, carried = weights[A], weights[POINT + A], weights[POINT + POINT]
+    else:
+        remember_step(state, scratch)
     for k in range(state.v.shape[0]):
+        if alone:
+            memory.remembered[0, k] = a0 * state.a[k] + a1 * scratch.a[k] + carried * memory.remembered[0, k]
         memory.earliest[k] = memory.earlier[k]
         memory.earlier[k] = memory.before[k]
         memory.before[k] = state.a[k]
