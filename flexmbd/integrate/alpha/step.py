@@ -12,6 +12,15 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import linearise, solve_factored
 from flexmbd.integrate.alpha.relation import A
 from flexmbd.integrate.alpha.workspace import coefficients, holds_position_alone, is_unshifted
+from flexmbd.integrate.newton_control import (
+    CONVERGED,
+    NOT_FINITE,
+    TOO_SLOW,
+    contraction_to_remember,
+    expected_contraction,
+    judge,
+    remaining_error,
+)
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change, take_stiffness
@@ -140,63 +149,54 @@ def _linearise(plan, work, state, scratch, h):
 
 
 @kernel
-def _remaining_error(contraction):
-    """The error left after a linear iteration, over its last correction."""
-    return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
+def _doubt(plan, work, scratch):
+    """The least error that old factors leave in their first iteration, over the correction.
+
+    Near singular positions they lose their worth within a step; those that hold a contact which the machine has left
+    correct next to nothing, however much is wrong.
+    """
+    doubt = 1.0 if plan.rows.shape[0] > 0 else 0.0
+    if scratch.tangent_stiffness.shape[0] > 0:
+        change = stiffness_change(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
+        doubt = max(doubt, remaining_error(change))
+    return doubt
 
 
 @kernel
 def _newton(plan, work, state, scratch, h, tolerance, evaluated, last, full):
-    """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
+    """Iterate with the factors at hand until they have converged; a verdict of ``newton_control``.
 
     ``evaluated``: ``s.equation`` is that of the first guess.  ``last``: round-off that stalls it ends it.
     ``full``: with new factors at each iteration, whose first corrections may grow.
     """
-    loops = plan.rows.shape[0] > 0
     before = 0.0
     imbalance_before = 0.0
-    # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
+    contraction = expected_contraction(scratch.memory.contraction[0])
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
             evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
         if full and iteration > 0 and not _linearise(plan, work, state, scratch, h):
-            return -1
+            return NOT_FINITE
         state.counts[st.ITERATIONS] += 1
         size, imbalance = correct(plan, state, scratch, h)
-        if not np.isfinite(size + imbalance):
-            return -1
-        balanced = imbalance <= tolerance
-        if iteration > 0:
-            contraction = size / before if before > 0.0 else 0.0
-            imbalance_ratio = imbalance / imbalance_before if imbalance_before > 0.0 else 0.0
-            balanced = balanced or imbalance * _remaining_error(imbalance_ratio) <= tolerance
-            stalled = (contraction > 0.7 and size > tolerance) or (imbalance_ratio > 0.7 and not balanced)
-            if stalled and not (full and max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]):
-                # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
-                if not last or max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]:
-                    return 0
-                update_end(plan, work, state, scratch, h, scratch.unknown)
-                scratch.memory.contraction[0] = 1.0
-                return 1
+        left = _MAX_ITERATIONS - 1 - iteration
+        # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
+        noise = ROUND_OFF / scratch.least_pivot[0] if last else 0.0
+        doubt = _doubt(plan, work, scratch) if iteration == 0 else 0.0
+        verdict, contraction = judge(size, before, contraction, doubt, tolerance, noise, left)
+        if plan.rows.shape[0] > 0:
+            verdict = min(verdict, judge(imbalance, imbalance_before, 0.5, 1.0, tolerance, noise, left)[0])
+        if verdict == CONVERGED:
+            update_end(plan, work, state, scratch, h, scratch.unknown)
+            scratch.memory.contraction[0] = contraction_to_remember(contraction, iteration + 1)
+            if iteration > 0 and (full or contraction > _RENEW):
+                scratch.memory.step_factored[0] = 0.0
+            return CONVERGED
+        if verdict == NOT_FINITE or (verdict == TOO_SLOW and not full):
+            return verdict
         before = size
         imbalance_before = imbalance
-        # near singular positions old factors lose their worth within a step
-        left = 1.0 if iteration == 0 and loops else _remaining_error(contraction)
-        if iteration == 0 and scratch.tangent_stiffness.shape[0] > 0:
-            # those that hold a contact which the machine has left correct next to nothing, however much is wrong
-            change = stiffness_change(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
-            left = max(left, change / (1.0 - change) if change < 1.0 else np.inf)
-        if balanced and (size * left <= tolerance or size <= 1e-15):
-            update_end(plan, work, state, scratch, h, scratch.unknown)
-            if iteration == 0:  # unmeasured, so it is trusted a little less at each step
-                scratch.memory.contraction[0] = min(1.3 * contraction, 1.0)
-                return 1
-            scratch.memory.contraction[0] = min(contraction, 1.0)
-            if full or contraction > _RENEW:
-                scratch.memory.step_factored[0] = 0.0
-            return 1
-    return 0
+    return TOO_SLOW
 
 
 @kernel
@@ -315,7 +315,7 @@ def solve_step(plan, work, state, scratch, h, tolerance):
             if not _linearise(plan, work, state, scratch, h):
                 break
         evaluated = attempt > 0 and plan.rows.shape[0] == 0
-        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2, full) == 1:
+        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2, full) == CONVERGED:
             if renew:
                 scratch.memory.renewals[0] -= 1
             elif attempt == 0:
