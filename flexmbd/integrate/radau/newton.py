@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from flexmbd.integrate import state as st
+from flexmbd.integrate.newton_control import (
+    CONVERGED,
+    NOT_FINITE,
+    TOO_SLOW,
+    contraction_to_remember,
+    expected_contraction,
+    judge,
+)
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.end import close_end, place_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
@@ -46,10 +52,11 @@ def _stiffness_change(plan, work, scratch):
 def _iterate(plan, work, state, scratch, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
-    # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
+    contraction = expected_contraction(scratch.memory.contraction[0])
     if scratch.tangent_stiffness.shape[0] > 0:
         contraction = max(contraction, _stiffness_change(plan, work, scratch))
+    # transformed rows depend on where the stages were: only later corrections show the contraction
+    shows = 3 if scratch.uses_transform[0] == 1 else 1
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
     for iteration in range(most):
         for i in range(STAGES):
@@ -60,22 +67,12 @@ def _iterate(plan, work, state, scratch, h, tolerance):
         scratch.memory.newton_iterations[0] = iteration + 1
         correct_stages(plan, scratch, h)
         size = place_stages(plan, state, scratch, h)
-        if not np.isfinite(size):
-            return False
-        if iteration > 0:
-            contraction = size / before if before > 0.0 else 0.0
-        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1e300
-        # round-off of the residual may leave no better
-        stalled = iteration > 0 and contraction > 0.3 and size <= _ROUND_OFF
-        if size * left <= tolerance or size <= 1e-15 or stalled:
-            # unmeasured, it is trusted a little less at each step
-            scratch.memory.contraction[0] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
+        verdict, contraction = judge(size, before, contraction, 0.0, tolerance, _ROUND_OFF, most - 1 - iteration)
+        if verdict == CONVERGED:
+            scratch.memory.contraction[0] = contraction_to_remember(contraction, iteration + 1)
             return True
-        # transformed rows depend on where the stages were: only later corrections show the contraction
-        if iteration > (2 if scratch.uses_transform[0] == 1 else 0):
-            remaining = most - 1 - iteration
-            if contraction > 0.9 or size * left * contraction**remaining > tolerance:
-                return False
+        if verdict == NOT_FINITE or (verdict == TOO_SLOW and iteration >= shows):
+            return False
         before = size
     return False
 
