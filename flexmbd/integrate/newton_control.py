@@ -19,6 +19,7 @@ LEAST = 1e-15
 
 _SLOWEST = 0.9  # a slower contraction counts as none
 _STALLED = 0.3  # corrections that shrink no more than that, and are round-off, shrink no more
+_LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 _GROWTH, _FIRST, _POWER = 1.3, 1e-3, 0.8  # of a contraction that is taken from the step before
 
 
@@ -64,3 +65,19 @@ def judge(size, before, contraction, doubt, tolerance, noise, left):
     if measured and (contraction > _SLOWEST or error * contraction**left > tolerance):
         return TOO_SLOW, contraction
     return GO_ON, contraction
+
+
+@kernel
+def give_up_old_factors(memory, least):
+    """Old factors have failed: at least so many of the next steps do not try them, and next time about twice as many."""
+    memory.renewals[0] = max(least, memory.next_renewals[0])
+    memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * memory.next_renewals[0] + 1)
+
+
+@kernel
+def count_solved_step(memory, renewed, old):
+    """A step was solved: one of those that try no old factors (``renewed``), with ``old`` ones, or with new ones."""
+    if renewed:
+        memory.renewals[0] -= 1
+    elif old:
+        memory.next_renewals[0] = 0

@@ -17,7 +17,9 @@ from flexmbd.integrate.newton_control import (
     NOT_FINITE,
     TOO_SLOW,
     contraction_to_remember,
+    count_solved_step,
     expected_contraction,
+    give_up_old_factors,
     judge,
     remaining_error,
 )
@@ -34,7 +36,6 @@ _MAX_ITERATIONS = 10
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
 #: Corrections that round-off causes, over the scales, where rows are well conditioned.
 ROUND_OFF = 1e-14
-_LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 
 
 @kernel
@@ -316,13 +317,9 @@ def solve_step(plan, work, state, scratch, h, tolerance):
                 break
         evaluated = attempt > 0 and plan.rows.shape[0] == 0
         if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2, full) == CONVERGED:
-            if renew:
-                scratch.memory.renewals[0] -= 1
-            elif attempt == 0:
-                scratch.memory.next_renewals[0] = 0
+            count_solved_step(scratch.memory, renew, attempt == 0)
             return True
         if attempt == 0:
-            scratch.memory.renewals[0] = scratch.memory.next_renewals[0]
-            scratch.memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * scratch.memory.next_renewals[0] + 1)
+            give_up_old_factors(scratch.memory, 0)
     scratch.memory.step_factored[0] = 0.0
     return False

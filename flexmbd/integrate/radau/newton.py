@@ -8,7 +8,9 @@ from flexmbd.integrate.newton_control import (
     NOT_FINITE,
     TOO_SLOW,
     contraction_to_remember,
+    count_solved_step,
     expected_contraction,
+    give_up_old_factors,
     judge,
 )
 from flexmbd.integrate.radau.coefficients import STAGES
@@ -27,7 +29,7 @@ MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
 _RENEW = 0.05  # a slower contraction than this renews the tangent for the next step
 _ROUND_OFF = 1e-13
-_RENEWALS = 8.0  # steps that take a new tangent with new factors after an old one failed
+_RENEWALS = 8  # steps at least that take a new tangent with new factors after an old one failed
 _MIDDLE = STAGES // 2
 _TRANSFORMED = 3  # attempts before the two that transform the rows of the stages, from both predictors
 _SWEEPS = 3  # of rotations at the first guess
@@ -84,11 +86,10 @@ def solve_step(plan, work, state, scratch, h, tolerance):
     Returns whether it converged; if so ``scratch`` holds the stages, the last being the step's end.
     """
     known = scratch.memory.polynomial_known[0] == 1
+    renew = scratch.memory.renewals[0] > 0
     for attempt in range(_TRANSFORMED + 2 if plan.rows.shape[0] > 0 else _TRANSFORMED):
         new_factors = scratch.memory.step_factored[0] != h
-        if attempt == 0 and (
-            scratch.memory.tangent_serves[0] == 0 or (new_factors and scratch.memory.renewals[0] > 0.0)
-        ):
+        if attempt == 0 and (scratch.memory.tangent_serves[0] == 0 or (new_factors and renew)):
             continue
         # these differ from the attempts that follow by the predictor alone
         if not known and (attempt == 2 or attempt == _TRANSFORMED):
@@ -112,7 +113,7 @@ def solve_step(plan, work, state, scratch, h, tolerance):
         scratch.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
         if not _iterate(plan, work, state, scratch, h, tolerance):
             if attempt == 0:
-                scratch.memory.renewals[0] = _RENEWALS
+                give_up_old_factors(scratch.memory, _RENEWALS)
             continue
         if plan.rows.shape[0] > 0:
             if not close_end(plan, work, state, scratch, h, tolerance, attempt == 0):
@@ -122,7 +123,7 @@ def solve_step(plan, work, state, scratch, h, tolerance):
         slow = scratch.memory.newton_iterations[0] > 1 and scratch.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
             scratch.memory.tangent_serves[0] = 0
-        scratch.memory.renewals[0] = max(0.0, scratch.memory.renewals[0] - 1.0)
+        count_solved_step(scratch.memory, renew, attempt == 0)
         return True
     scratch.memory.tangent_serves[0] = 0
     return False
