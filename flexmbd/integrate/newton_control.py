@@ -18,7 +18,7 @@ NOT_FINITE, TOO_SLOW, GO_ON, CONVERGED = range(-1, 3)
 LEAST = 1e-15
 
 _SLOWEST = 0.9  # a slower contraction counts as none
-_STALLED = 0.3  # corrections that shrink no more than that, and are round-off, shrink no more
+_STALLED = 0.25  # corrections that shrink no more than that, and are round-off, shrink no more
 _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 _GROWTH, _FIRST, _POWER = 1.3, 1e-3, 0.8  # of a contraction that is taken from the step before
 
