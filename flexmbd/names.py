@@ -43,6 +43,7 @@ from flexmbd.integrate.explicit.central_difference import CentralDifference as C
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta as ExplicitRungeKutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.explicit.tableau import Pair as Pair
+from flexmbd.integrate.explicit.tableau import Tableau as Tableau
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA
 from flexmbd.linearized import LinearizedMachine as LinearizedMachine
 from flexmbd.linearized import StateSpace as StateSpace

@@ -49,6 +49,7 @@ def test_all_files_are_used_and_none_looks_behind_the_doors():
     assert set(FILES) == {
         "own_spring.py", "stick.py", "explicit_midpoint.py", "pin_in_slot.py", "bulk_and_shear.py", "modal_json.py",
         "sloshing.py", "bouc_wen.py", "bathe.py", "bdf2.py",
+        "bogacki_shampine.py",
     }  # fmt: skip
     for name, text in FILES.items():
         assert len(text.splitlines()) <= 100, name
@@ -169,6 +170,25 @@ def test_an_integrator(folder, tmp_path):
     kept = whole.checkpoints[0].save(tmp_path / "kept.npz")
     rest = crank.simulate(0.2, rtol=1e-3, integrator=method, restart=fm.Checkpoint.load(kept))
     np.testing.assert_array_equal(rest.x, whole.x[len(whole.t) - len(rest.t) :])
+
+
+def test_an_explicit_tableau(folder):
+    """Order 3 on a pendulum's closed form, and the error in proportion to rtol."""
+    method = module(folder, "bogacki_shampine").METHOD
+    period = 4.0 / np.sqrt(9.81) * ellipk(0.5)
+    scene, _, hinge = pendulum()
+
+    def error(**how):
+        beta = scene.simulate(period, integrator=method, **how).beta(hinge)
+        return abs(beta[-1] - beta[0])
+
+    # at the turning point the angle is of one order more
+    quarter = [abs(scene.simulate(0.25 * period, h=0.25 * period / n, integrator=method).beta(hinge)[-1] - 1.5 * np.pi)
+               for n in (100, 200, 400)]  # fmt: skip
+    orders = np.log2(np.array(quarter[:-1]) / np.array(quarter[1:]))
+    assert (abs(orders - 3.0) < 0.1).all()
+    assert error(rtol=1e-4) < 1e-2
+    assert error(rtol=1e-8) < 1e-6
 
 
 @pytest.mark.parametrize("name", ["bathe", "bdf2"])

@@ -18,7 +18,7 @@ from flexmbd.integrate.explicit import explicit_runge_kutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, RungeKuttaMemory, new_method
 from flexmbd.integrate.explicit.force_noise import no_force_noise
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_scales
-from flexmbd.integrate.explicit.tableau import Tableau
+from flexmbd.integrate.explicit.tableau import TableauArrays
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
 from flexmbd.multibody.kernels.base import kinds
@@ -42,7 +42,7 @@ NEWTON = 1e-9
 _SOME_STEPS = 1e4  # of a run whose length the host alone knows
 
 #: One stage at the step's beginning, which moves nothing.
-_STANDSTILL = Tableau(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)))
+_STANDSTILL = TableauArrays(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)), 0)
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def with_tangents(parts: Parts, scene: CompiledScene) -> Parts:
 
 
 def _explicit(
-    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, knots: FloatArray, shared: tuple[Any, ...]
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: TableauArrays, knots: FloatArray, shared: tuple[Any, ...]
 ) -> Call:
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared

@@ -3,29 +3,103 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.errors import SceneError
+from flexmbd.given import checked
+from flexmbd.integrate.explicit.order_conditions import MOST, order_of
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Tableau(ArrayStruct):
+class TableauArrays(ArrayStruct):
     """Arrays of one method of s stages.
 
     a: (s + 1, s) strictly lower; its last row are the weights of the step's end.  nodes: (s + 1,).
     estimates: (2, s + 1) weights of two error estimates, zero where a method has fewer; the last
-    column weighs the derivative at the step's end.
+    column weighs the derivative at the step's end.  estimates_error: whether there is one, 0 or 1.
     """
 
     a: FloatArray
     nodes: FloatArray
     estimates: FloatArray
+    estimates_error: int
+
+
+@checked()
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """An explicit Runge-Kutta method of one's own, for ``fm.ExplicitRungeKutta``.
+
+    Its order is checked by the conditions that rooted trees make (Butcher 1963).
+
+    Attributes:
+        label: how ``explain`` and checkpoints call it.
+        order: of the solution that is carried on, 1 to 8.
+        a: (s, s) strictly lower, weights of the stages' derivatives in each stage, per step.
+        b: (s,) those of the step's end.
+        embedded: (s,) or (s + 1,) those of another solution of lower order, by whose distance the error is estimated; the
+            last of s + 1 weighs the derivative at the step's end, which the next step begins with.  None: steps are given.
+
+    ``tableau`` is the same for kernels.
+
+    Raises:
+        SceneError: arrays do not fit, a stage hangs on itself or later ones, or the order is lower.
+    """
+
+    label: str
+    order: int
+    a: ArrayLike
+    b: ArrayLike
+    embedded: ArrayLike | None = None
+    tableau: TableauArrays = field(init=False, repr=False)
+    _lower: int = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        a, b = np.array(self.a, dtype=np.float64), np.array(self.b, dtype=np.float64)
+        s = b.size
+        if b.ndim != 1 or s == 0 or a.shape != (s, s):
+            raise SceneError(f"{self.label}: b (s,) and a (s, s) must be of one number of stages, got {b.shape} and {a.shape}")
+        if np.triu(a).any():
+            raise SceneError(f"{self.label}: a must be strictly lower: in an explicit method a stage hangs on those before")
+        if not 1 <= self.order <= MOST:
+            raise SceneError(f"{self.label}: order must lie between 1 and {MOST}, got {self.order}")
+        shown = order_of(a, b)
+        if shown < self.order:
+            raise SceneError(f"{self.label} says order {self.order}, but fulfils the conditions of order {shown} alone")
+        lower, difference = 0, np.zeros(s + 1)
+        if self.embedded is not None:
+            embedded = np.array(self.embedded, dtype=np.float64)
+            if embedded.shape not in ((s,), (s + 1,)):
+                raise SceneError(f"{self.label}: embedded must have {s} or {s + 1} weights, got {embedded.shape}")
+            whole = np.zeros((s + 1, s + 1))
+            whole[:s, :s], whole[s, :s] = a, b
+            weights = np.append(embedded, np.zeros(s + 1 - embedded.size))
+            lower, difference = order_of(whole, weights), np.append(b, 0.0) - weights
+            if lower < 1 or not difference.any():
+                raise SceneError(f"{self.label}: embedded must be another solution, of order 1 at least, whose weights sum to 1")
+        arrays = TableauArrays(
+            np.concatenate([a, b[None]]), np.append(a.sum(axis=1), 1.0), np.stack([difference, np.zeros(s + 1)]),
+            int(self.embedded is not None),
+        )  # fmt: skip
+        for name, value in (("a", a), ("b", b), ("tableau", arrays), ("_lower", lower)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def estimates_error(self) -> bool:
+        """Whether the step can follow a tolerance."""
+        return self.embedded is not None
+
+    @property
+    def exponent(self) -> float:
+        """Of the step over its error."""
+        return 1.0 / (min(self._lower, self.order) + 1.0)
 
 
 def _tableau(
@@ -35,9 +109,9 @@ def _tableau(
     rows: Sequence[Mapping[int, float]],
     weights: Mapping[int, float],
     estimates: Sequence[Mapping[int, float]] = (),
-) -> Tableau:
-    table = Tableau(
-        np.zeros((stages + 1, stages)), np.array([*nodes, 1.0]), np.zeros((2, stages + 1))
+) -> TableauArrays:
+    table = TableauArrays(
+        np.zeros((stages + 1, stages)), np.array([*nodes, 1.0]), np.zeros((2, stages + 1)), int(len(estimates) > 0)
     )
     for into, row in (
         *zip(table.a, (*rows, weights), strict=True),
@@ -133,7 +207,7 @@ class Pair(Enum):
     DORMAND_PRINCE_8 = "Dormand-Prince 8(5,3)"
 
     @property
-    def tableau(self) -> Tableau:
+    def tableau(self) -> TableauArrays:
         """The coefficients."""
         return {Pair.CLASSICAL_4: _FOUR, Pair.DORMAND_PRINCE_5: _FIVE, Pair.DORMAND_PRINCE_8: _EIGHT}[self]
 
@@ -145,4 +219,14 @@ class Pair(Enum):
     @property
     def estimates_error(self) -> bool:
         """Whether the step can follow a tolerance."""
-        return bool(self.tableau.estimates.any())
+        return bool(self.tableau.estimates_error)
+
+    @property
+    def exponent(self) -> float:
+        """Of the step over its error."""
+        return 1.0 / (8.0 if self is Pair.DORMAND_PRINCE_8 else 5.0)
+
+    @property
+    def label(self) -> str:
+        """How ``explain`` calls it."""
+        return self.value
