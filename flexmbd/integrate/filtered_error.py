@@ -73,7 +73,7 @@ def _missed_impulse(plan, load, h, error_x, error_v):
 
 @kernel
 def misses_no_load(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, found):
-    """Whether loads that are data change nothing of a ratio: as ``data_loads.find_defects`` found, or rtol does not ask.
+    """Whether loads that are data change nothing of a ratio, as ``data_loads.find_defects`` has ``found``.
 
     Arguments as of ``filtered_ratio``.  Where loads are samples that rtol does not ask for, own rates are let go.
     """

@@ -1,8 +1,8 @@
 """Newton's iteration with old factors, for all implicit methods: when it has converged, and when it is given up.
 
-With factors of another iterate it converges linearly.  The ratio of a correction to the one before, the contraction, says
-what is left of the error (Hairer & Wanner 1996, section IV.8); that of the step before lets a good predictor pass after
-one iteration.
+With factors of another iterate it converges linearly.  The ratio of a correction to the one before, the contraction,
+says what is left of the error (Hairer & Wanner 1996, section IV.8); that of the step before lets a good predictor pass
+after one iteration.
 """
 
 from __future__ import annotations
@@ -51,8 +51,9 @@ def has_stalled(contraction, size, noise):
 def judge(size, before, contraction, doubt, tolerance, noise, left):
     """Verdict on a correction of ``size``, and the contraction.
 
-    ``before``: the correction before it, 0 for none: then ``contraction`` is what is expected of the factors, and at least
-    ``doubt`` of the correction counts as error.  ``noise``: see ``has_stalled``.  ``left``: how many iterations there may be yet.
+    ``before``: the correction before it, 0 for none: then ``contraction`` is what is expected of the factors, and at
+    least ``doubt`` of the correction counts as error.  ``noise``: see ``has_stalled``.  ``left``: how many iterations
+    there may be yet.
     """
     if not np.isfinite(size):
         return NOT_FINITE, contraction
@@ -69,7 +70,7 @@ def judge(size, before, contraction, doubt, tolerance, noise, left):
 
 @kernel
 def give_up_old_factors(memory, least):
-    """Old factors have failed: at least so many of the next steps do not try them, and next time about twice as many."""
+    """Old factors have failed: at least so many of the next steps do not try them, next time about twice as many."""
     memory.renewals[0] = max(least, memory.next_renewals[0])
     memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * memory.next_renewals[0] + 1)
 

@@ -73,7 +73,7 @@ def vibration(stiffness, damping=0.0):
 
 
 def test_a_stage_at_a_time_is_the_runge_kutta_method():
-    """Steps of Alexander's method on a damped vibration against its own formula, R = I + h sum b_i k_i, far beyond accuracy."""
+    """Steps of Alexander's method on a damped vibration against its amplification, far beyond accuracy."""
     method = ImplicitMethod("SDIRK2", singly_diagonal, stages=2, numbers=(GAMMA,))
     for h in (0.01, 0.3):
         run = vibration(50.0, 3.0).simulate(10 * h, h=h, rtol=1e-12, integrator=method)
@@ -152,7 +152,7 @@ def test_hht_has_no_small_rho():
         (r"stage 1 hangs on itself or on later ones", looks_ahead, {"stages": 2}),
         (r"nodes must lie in the step and end with 1, got \[0\.5\]", open_at_the_end, {}),
         (r"u and v of stage 1 must grow with the acceleration at its end", no_acceleration, {}),
-        (r"failed for h = 0\.001, h_before = 0\.0 with 1 stages and 0 memories: index", singly_diagonal, {"numbers": (0.3,)}),
+        (r"failed for h = 0\.001, h_before = 0\.0 with 1 stages .*: index", singly_diagonal, {"numbers": (0.3,)}),
         (r"stages must be at least 1, got 0", newmark, {"stages": 0}),
         (r"numbers must be a list, each a finite number", newmark, {"numbers": (np.nan, 0.5)}),
         (r"relation must be fm\.compiled of f\(data, h, h_before", fm.compiled(lambda t: t), {}),
@@ -188,7 +188,9 @@ def test_bodies_with_history_are_refused():
 
 
 def test_a_method_is_pickled():
-    method = pickle.loads(pickle.dumps(ImplicitMethod("Newmark", newmark, numbers=(0.25, 0.5))))
+    method = ImplicitMethod("Newmark", newmark, numbers=(0.25, 0.5))
     scene = pendulum()[0]
-    one, other = (scene.simulate(0.1, h=1e-2, integrator=each) for each in (method, ImplicitMethod("Newmark", newmark, numbers=(0.25, 0.5))))
+    one, other = (
+        scene.simulate(0.1, h=1e-2, integrator=each) for each in (method, pickle.loads(pickle.dumps(method)))
+    )
     np.testing.assert_array_equal(one.x, other.x)

@@ -73,12 +73,13 @@ def test_own_coefficients_of_a_pair_are_the_pair():
 
 
 def test_error_control_of_a_pair_of_one_s_own():
-    """Heun's with Euler's: the first weight of the estimate may vanish as well (midpoint with Euler's from the middle)."""
+    """Heun's with Euler's; the first weight of an estimate may vanish as well."""
     scene = pendulum()[0]
     best = scene.simulate(1.0, rtol=1e-11, integrator=fm.ExplicitRungeKutta())
     for a, b, embedded in ((*HEUN, [1.0, 0.0]), ([[0.0, 0.0], [0.5, 0.0]], [0.0, 1.0], [0.0, 0.0, 1.0])):
         method = fm.ExplicitRungeKutta(fm.Tableau("own 2(1)", 2, a, b, embedded))
-        errors = [np.abs(scene.simulate(1.0, rtol=rtol, integrator=method).x[-1] - best.x[-1]).max() for rtol in (1e-2, 1e-3)]
+        ends = [scene.simulate(1.0, rtol=rtol, integrator=method).x[-1] for rtol in (1e-2, 1e-3)]
+        errors = [np.abs(end - best.x[-1]).max() for end in ends]
         assert errors[0] < 3e-2
         assert errors[1] < errors[0] / 5.0
     without = fm.ExplicitRungeKutta(fm.Tableau("Heun", 2, *HEUN))
@@ -87,13 +88,13 @@ def test_error_control_of_a_pair_of_one_s_own():
 
 
 def test_fixed_steps_beyond_stability_are_told():
-    """By the method's own polynomial, which of order 4 with four stages reaches to 2.83 over the rate of a vibration."""
+    """By the method's own polynomial: of order 4 with four stages it reaches to 2.83 over the rate of a vibration."""
     scene, _, hinge = pendulum()
     scene.add_force(fm.force.JointSpring(hinge, 1e6))
     method = fm.ExplicitRungeKutta(fm.Tableau("three eighths", 4, *THREE_EIGHTHS))
     rate = 1e3  # 1/s, for 1 kg swings on an arm of 1 m
     scene.simulate(0.05, h=2.7 / rate, integrator=method)
-    with pytest.raises(SceneError, match=r"beyond the stability of explicit Runge-Kutta, three eighths.*Take h = 0\.00283 s"):
+    with pytest.raises(SceneError, match=r"beyond the stability of .*three eighths.*Take h = 0\.00283 s"):
         scene.simulate(1.0, h=3.0 / rate, integrator=method)
 
 

@@ -37,10 +37,10 @@ class ImplicitMethod:
     ``relation`` is ``fm.compiled`` of ``f(data, h, h_before, nodes, u, v, memory)``.  For a step of h (s) after one of
     ``h_before``, 0 where nothing is remembered, it writes the ends of the s stages in steps, the last 1, into ``nodes``
     (s,), and into zeros how displacement from the step's start and velocity at the end of each stage hang on others:
-    ``u`` (s, n), ``v`` (s, n) with n = 3 (s + 1) + r are weights of u, v, a of the start (u = 0), of the first stage and
-    so on, then of the r vectors remembered, which ``memory`` (r, n) makes for the next step.  Row i takes the stages
-    before, of its own ``v`` the acceleration, and ``u`` velocity and acceleration.  It is called where h or h_before
-    have changed.
+    ``u`` (s, n), ``v`` (s, n) with n = 3 (s + 1) + r are weights of u, v, a of the start (u = 0), of the first stage
+    and so on, then of the r vectors remembered, which ``memory`` (r, n) makes for the next step.  Row i takes the
+    stages before; of its own stage ``v`` takes the acceleration, and ``u`` velocity and acceleration.  It is called
+    where h or h_before have changed.
 
     Newton's iteration and its matrix, closed loops, events, checkpoints, error control are those of
     ``fm.GeneralizedAlpha``: the estimate compares the step's end with the parabola through the last three accelerations
@@ -83,7 +83,8 @@ class ImplicitMethod:
             shown = _shown_order(self, lengths)
             if not shown > self.order - _SHORTFALL:
                 raise SceneError(
-                    f"{self.name} says order {self.order}, but with {pattern} it shows {shown:.2f} on a linear vibration"
+                    f"{self.name} says order {self.order}, but with {pattern} it shows {shown:.2f} on a linear "
+                    "vibration"
                 )
 
     def check(self, scene: CompiledScene) -> None:
@@ -138,7 +139,7 @@ def _refuse_weights(method: ImplicitMethod, h: float, before: float) -> None:
 
 
 def _shown_order(method: ImplicitMethod, lengths: Sequence[float]) -> float:
-    """The order that the errors of two runs show, whose steps repeat these lengths; infinite where these are round-off."""
+    """The order that errors of two runs show, whose steps repeat these lengths; infinite where they are round-off."""
     coarse, fine = (_error_of_run(method, lengths, count) for count in (_STEPS, 2 * _STEPS))
     if not math.isfinite(coarse + fine):
         return -math.inf
@@ -153,7 +154,7 @@ def _error_of_run(method: ImplicitMethod, lengths: Sequence[float], count: int) 
     t, before = 0.0, 0.0
     y, v = _exact(0.0)
     a = _acceleration(t, y, v)
-    remembered = np.zeros(method.memories)
+    remembered: FloatArray = np.zeros(method.memories)
     for h in steps.tolist():
         if (h, before) not in known:
             known[h, before] = _Weights(method, h, before)

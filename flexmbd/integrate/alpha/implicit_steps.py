@@ -10,13 +10,13 @@ from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.relation import RelationChoice
 from flexmbd.integrate.alpha.step_history import accept, prepare_step, solve_stages
 from flexmbd.integrate.alpha.workspace import AlphaWorkspace, new_workspace
-from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, settle
 from flexmbd.integrate.jumps import take_jump
 from flexmbd.multibody.bodies.continuum_body import Scheme
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 #: How steps of order 2 follow from their errors: they change seldom, for each change costs a factorisation.
@@ -39,7 +39,10 @@ def implicit_stepper(
     """See ``integrate.protocol.Integrator``.
 
     Args:
-        scene, state, groups, work: of the simulation.
+        scene: what moves.
+        state: where it stands.
+        groups: scales of its error.
+        work: of its kernels.
         choice: the relation.
         index: 2 closes loops at the level of positions and of velocities, 3 at that of positions alone.
         order: of the method, by which steps follow from their errors.
@@ -59,12 +62,17 @@ def implicit_stepper(
 
     drop_factors()
     rule = RULE.replace(exponent=1.0 / order)
-    if interiors is not None:
-        assert scheme is not None  # as its ``check`` has it
+    if interiors is not None and scheme is not None:
         machine = ImplicitInteriors(interiors, scheme, rule, scene.plan, work, state, groups, scratch)
         return Stepper(machine.advance, begin, drop_factors, memory)
     loop = make_advance(advance, ImplicitSteps(scene.plan, work, scratch), rule, state, groups)
     return Stepper(loop, begin, drop_factors, memory)
+
+
+@deferred_kernel(FLAG)
+def _passes_jump(method, state, groups, h):
+    """Whether an attempt whose error is too large is taken all the same, for it passes a jump (see ``jumps``)."""
+    return take_jump(method.plan.free, state, groups, state.a, method.scratch.a, 1.0, h)
 
 
 @kernel
@@ -73,30 +81,16 @@ def _attempt(method, state, groups, h):
     plan = method.plan
     work = method.work
     scratch = method.scratch
-    count = state.counts
     tolerance = prepare_step(state, groups, scratch, h)
-    solved = solve_stages(plan, work, state, scratch, h, tolerance)
-    if plan.flag[0] != 0:
-        count[st.OUTCOME] = st.CALLBACK_FAILED
-    elif solved:
-        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+    if settle(plan, state, solve_stages(plan, work, state, scratch, h, tolerance)):
         ratio = 0.0
-        if count[st.FIXED_STEP] == 0:
+        if state.counts[st.FIXED_STEP] == 0:
             ratio = local_error(plan, work, state, groups, scratch, h, state.numbers[st.RATE])
+        if not ratio <= 1.0 and _passes_jump(method, state, groups, h):
+            ratio = 1.0
         state.numbers[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             accept(state, scratch, h)
-    elif count[st.OUTCOME] == st.DONE:
-        count[st.OUTCOME] = st.NOT_CONVERGED
-
-
-@deferred_kernel()
-def _pass_jump(method, state, groups, h):
-    """Accept an attempt whose error is too large where it passes a jump (see ``jumps``)."""
-    scratch = method.scratch
-    if take_jump(method.plan.free, state, groups, state.a, scratch.a, 1.0, h):
-        state.numbers[st.ERROR_RATIO] = 1.0
-        accept(state, scratch, h)
 
 
 @entry_kernel
@@ -108,5 +102,3 @@ def advance(method, rule, knots, state, groups, record):
         if h == 0.0:
             return state.counts[st.OUTCOME]
         _attempt(method, state, groups, h)
-        if not state.numbers[st.ERROR_RATIO] <= 1.0:
-            _pass_jump(method, state, groups, h)

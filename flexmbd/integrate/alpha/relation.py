@@ -169,7 +169,7 @@ def _add_vector(total, weight, vector):
 
 @kernel
 def _add_parts(relation, remembered, weights, count, total):
-    """Add the sums over the ends of ``count`` stages and over what is remembered, by weights (n,), to ``total`` (nv,)."""
+    """Add the sums over the ends of ``count`` stages and what is remembered, by weights (n,), to ``total`` (nv,)."""
     for j in range(count):
         for part in range(POINT):
             _add_vector(total, weights[POINT * (j + 1) + part], relation.points[j, part])

@@ -29,12 +29,13 @@ class AlphaMemory(ArrayStruct):
     """What the method remembers from step to step; numbers stand alone in arrays (1,).
 
     scheme: (2,) position and velocity per unit of the new acceleration in the stage at hand.  step_factored: the step
-    (s) that the factors belong to, 0 where there are none.  step_earlier: the step before the last.  contraction: how much a Newton
-    iteration leaves of the error with the factors at hand.
+    (s) that the factors belong to, 0 where there are none.  step_earlier: the step before the last.  contraction: how
+    much a Newton iteration leaves of the error with the factors at hand.
     known_steps: how many accelerations it remembers.  filters: whether it filters its error.  renewals, next_renewals:
     steps left that are factored anew because old factors failed, and how many next time.  index: 2 or 3.
-    remembered: (r, nv) what the method's ``relation`` carries from step to step.  before, earlier, earliest: (nv,) the true ones one, two and three steps
-    ago.  own_rate: (nv,) each coordinate's own rate (1/s).  reactions_before, ...: (m,) multipliers of these steps.
+    remembered: (r, nv) what the method's ``relation`` carries from step to step.
+    before, earlier, earliest: (nv,) the accelerations one, two and three steps ago.  own_rate: (nv,) each coordinate's
+    own rate (1/s).  reactions_before, ...: (m,) multipliers of these steps.
     row_length: (m,) the largest lengths of the rows.
     """
 

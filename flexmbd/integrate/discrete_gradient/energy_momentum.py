@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, settle
 from flexmbd.integrate.data_loads import find_defects, push, put_pushes
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
@@ -376,10 +376,7 @@ def _attempt(method, state, groups, h):
     if solved and plan.flag[0] == 0:
         evaluate_times(plan, st.function_time(state.numbers, number[st.STEP_END]), work.time)
         accelerate_end(plan, work, loops, scratch)
-    if plan.flag[0] != 0:
-        count[st.OUTCOME] = st.CALLBACK_FAILED
-    elif solved:
-        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+    if settle(plan, state, solved):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             noise = max(newton, scratch.round_off_floor[0])
@@ -389,8 +386,6 @@ def _attempt(method, state, groups, h):
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(plan, loops, state, scratch, scratch.a_end, h)
-    elif count[st.OUTCOME] == st.DONE:
-        count[st.OUTCOME] = st.NOT_CONVERGED
 
 
 @entry_kernel

@@ -301,8 +301,8 @@ def _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, truste
 
     Far from it, unless the predictor is ``trusted``, the energy's correction is left out, for it would diverge.
     ``old``: the factors are those of an earlier step, and given up sooner.
-    Returns a verdict of ``newton_control``, and whether a solution is near.  Corrections count as they are, not by what is
-    left of them: energy is kept to their size; and they are compared over two iterations, for accelerated ones leap.
+    Returns a verdict of ``newton_control``, and whether a solution is near.  Corrections count as they are, not by what
+    is left of them: energy is kept to their size; and they are compared over two iterations, for accelerated ones leap.
     """
     keeps = scratch.memory.keeps_energy[0] == 1
     corrected = keeps and trusted

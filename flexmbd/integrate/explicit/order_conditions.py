@@ -24,7 +24,7 @@ def _trees(nodes: int) -> tuple[Tree, ...]:
 
 
 def _forests(nodes: int, largest: int, before: Tree | None) -> Iterator[Tree]:
-    """Sets of trees of ``nodes`` together, each of ``largest`` at most; ``before``: the tree of that size to begin with."""
+    """Sets of trees of ``nodes`` together, each of ``largest`` at most; of that size from ``before`` on."""
     if nodes == 0:
         yield ()
         return

@@ -44,10 +44,9 @@ class Tableau:
         order: of the solution that is carried on, 1 to 8.
         a: (s, s) strictly lower, weights of the stages' derivatives in each stage, per step.
         b: (s,) those of the step's end.
-        embedded: (s,) or (s + 1,) those of another solution of lower order, by whose distance the error is estimated; the
-            last of s + 1 weighs the derivative at the step's end, which the next step begins with.  None: steps are given.
-
-    ``tableau`` is the same for kernels.
+        embedded: (s,) or (s + 1,) those of another solution of lower order, by whose distance the error is estimated;
+            the last of s + 1 weighs the derivative at the step's end, which the next step begins with.  None: there is
+            no estimate, steps are given.
 
     Raises:
         SceneError: arrays do not fit, a stage hangs on itself or later ones, or the order is lower.
@@ -59,47 +58,59 @@ class Tableau:
     b: ArrayLike
     embedded: ArrayLike | None = None
     tableau: TableauArrays = field(init=False, repr=False)
-    _lower: int = field(init=False, repr=False)
+    exponent: float = field(init=False, repr=False)  # of the step over its error
 
     def __post_init__(self) -> None:
         a, b = np.array(self.a, dtype=np.float64), np.array(self.b, dtype=np.float64)
-        s = b.size
-        if b.ndim != 1 or s == 0 or a.shape != (s, s):
-            raise SceneError(f"{self.label}: b (s,) and a (s, s) must be of one number of stages, got {b.shape} and {a.shape}")
-        if np.triu(a).any():
-            raise SceneError(f"{self.label}: a must be strictly lower: in an explicit method a stage hangs on those before")
-        if not 1 <= self.order <= MOST:
-            raise SceneError(f"{self.label}: order must lie between 1 and {MOST}, got {self.order}")
-        shown = order_of(a, b)
-        if shown < self.order:
-            raise SceneError(f"{self.label} says order {self.order}, but fulfils the conditions of order {shown} alone")
-        lower, difference = 0, np.zeros(s + 1)
-        if self.embedded is not None:
-            embedded = np.array(self.embedded, dtype=np.float64)
-            if embedded.shape not in ((s,), (s + 1,)):
-                raise SceneError(f"{self.label}: embedded must have {s} or {s + 1} weights, got {embedded.shape}")
-            whole = np.zeros((s + 1, s + 1))
-            whole[:s, :s], whole[s, :s] = a, b
-            weights = np.append(embedded, np.zeros(s + 1 - embedded.size))
-            lower, difference = order_of(whole, weights), np.append(b, 0.0) - weights
-            if lower < 1 or not difference.any():
-                raise SceneError(f"{self.label}: embedded must be another solution, of order 1 at least, whose weights sum to 1")
+        _refuse_order(self.label, self.order, a, b)
+        lower, difference = _estimate(self.label, a, b, self.embedded)
         arrays = TableauArrays(
-            np.concatenate([a, b[None]]), np.append(a.sum(axis=1), 1.0), np.stack([difference, np.zeros(s + 1)]),
+            np.concatenate([a, b[None]]), np.append(a.sum(axis=1), 1.0), np.stack([difference, np.zeros(b.size + 1)]),
             int(self.embedded is not None),
         )  # fmt: skip
-        for name, value in (("a", a), ("b", b), ("tableau", arrays), ("_lower", lower)):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "tableau", arrays)
+        object.__setattr__(self, "exponent", 1.0 / (min(lower, self.order) + 1.0))
 
     @property
     def estimates_error(self) -> bool:
         """Whether the step can follow a tolerance."""
         return self.embedded is not None
 
-    @property
-    def exponent(self) -> float:
-        """Of the step over its error."""
-        return 1.0 / (min(self._lower, self.order) + 1.0)
+
+def _refuse_order(label: str, order: int, a: FloatArray, b: FloatArray) -> None:
+    """Raise SceneError where a and b are no explicit method of that order."""
+    if b.ndim != 1 or b.size == 0 or a.shape != (b.size, b.size):
+        raise SceneError(
+            f"{label}: b (s,) and a (s, s) must be of one number of stages, got {b.shape} and {a.shape}"
+        )
+    if np.triu(a).any():
+        raise SceneError(f"{label}: a must be strictly lower: in an explicit method a stage hangs on those before")
+    if not 1 <= order <= MOST:
+        raise SceneError(f"{label}: order must lie between 1 and {MOST}, got {order}")
+    shown = order_of(a, b)
+    if shown < order:
+        raise SceneError(f"{label} says order {order}, but fulfils the conditions of order {shown} alone")
+
+
+def _estimate(label: str, a: FloatArray, b: FloatArray, embedded: ArrayLike | None) -> tuple[int, FloatArray]:
+    """The order of the embedded solution, and the weights (s + 1,) of its distance.
+
+    Raises:
+        SceneError: it is none.
+    """
+    s = b.size
+    if embedded is None:
+        return 0, np.zeros(s + 1)
+    weights = np.array(embedded, dtype=np.float64)
+    if weights.shape not in ((s,), (s + 1,)):
+        raise SceneError(f"{label}: embedded must have {s} or {s + 1} weights, got {weights.shape}")
+    weights = np.append(weights, np.zeros(s + 1 - weights.size))
+    stages, whole = np.zeros((s + 1, s + 1)), np.append(b, 0.0)
+    stages[:s, :s], stages[s, :s] = a, b
+    lower = order_of(stages, weights)
+    if lower < 1 or not (whole != weights).any():
+        raise SceneError(f"{label}: embedded must be another solution, of order 1 at least, whose weights sum to 1")
+    return lower, whole - weights
 
 
 def _tableau(

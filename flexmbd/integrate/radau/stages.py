@@ -52,8 +52,9 @@ class RadauMemory(ArrayStruct):
     """What the method remembers from step to step; numbers stand alone in arrays (1,).
 
     step_factored, step_polynomial: the steps (s) that the factors and the last polynomial belong to.  contraction: the
-    error that an iteration leaves, as a share.  renewals, next_renewals: how many steps still take a new tangent where they
-    take new factors, because an old one failed, and how many next time.
+    error that an iteration leaves, as a share.
+    renewals, next_renewals: how many steps still take a new tangent where they take new factors, because an old one
+    failed, and how many next time.
     polynomial_known: whether a last polynomial is known.  tangent_serves: whether the tangent may be used again.
     newton_iterations: of the last step.  roughness_known: whether the roughness of the steps before is known.  smooth:
     whether the step at hand is as smooth as they were.

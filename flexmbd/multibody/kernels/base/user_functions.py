@@ -160,7 +160,7 @@ def frame_function(function: Callable[..., None], *, varied: bool) -> tuple[Any,
 
 
 def relation_function(function: Callable[..., None]) -> Any:
-    """``f(data, h, h_before, nodes, u, v, memory)`` behind a C function of the sizes k, s, r, the lengths, the addresses.
+    """``f(data, h, h_before, nodes, u, v, memory)`` behind a C function of the sizes k, s, r, of lengths, of addresses.
 
     ``data`` (k,), ``nodes`` (s,), ``u`` and ``v`` (s, n), ``memory`` (r, n) with n = 3 (s + 1) + r.
 
