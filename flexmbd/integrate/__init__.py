@@ -30,6 +30,7 @@ from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory as new_loop
 from flexmbd.integrate.explicit.loop_dynamics import set_row_scales as set_row_scales
 from flexmbd.integrate.explicit.tableau import Pair as Pair
 from flexmbd.integrate.explicit.tableau import Tableau as Tableau
+from flexmbd.integrate.explicit.tableau import TableauArrays as TableauArrays
 from flexmbd.integrate.interior_support import refuse_interiors as refuse_interiors
 from flexmbd.integrate.protocol import Integrator as Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA

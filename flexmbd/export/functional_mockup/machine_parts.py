@@ -12,7 +12,7 @@ from flexmbd.errors import ExportError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import implicit_steps
 from flexmbd.integrate.alpha import workspace as alpha_layout
-from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha, relation_of
 from flexmbd.integrate.controller import NO_KNOTS, arrays_of
 from flexmbd.integrate.explicit import explicit_runge_kutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, RungeKuttaMemory, new_method
@@ -136,7 +136,7 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     if isinstance(method, ExplicitRungeKutta):
         run = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
         return Parts(run, resting, state, plan, breaks=breaks.jumps, impulses=impulses)
-    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv, method.relation())
+    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv, relation_of(method))
     memory = scratch.memory
     memory.index[0] = method.index
     memory.filters[0] = len(plan.flex) > 0

@@ -96,11 +96,7 @@ class GeneralizedAlpha:
         if self.index == 3 and state.counts[st.FIXED_STEP] == 0 and len(scene.plan.rows) > 0:
             raise SceneError("generalized-alpha of index 3 has no error control: give a step h, or take index=2")
         scheme = Scheme(*self.coefficients())
-        return implicit_stepper(scene, state, groups, work, self.relation(), index=self.index, scheme=scheme)
-
-    def relation(self) -> RelationChoice:
-        """What its steps are: one stage, which remembers the auxiliary acceleration."""
-        return RelationChoice(0, self.coefficients(), 1, 1)
+        return implicit_stepper(scene, state, groups, work, relation_of(self), index=self.index, scheme=scheme)
 
     def coefficients(self) -> tuple[float, float, float, float]:
         """alpha_m, alpha_f, beta, gamma (Chung & Hulbert 1993, eq. 17, 18, 20, 25)."""
@@ -112,3 +108,8 @@ class GeneralizedAlpha:
         }[self.family]
         gamma = 0.5 + alpha_f - alpha_m
         return alpha_m, alpha_f, 0.25 * (gamma + 0.5) ** 2, gamma
+
+
+def relation_of(method: GeneralizedAlpha) -> RelationChoice:
+    """What its steps are: one stage, which remembers the auxiliary acceleration."""
+    return RelationChoice(0, method.coefficients(), 1, 1)

@@ -14,16 +14,16 @@ MOST = 8  # 200 trees
 
 _SAME = 1e-10  # of the terms of a condition: coefficients typed to as many digits
 
-Tree = tuple["Tree", ...]  # the subtrees of the root
+RootedTree = tuple["RootedTree", ...]  # the subtrees of the root
 
 
 @cache
-def _trees(nodes: int) -> tuple[Tree, ...]:
+def _trees(nodes: int) -> tuple[RootedTree, ...]:
     """Rooted trees of so many nodes."""
     return tuple(_forests(nodes - 1, nodes - 1, None))
 
 
-def _forests(nodes: int, largest: int, before: Tree | None) -> Iterator[Tree]:
+def _forests(nodes: int, largest: int, before: RootedTree | None) -> Iterator[RootedTree]:
     """Sets of trees of ``nodes`` together, each of ``largest`` at most; of that size from ``before`` on."""
     if nodes == 0:
         yield ()
@@ -36,18 +36,18 @@ def _forests(nodes: int, largest: int, before: Tree | None) -> Iterator[Tree]:
                 yield (tree, *rest)
 
 
-def _size(tree: Tree) -> int:
+def _size(tree: RootedTree) -> int:
     return 1 + sum(map(_size, tree))
 
 
-def _density(tree: Tree) -> int:
+def _density(tree: RootedTree) -> int:
     product = _size(tree)
     for part in tree:
         product *= _density(part)
     return product
 
 
-def _stages(tree: Tree, a: FloatArray) -> FloatArray:
+def _stages(tree: RootedTree, a: FloatArray) -> FloatArray:
     """What the tree's derivative is at the stages, but for its symmetry."""
     product = np.ones(a.shape[1])
     for part in tree:
