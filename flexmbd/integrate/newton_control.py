@@ -17,7 +17,7 @@ NOT_FINITE, TOO_SLOW, GO_ON, CONVERGED = range(-1, 3)
 #: Corrections over their scales that round-off leaves of the best residual.
 LEAST = 1e-15
 
-_SLOWEST = 0.9  # a slower contraction counts as none
+_SLOWEST = 0.7  # a slower contraction counts as none
 _STALLED = 0.25  # corrections that shrink no more than that, and are round-off, shrink no more
 _LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 _GROWTH, _FIRST, _POWER = 1.3, 1e-3, 0.8  # of a contraction that is taken from the step before
@@ -53,7 +53,7 @@ def judge(size, before, contraction, doubt, tolerance, noise, left):
 
     ``before``: the correction before it, 0 for none: then ``contraction`` is what is expected of the factors, and at
     least ``doubt`` of the correction counts as error.  ``noise``: see ``has_stalled``.  ``left``: how many iterations
-    there may be yet.
+    there may be yet; infinite: those to come are not judged.
     """
     if not np.isfinite(size):
         return NOT_FINITE, contraction

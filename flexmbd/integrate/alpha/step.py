@@ -33,6 +33,7 @@ from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, 
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 
 _MAX_ITERATIONS = 10
+_FORETOLD = 4  # the first iteration by which those to come are judged: new factors cost as much as several
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
 #: Corrections that round-off causes, over the scales, where rows are well conditioned.
 ROUND_OFF = 1e-14
@@ -180,7 +181,7 @@ def _newton(plan, work, state, scratch, h, tolerance, evaluated, last, full):
             return NOT_FINITE
         state.counts[st.ITERATIONS] += 1
         size, imbalance = correct(plan, state, scratch, h)
-        left = _MAX_ITERATIONS - 1 - iteration
+        left = _MAX_ITERATIONS - 1.0 - iteration if iteration >= _FORETOLD else np.inf
         # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
         noise = ROUND_OFF / scratch.least_pivot[0] if last else 0.0
         doubt = _doubt(plan, work, scratch) if iteration == 0 else 0.0
