@@ -60,10 +60,15 @@ def judge(size, before, contraction, doubt, tolerance, noise, left):
     measured = before > 0.0
     if measured:
         contraction = size / before
-    error = size * (remaining_error(contraction) if measured else max(remaining_error(contraction), doubt))
-    if error <= tolerance or size <= LEAST or (measured and has_stalled(contraction, size, noise)):
+        doubt = 0.0
+    error = size * max(remaining_error(contraction), doubt)
+    if error <= tolerance or size <= LEAST:
         return CONVERGED, contraction
-    if measured and (contraction > _SLOWEST or error * contraction**left > tolerance):
+    if not measured:
+        return GO_ON, contraction
+    if has_stalled(contraction, size, noise):
+        return CONVERGED, contraction
+    if contraction > _SLOWEST or error * contraction**left > tolerance:
         return TOO_SLOW, contraction
     return GO_ON, contraction
 
