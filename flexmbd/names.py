@@ -35,12 +35,14 @@ from flexmbd.errors import ToleranceWarning as ToleranceWarning
 from flexmbd.errors import UnitWarning as UnitWarning
 from flexmbd.errors import VersionError as VersionError
 from flexmbd.files.result_table import ResultTable as ResultTable
+from flexmbd.integrate.alpha.generalized_alpha import AlphaFamily as AlphaFamily
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum as EnergyMomentum
 from flexmbd.integrate.explicit.central_difference import CentralDifference as CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta as ExplicitRungeKutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.explicit.tableau import Pair as Pair
+from flexmbd.integrate.explicit.tableau import Tableau as Tableau
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA
 from flexmbd.machine.compiled_machine import CompiledMachine as CompiledMachine
 from flexmbd.machine.linearized_machine import LinearizedMachine as LinearizedMachine

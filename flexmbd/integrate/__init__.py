@@ -4,7 +4,9 @@ Users enter here; the system, runs, scene files and FMUs enter the rooms.  What 
 stands here, too (docs/extending.md).
 """
 
+from flexmbd.integrate.alpha.generalized_alpha import AlphaFamily as AlphaFamily
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+from flexmbd.integrate.alpha.implicit_method import ImplicitMethod as ImplicitMethod
 from flexmbd.integrate.controller import NoMemory as NoMemory
 from flexmbd.integrate.controller import Rule as Rule
 from flexmbd.integrate.controller import Stepper as Stepper
@@ -28,6 +30,7 @@ from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory as new_loop
 from flexmbd.integrate.explicit.loop_dynamics import set_row_scales as set_row_scales
 from flexmbd.integrate.explicit.tableau import Pair as Pair
 from flexmbd.integrate.explicit.tableau import Tableau as Tableau
+from flexmbd.integrate.explicit.tableau import TableauArrays as TableauArrays
 from flexmbd.integrate.interior_support import refuse_interiors as refuse_interiors
 from flexmbd.integrate.protocol import Integrator as Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA

@@ -137,6 +137,20 @@ def make_advance(
 
 
 @kernel
+def settle(plan, state, solved):
+    """Write the OUTCOME of an attempt whose equations were ``solved`` or not; whether its error is to be judged."""
+    count = state.counts
+    if plan.flag[0] != 0:
+        count[st.OUTCOME] = st.CALLBACK_FAILED
+        return False
+    if solved:
+        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+    elif count[st.OUTCOME] == st.DONE:
+        count[st.OUTCOME] = st.NOT_CONVERGED
+    return solved
+
+
+@kernel
 def propose_step(rule, knots, state, groups):
     """The length (s) of the step to try; writes STEP_END, WHOLE_STEP and RATE."""
     number = state.numbers

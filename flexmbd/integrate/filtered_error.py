@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
+from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 
@@ -51,7 +52,7 @@ def vibration_rate(groups, k, curve):
 
 
 @kernel
-def without_loads(plan, groups, own_rates, load, h):
+def _without_loads(plan, groups, own_rates, load, h):
     """Take out of the own rates (nv,) what curvature of loads made of the accelerations.
 
     ``load``: (1, n) accelerations of the free coordinates by the loads' defects, see ``data_loads.find_defects``.
@@ -63,8 +64,38 @@ def without_loads(plan, groups, own_rates, load, h):
 
 
 @kernel
-def missed_impulse(plan, load, h, error_x, error_v):
-    """Write the errors (free,) that a step makes by missing these accelerations, see ``without_loads``."""
+def _missed_impulse(plan, load, h, error_x, error_v):
+    """Write the errors (free,) that a step makes by missing these accelerations, see ``_without_loads``."""
     for j in range(plan.free.shape[0]):
         error_v[j] = h * load[0, j]
         error_x[j] = 0.5 * h * h * load[0, j]
+
+
+@kernel
+def misses_no_load(plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, found):
+    """Whether loads that are data change nothing of a ratio, as ``data_loads.find_defects`` has ``found``.
+
+    Arguments as of ``filtered_ratio``.  Where loads are samples that rtol does not ask for, own rates are let go.
+    """
+    if found == SAMPLED:
+        errors = error_x, error_v, own_rates, rates_before
+        if filtered_ratio(plan, state, groups, *errors, h, machine_rate, noise, DRIFTING) <= 1.0:
+            for k in range(own_rates.shape[0]):
+                own_rates[k] = 0.0  # nothing asks whether it vibrates
+            return True
+    return found == STRAIGHT
+
+
+@kernel
+def ratio_with_loads(
+    plan, state, groups, error_x, error_v, own_rates, rates_before, h, machine_rate, noise, lasting, load
+):  # fmt: skip
+    """The ratio where loads act in the step: what they do is no vibration, and what is missed of them drifts.
+
+    Arguments as of ``filtered_ratio``, whose errors it overwrites; ``load``: see ``_without_loads``.
+    """
+    errors = error_x, error_v, own_rates, rates_before
+    _without_loads(plan, groups, own_rates, load, h)
+    seen = filtered_ratio(plan, state, groups, *errors, h, machine_rate, noise, lasting)
+    _missed_impulse(plan, load, h, error_x, error_v)
+    return max(seen, filtered_ratio(plan, state, groups, *errors, h, machine_rate, noise, DRIFTING))

@@ -261,13 +261,8 @@ class LinearizedMachine:
     def eigenvalues(self, *, modes: int | None = None) -> ComplexArray:
         """(ny + nz,) 1/s, in ascending size, of pairs the one with positive imaginary part first.
 
-<<<<<<< HEAD:flexmbd/machine/linearized_machine.py
         With ``modes`` as many of the smallest alone, or one more that is the other of a pair: of a machine with
         hundreds of coordinates, none of which is free to move, they take a small part of the time of all.
-=======
-        With ``modes`` as many of the smallest alone, or one more that is the other of a pair: of a machine of hundreds
-        of coordinates, none of which is free to move, they take a small part of the time of all.
->>>>>>> refs/heads/lu:flexmbd/linearized.py
 
         Raises:
             SceneError: ``modes`` is no number of modes.

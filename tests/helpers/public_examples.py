@@ -191,6 +191,7 @@ BY_NAME: dict[str, dict[str, Callable[[World], Any]]] = {
     "joint.Connection.position=": {"value": lambda w: 0.1},
     "joint.Connection.velocity=": {"value": lambda w: 0.1},
     "force.JointStop": {"lower": lambda w: -1.0, "upper": lambda w: 1.0},
+    "Tableau": {"a": lambda w: [[0.0]], "b": lambda w: [1.0]},
     "Table": {"t": lambda w: (0.0, 1.0, 2.0, 3.0), "y": lambda w: (0.0, 1.0, 2.0, 3.0)},
     "StVenantKirchhoff": {"nu": lambda w: 0.3},
     "Trajectory.animate": {"path": lambda w: "a.gif", "fps": lambda w: 1, "slow_motion": lambda w: 100.0},

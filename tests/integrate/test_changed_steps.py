@@ -8,9 +8,7 @@ from machines import pendulum, slider_crank
 
 import flexmbd as fm
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha.step_history import carry_auxiliary
 from flexmbd.integrate.alpha.workspace import AlphaMemory
-from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.team import Alone
 from flexmbd.run.snapshot import new_snapshot
 from flexmbd.run.stepping import Integration
@@ -80,29 +78,27 @@ def test_stiff_vibrations_do_not_grow_at_changing_steps(rho):
     assert np.abs(v).max() < 1e-3 * END * np.abs(start.a).max()
 
 
-@entry_kernel
-def carry(state, memory, h):
-    """The kernel, from Python."""
-    carry_auxiliary(state, memory, h)
-
-
-def test_the_history_of_a_rejected_step_leaves_no_trace():
-    """An auxiliary acceleration carried to a step that is rejected, and then to another, is as if carried at once."""
-    start = driven_slider_crank().start()
+def test_a_rejected_attempt_leaves_no_trace():
+    """What is remembered after a step that followed rejected attempts is as if it had been tried at once."""
+    start = swinging_pendulum().start()
     method = fm.GeneralizedAlpha(0.2)
-    at = new_snapshot(start, method, t_start=0.0, t_end=END, rtol=1e-6, h=1e-3)
-    integration = Integration(start, method, Alone(), at, one_by_one=True)
-    for _ in range(4):
-        integration.advance(END)
-        integration.keep_rows()
-    state, memory = integration.state, integration.memory
-    assert isinstance(memory, AlphaMemory)
-    kept = memory.auxiliary.copy()
-    found = []
-    for lengths in ((2e-3, 1.5e-3, 4e-4), (4e-4,)):
-        memory.auxiliary[:], memory.step_auxiliary[0] = kept, 1e-3
-        for h in lengths:
-            carry(state, memory, h)
-        found.append(memory.auxiliary.copy())
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
-    assert np.abs(found[0] - kept).max() > 1e-3 * np.abs(kept).max()
+
+    def after_a_step_of(length):
+        at = new_snapshot(start, method, t_start=0.0, t_end=END, rtol=1e-5, h=None)
+        integration = Integration(start, method, Alone(), at, one_by_one=True)
+        for h in (1e-3, 1e-3, 1e-3, length):
+            integration.state.numbers[st.STEP] = h
+            integration.advance(END)
+            integration.keep_rows()
+        memory = integration.memory
+        assert isinstance(memory, AlphaMemory)
+        return integration.state, memory.remembered[0].copy()
+
+    state, found = after_a_step_of(3.5e-2)
+    assert state.counts[st.REJECTED] > 0
+    length = float(state.numbers[st.STEP_BEFORE])
+    at_once, expected = after_a_step_of(length)
+    assert at_once.counts[st.REJECTED] == 0
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, atol=1e-6 * size)  # Newton's iteration ends elsewhere
+    assert np.abs(found - state.a).max() > 1e-6 * size

@@ -70,7 +70,7 @@ def test_a_fixed_step_is_solved_where_old_factors_lead_nowhere(seed):
     run = whipping_chain(seed).simulate(STEPS * H, h=H, integrator=fm.GeneralizedAlpha(), checkpoints=[H])
     snapshot = run.checkpoints[0].snapshot
     chain = OwnChain(rho=0.8)
-    now = [np.cumsum(part) for part in (run.x[1], run.v[1], run.a[1], snapshot.memory["auxiliary"])]
+    now = [np.cumsum(part) for part in (run.x[1], run.v[1], run.a[1], snapshot.memory["remembered"][0])]
     assert np.abs(chain.required(*now[:3])).max() < 1e-6 * chain.weight.max()
     for row in range(2, STEPS + 1):
         now = chain.step(*now)

@@ -48,7 +48,8 @@ def test_all_files_are_used_and_none_looks_behind_the_doors():
     """Public names alone: rooms of `flexmbd`, and what UFL files may import."""
     assert set(FILES) == {
         "own_spring.py", "stick.py", "explicit_midpoint.py", "pin_in_slot.py", "bulk_and_shear.py", "modal_json.py",
-        "sloshing.py", "bouc_wen.py",
+        "sloshing.py", "bouc_wen.py", "bathe.py", "bdf2.py",
+        "bogacki_shampine.py",
     }  # fmt: skip
     for name, text in FILES.items():
         assert len(text.splitlines()) <= 100, name
@@ -168,6 +169,64 @@ def test_an_integrator(folder, tmp_path):
     whole = crank.simulate(0.2, rtol=1e-3, integrator=method, checkpoints=[0.1])
     kept = whole.checkpoints[0].save(tmp_path / "kept.npz")
     rest = crank.simulate(0.2, rtol=1e-3, integrator=method, restart=fm.Checkpoint.load(kept))
+    np.testing.assert_array_equal(rest.x, whole.x[len(whole.t) - len(rest.t) :])
+
+
+def test_an_explicit_tableau(folder):
+    """Order 3 on a pendulum's closed form, and the error in proportion to rtol."""
+    method = module(folder, "bogacki_shampine").METHOD
+    period = 4.0 / np.sqrt(9.81) * ellipk(0.5)
+    scene, _, hinge = pendulum()
+
+    def error(**how):
+        beta = scene.simulate(period, integrator=method, **how).beta(hinge)
+        return abs(beta[-1] - beta[0])
+
+    # at the turning point the angle is of one order more
+    quarter = [abs(scene.simulate(0.25 * period, h=0.25 * period / n, integrator=method).beta(hinge)[-1] - 1.5 * np.pi)
+               for n in (100, 200, 400)]  # fmt: skip
+    orders = np.log2(np.array(quarter[:-1]) / np.array(quarter[1:]))
+    assert (abs(orders - 3.0) < 0.1).all()
+    assert error(rtol=1e-4) < 1e-2
+    assert error(rtol=1e-8) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["bathe", "bdf2"])
+def test_an_implicit_method(folder, tmp_path, name):
+    """Order 2 on a pendulum, a heavy top and a loop with its reactions; error control; events; restart to the bit."""
+    assert len(FILES[f"{name}.py"].splitlines()) <= 60
+    method = getattr(module(folder, name), name.upper())
+    top = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = top.add(fm.RigidBody(15.0, (0.234375, 0.46875, 0.234375), (0.0, 1.0, 0.0)), name="top")
+    top.connect(fm.joint.Spherical(), top.ground.frame(), body.frame()).velocity = (0.0, 150.0, -4.61538)
+    crank, _, turning = slider_crank()
+    turning.position, turning.velocity = 0.3, 10.0
+    for scene, t_end in ((pendulum()[0], 1.0), (top, 0.1), (crank, 0.16)):
+        best = scene.simulate(t_end, rtol=1e-12, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8))
+        errors = []
+        for steps in (400, 800, 1600):
+            run = scene.simulate(t_end, h=t_end / steps, rtol=1e-10, integrator=method)
+            pairs = (run.x, best.x), (run.v, best.v)
+            errors.append([abs(a[-1] - b[-1]).max() for a, b in pairs])
+        orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+        assert orders.min() > 1.85, (errors, orders)
+        errors = []
+        for rtol in (1e-4, 1e-6):
+            run = scene.simulate(t_end, rtol=rtol, integrator=method)
+            errors.append(abs(run.x[-1] - best.x[-1]).max())
+        assert errors[0] < 60.0 * 1e-4
+        assert 50.0 < errors[0] / errors[1] < 200.0  # in proportion
+        if run.multipliers.size:
+            size = abs(best.multipliers).max()
+            np.testing.assert_allclose(run.multipliers[-1], best.multipliers[-1], atol=1e-4 * size)
+    scene, _, hinge = pendulum()
+    period = 4.0 / np.sqrt(9.81) * ellipk(0.5)
+    lowest = fm.Event(lambda moment: moment.beta(hinge) - 1.5 * np.pi, name="lowest")
+    run = scene.simulate(period, rtol=1e-5, integrator=method, events=[lowest])
+    assert [one.t for one in run.events] == pytest.approx([0.25 * period, 0.75 * period], abs=1e-3)
+    whole = crank.simulate(0.2, rtol=1e-4, integrator=method, checkpoints=[0.1])
+    kept = whole.checkpoints[0].save(tmp_path / "kept.npz")
+    rest = crank.simulate(0.2, rtol=1e-4, integrator=method, restart=fm.Checkpoint.load(kept))
     np.testing.assert_array_equal(rest.x, whole.x[len(whole.t) - len(rest.t) :])
 
 

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import ExportError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha import generalized_alpha
+from flexmbd.integrate.alpha import implicit_steps
 from flexmbd.integrate.alpha import workspace as alpha_layout
-from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha, relation_of
 from flexmbd.integrate.controller import NO_KNOTS, arrays_of
 from flexmbd.integrate.explicit import explicit_runge_kutta
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta, RungeKuttaMemory, new_method
 from flexmbd.integrate.explicit.force_noise import no_force_noise
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_scales
-from flexmbd.integrate.explicit.tableau import Tableau
+from flexmbd.integrate.explicit.tableau import TableauArrays
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.functions.breaks import find_breaks, jumps_of_rate
 from flexmbd.multibody.kernels.base import kinds
@@ -42,7 +42,7 @@ NEWTON = 1e-9
 _SOME_STEPS = 1e4  # of a run whose length the host alone knows
 
 #: One stage at the step's beginning, which moves nothing.
-_STANDSTILL = Tableau(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)))
+_STANDSTILL = TableauArrays(np.zeros((2, 1)), np.zeros(2), np.zeros((2, 2)), 0)
 
 
 @dataclass(frozen=True)
@@ -138,19 +138,18 @@ def parts_of(start: Start, method: Method, h: float) -> Parts:
     if isinstance(method, ExplicitRungeKutta):
         run = _explicit(scene, method, method.pair.tableau, breaks.knots, shared)
         return Parts(run, resting, state, plan, breaks=breaks.jumps, impulses=impulses)
-    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv, dense=True)
+    scratch = alpha_layout.new_workspace(plan, work, scene.nx, scene.nv, relation_of(method), dense=True)
     memory = scratch.memory
     memory.index[0] = method.index
-    memory.scheme[:] = method.coefficients()
     memory.filters[0] = len(plan.flex) > 0
     stepped = Call(tangent_after_residual, (
         plan, work, scratch.tangent, state.x, state.v, state.a, state.multipliers, 0.0, 0.0, 0.0, scratch.full_tangent
     ))  # fmt: skip
     scratch.kernels[:] = 0
-    one = generalized_alpha.AlphaMethod(plan, work, scratch)
-    run = Call(generalized_alpha.advance, (one, generalized_alpha.RULE, breaks.knots, state, groups, record))
+    one = implicit_steps.ImplicitSteps(plan, work, scratch)
+    run = Call(implicit_steps.advance, (one, implicit_steps.RULE, breaks.knots, state, groups, record))
     own = tuple(arrays_of(memory).values())
-    histories = memory.auxiliary, memory.before, memory.earlier, memory.earliest
+    histories = memory.before, memory.earlier, memory.earliest
     behind = ((scratch.kernels, stepped),)
     return Parts(run, resting, state, plan, own, histories, behind, breaks=breaks.jumps, impulses=impulses)
 
@@ -193,7 +192,7 @@ def with_tangents(parts: Parts, scene: CompiledScene) -> Parts:
 
 
 def _explicit(
-    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, knots: FloatArray, shared: tuple[Any, ...]
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: TableauArrays, knots: FloatArray, shared: tuple[Any, ...]
 ) -> Call:
     """A call of the loop over steps with an explicit method."""
     plan, work, state, groups, record = shared

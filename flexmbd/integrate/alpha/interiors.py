@@ -22,6 +22,7 @@ from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha import step_history
 from flexmbd.integrate.alpha.local_error import local_error
 from flexmbd.integrate.alpha.matrix import linearise
+from flexmbd.integrate.alpha.relation import begin_stage, take_weights
 from flexmbd.integrate.alpha.step import correct, evaluate_step, predict, update_end
 from flexmbd.integrate.alpha.workspace import AlphaWorkspace
 from flexmbd.integrate.jumps import take_jump
@@ -39,17 +40,18 @@ _STALLED = 1e-10  # a correction below which an iteration may stall: trials are 
 
 
 @entry_kernel
-def begin_step(rule, knots, plan, work, state, groups, scratch):
-    """The step to try (s) and the tolerance of Newton's iteration; writes the predictor."""
+def begin_step(rule, knots, state, groups, scratch):
+    """The step to try (s) and the tolerance of Newton's iteration."""
     h = controller.propose_step(rule, knots, state, groups)
-    tolerance = step_history.prepare_step(plan, work, state, groups, scratch, h)
-    predict(plan, state, scratch, h, True)
-    return h, tolerance
+    return h, step_history.prepare_step(state, groups, scratch, h)
 
 
 @entry_kernel
-def predict_end(plan, state, scratch, h):
-    """Write the predictor."""
+def predict_end(plan, work, state, scratch, h, anew):
+    """Write the predictor; ``anew``: 1 for a step that begins anew."""
+    if anew == 1:
+        take_weights(scratch.relation, h, 0.0)
+    begin_stage(plan, work, state, scratch, h, 0)
     predict(plan, state, scratch, h, True)
 
 
@@ -129,10 +131,10 @@ class ImplicitInteriors:
             stored = int(count[st.STORED])
             if stored >= min(len(record.t), count[st.MOST_STORED]):
                 return st.OUTPUT
-            h, tolerance = begin_step(self._rule, knots, *machine)
+            h, tolerance = begin_step(self._rule, knots, self._state, self._groups, self._scratch)
             k = int(count[st.KNOT])
             at_knot = k > 0 and knots[k - 1] == number[st.TIME] and count[st.FIXED_STEP] == 1
-            scheme = self._take_scheme(anew=at_knot or memory.known_steps[0] == 0)
+            scheme = self._scheme.begun_anew() if at_knot or memory.known_steps[0] == 0 else self._scheme
             failure = self._solve(h, tolerance, scheme)
             count[st.OUTCOME] = st.DONE if failure is None else failure
             if self._plan.flag[0] != 0:
@@ -141,29 +143,12 @@ class ImplicitInteriors:
             if count[st.STORED] == stored:
                 self._revert()
             else:
-                self._keep_auxiliary(scheme)
                 for body in self._interiors.bodies:
                     _implicit(body).commit()
                 self._interiors.buffer.append(self._interiors.row(self._plan))
             if code != st.DONE or count[st.AT_BREAK] == 1:
                 return code
         return st.DONE
-
-    def _take_scheme(self, *, anew: bool) -> Scheme:
-        """The scheme of the next step, for the machine as well: with true accelerations alone where it begins anew."""
-        memory, scheme = self._scratch.memory, self._scheme
-        memory.scheme[:] = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-        if not anew:
-            return scheme
-        memory.scheme[:] = 0.0, 0.0, *scheme.newmark()
-        memory.auxiliary[:] = self._state.a
-        return scheme.begun_anew()
-
-    def _keep_auxiliary(self, scheme: Scheme) -> None:
-        """Give the machine the auxiliary accelerations of a step that began anew, which was taken."""
-        if scheme.anew:
-            a, memory = self._state.a, self._scratch.memory
-            memory.auxiliary[:] = a + scheme.delay * (a - memory.before)
 
     def _solve(self, h: float, tolerance: float, scheme: Scheme) -> int | None:
         """Newton's iteration; a code of ``state`` where it fails.  The interiors' last trial is at the step's end."""
@@ -172,12 +157,12 @@ class ImplicitInteriors:
             # there is no shorter step: the interiors solve for themselves, with searches along their corrections
             self._revert()
             self._interiors.failure.clear()
-            predict_end(self._plan, self._state, self._scratch, h)
             failure = self._iterate(h, tolerance, scheme, jointly=False)
         return failure
 
     def _iterate(self, h: float, tolerance: float, scheme: Scheme, *, jointly: bool) -> int | None:
         plan, work, state, s = self._plan, self._work, self._state, self._scratch
+        predict_end(plan, work, state, s, h, int(scheme.anew))
         before, slow = np.inf, False
         for _ in range(_MAX_ITERATIONS):
             place_end(plan, work, state, s, h, self._rows, self._motions)

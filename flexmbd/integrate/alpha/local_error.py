@@ -5,8 +5,8 @@ from __future__ import annotations
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.sparse_loops import is_sparse, remove_across_sparse, solve_tree_sparse
-from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
-from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.data_loads import find_defects, push, put_pushes
+from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -143,19 +143,15 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio
     """The error's ratio where data act in the step, see ``data_loads``."""
     h_before = state.numbers[st.STEP_BEFORE] if scratch.memory.known_steps[0] > 0 else 0.0
     found = find_defects(plan, state, h, h_before, scratch.data)
-    if found == STRAIGHT:
-        return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, machine_rate, DRIFTING) <= 1.0:
-        for k in range(scratch.own_rate.shape[0]):
-            scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
+    errors = scratch.error_x, scratch.error_v[0], scratch.own_rate, scratch.memory.own_rate
+    noise = ROUND_OFF / scratch.least_pivot[0]
+    if misses_no_load(plan, state, groups, *errors, h, machine_rate, noise, found):
         return ratio
     push(plan, work, state, scratch.x, scratch.v, scratch.a, scratch.multipliers, scratch.data)
     put_pushes(plan, scratch.data, scratch.correction)
     solve_factored(plan, scratch, scratch.correction)
-    without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
-    seen = _ratio(plan, state, groups, scratch, h, machine_rate, (1.0, state.numbers[st.STEP_LASTING]))
-    missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v[0])
-    return max(seen, _ratio(plan, state, groups, scratch, h, machine_rate, DRIFTING))
+    lasting = (1.0, state.numbers[st.STEP_LASTING])
+    return ratio_with_loads(plan, state, groups, *errors, h, machine_rate, noise, lasting, scratch.correction)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""One implicit step of generalized-alpha: its equations, the predictor, Newton's iteration.
+"""A stage of an implicit step by a ``relation``: its equations, the predictor, Newton's iteration.
 
 The unknowns are the new accelerations, the multipliers, and shifts of the positions along the
 loops' reactions, which close the loops at position level while velocities fulfil them too.
@@ -10,15 +10,19 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.matrix import linearise, solve_factored
+from flexmbd.integrate.alpha.relation import A
 from flexmbd.integrate.alpha.sparse_loops import is_sparse, shift_positions, sizes_of_correction
-from flexmbd.integrate.alpha.workspace import (
-    ALPHA_F,
-    ALPHA_M,
-    BETA,
-    GAMMA,
-    coefficients,
-    holds_position_alone,
-    is_unshifted,
+from flexmbd.integrate.alpha.workspace import coefficients, holds_position_alone, is_unshifted
+from flexmbd.integrate.newton_control import (
+    CONVERGED,
+    NOT_FINITE,
+    TOO_SLOW,
+    contraction_to_remember,
+    count_solved_step,
+    expected_contraction,
+    give_up_old_factors,
+    judge,
+    remaining_error,
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
@@ -31,35 +35,25 @@ from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 from flexmbd.round_off import ROUND_OFF
 
 _MAX_ITERATIONS = 10
+_FORETOLD = 4  # the first iteration by which those to come are judged: new factors cost as much as several
 _RENEW = 0.15  # a slower contraction than this renews the factors at the next step
-_LONGEST_RENEWAL = 32  # steps in a row that do not try old factors, where trying failed again and again
 
 
 @kernel
 def update_end(plan, work, state, scratch, h, unknown):
-    """Put x, v, a of the step's end where ``unknown`` = (new a, multipliers, shifts) says."""
-    scheme = scratch.memory.scheme
+    """Put x, v, a of the stage's end where ``unknown`` = (new a, multipliers, shifts) says."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    beta = scheme[BETA]
-    gamma = scheme[GAMMA]
-    per_x, _ = coefficients(scheme, h)
+    known = scratch.relation.known
+    per_x, per_v = coefficients(scratch.memory.scheme, h)
     for k in range(scratch.displacement.shape[0]):
         scratch.displacement[k] = 0.0
     for j in range(nu):
         k = plan.free[j]
         new = unknown[j]
-        auxiliary = (
-            (1.0 - scheme[ALPHA_F]) * new
-            + scheme[ALPHA_F] * state.a[k]
-            - scheme[ALPHA_M] * scratch.memory.auxiliary[k]
-        ) / (1.0 - scheme[ALPHA_M])
         scratch.a[k] = new
-        scratch.auxiliary[k] = auxiliary
-        scratch.displacement[k] = h * state.v[k] + h * h * (
-            (0.5 - beta) * scratch.memory.auxiliary[k] + beta * auxiliary
-        )
-        scratch.v[k] = state.v[k] + h * ((1.0 - gamma) * scratch.memory.auxiliary[k] + gamma * auxiliary)
+        scratch.displacement[k] = known[0, k] + per_x * new
+        scratch.v[k] = known[1, k] + per_v * new
     if m > 0 and is_sparse(scratch):
         for i in range(m):
             scratch.multipliers[i] = unknown[nu + i]
@@ -166,63 +160,54 @@ def _linearise(plan, work, state, scratch, h):
 
 
 @kernel
-def _remaining_error(contraction):
-    """The error left after a linear iteration, over its last correction."""
-    return contraction / (1.0 - contraction) if contraction < 1.0 else 1.0
+def _doubt(plan, work, scratch):
+    """The least error that old factors leave in their first iteration, over the correction.
+
+    Near singular positions they lose their worth within a step; those that hold a contact which the machine has left
+    correct next to nothing, however much is wrong.
+    """
+    doubt = 1.0 if plan.rows.shape[0] > 0 else 0.0
+    if scratch.tangent_stiffness.shape[0] > 0:
+        change = stiffness_change(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
+        doubt = max(doubt, remaining_error(change))
+    return doubt
 
 
 @kernel
 def _newton(plan, work, state, scratch, h, tolerance, evaluated, last, full):
-    """Iterate with the factors at hand: 1 converged, 0 too slow, -1 not finite.
+    """Iterate with the factors at hand until they have converged; a verdict of ``newton_control``.
 
     ``evaluated``: ``s.equation`` is that of the first guess.  ``last``: round-off that stalls it ends it.
     ``full``: with new factors at each iteration, whose first corrections may grow.
     """
-    loops = plan.rows.shape[0] > 0
     before = 0.0
     imbalance_before = 0.0
-    # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
+    contraction = expected_contraction(scratch.memory.contraction[0])
     for iteration in range(_MAX_ITERATIONS):
         if iteration > 0 or not evaluated:
             evaluate_step(plan, work, state, scratch, h, scratch.unknown, scratch.equation)
         if full and iteration > 0 and not _linearise(plan, work, state, scratch, h):
-            return -1
+            return NOT_FINITE
         state.counts[st.ITERATIONS] += 1
         size, imbalance = correct(plan, state, scratch, h)
-        if not np.isfinite(size + imbalance):
-            return -1
-        balanced = imbalance <= tolerance
-        if iteration > 0:
-            contraction = size / before if before > 0.0 else 0.0
-            imbalance_ratio = imbalance / imbalance_before if imbalance_before > 0.0 else 0.0
-            balanced = balanced or imbalance * _remaining_error(imbalance_ratio) <= tolerance
-            stalled = (contraction > 0.7 and size > tolerance) or (imbalance_ratio > 0.7 and not balanced)
-            if stalled and not (full and max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]):
-                # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
-                if not last or max(size, imbalance) > ROUND_OFF / scratch.least_pivot[0]:
-                    return 0
-                update_end(plan, work, state, scratch, h, scratch.unknown)
-                scratch.memory.contraction[0] = 1.0
-                return 1
+        left = _MAX_ITERATIONS - 1.0 - iteration if iteration >= _FORETOLD else np.inf
+        # where rows are nearly dependent, round-off moves positions, and velocities by the rows' slopes
+        noise = ROUND_OFF / scratch.least_pivot[0] if last else 0.0
+        doubt = _doubt(plan, work, scratch) if iteration == 0 else 0.0
+        verdict, contraction = judge(size, before, contraction, doubt, tolerance, noise, left)
+        if plan.rows.shape[0] > 0:
+            verdict = min(verdict, judge(imbalance, imbalance_before, 0.5, 1.0, tolerance, noise, left)[0])
+        if verdict == CONVERGED:
+            update_end(plan, work, state, scratch, h, scratch.unknown)
+            scratch.memory.contraction[0] = contraction_to_remember(contraction, iteration + 1)
+            if iteration > 0 and (full or contraction > _RENEW):
+                scratch.memory.step_factored[0] = 0.0
+            return CONVERGED
+        if verdict == NOT_FINITE or (verdict == TOO_SLOW and not full):
+            return verdict
         before = size
         imbalance_before = imbalance
-        # near singular positions old factors lose their worth within a step
-        left = 1.0 if iteration == 0 and loops else _remaining_error(contraction)
-        if iteration == 0 and scratch.tangent_stiffness.shape[0] > 0:
-            # those that hold a contact which the machine has left correct next to nothing, however much is wrong
-            change = stiffness_change(plan, work, scratch.scale_x, scratch.x, scratch.v, scratch.tangent_stiffness)
-            left = max(left, change / (1.0 - change) if change < 1.0 else np.inf)
-        if balanced and (size * left <= tolerance or size <= 1e-15):
-            update_end(plan, work, state, scratch, h, scratch.unknown)
-            if iteration == 0:  # unmeasured, so it is trusted a little less at each step
-                scratch.memory.contraction[0] = min(1.3 * contraction, 1.0)
-                return 1
-            scratch.memory.contraction[0] = min(contraction, 1.0)
-            if full or contraction > _RENEW:
-                scratch.memory.step_factored[0] = 0.0
-            return 1
-    return 0
+    return TOO_SLOW
 
 
 @kernel
@@ -234,19 +219,19 @@ def _extrapolate(h1, h2, h, now, before, earlier):
 
 
 @kernel
-def _predict_equal_steps(now, before, earlier, earliest):
+def _predict_equal_steps(node, now, before, earlier, earliest):
     """Predictor after equal steps: of constant, line and parabola the one that was best for the last value.
 
-    Where a step does not resolve a vibration that is the constant.
+    Where a step does not resolve a vibration that is the constant.  ``node``: how far ahead, in steps.
     """
     first = now - before
     second = first - (before - earlier)
     third = second - (before - 2.0 * earlier + earliest)
     guess = now
     if abs(second) < abs(first):
-        guess += first
+        guess += node * first
         if abs(third) < abs(second):
-            guess += second
+            guess += 0.5 * node * (node + 1.0) * second
     return guess
 
 
@@ -255,32 +240,61 @@ def predict(plan, state, scratch, h, extrapolate):
     """Predictor of accelerations and multipliers: the last ones, or extrapolated if ``extrapolate``."""
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    known = scratch.memory.known_steps[0]
+    memory, relation = scratch.memory, scratch.relation
+    if relation.stage[0] > 0:
+        _predict_stage(plan, state, scratch, h, extrapolate)
+        return
+    known = memory.known_steps[0]
     fixed = state.counts[st.FIXED_STEP] == 1
-    memory = scratch.memory
     h1, h2 = state.numbers[st.STEP_BEFORE], memory.step_earlier[0]
+    node = relation.nodes[0]
     follows = extrapolate and known > 1 and not fixed
     for j in range(nu):
         k = plan.free[j]
         scratch.unknown[j] = state.a[k]
         if follows:
-            scratch.unknown[j] = _extrapolate(h1, h2, h, state.a[k], memory.before[k], memory.earlier[k])
+            scratch.unknown[j] = _extrapolate(h1, h2, node * h, state.a[k], memory.before[k], memory.earlier[k])
         elif extrapolate and known > 2 and fixed:
-            scratch.unknown[j] = _predict_equal_steps(
-                state.a[k], memory.before[k], memory.earlier[k], memory.earliest[k]
-            )
+            before, earlier = memory.before[k], memory.earlier[k]
+            scratch.unknown[j] = _predict_equal_steps(node, state.a[k], before, earlier, memory.earliest[k])
     for i in range(m):
-        scratch.unknown[nu + i] = state.multipliers[i]
+        now = state.multipliers[i]
+        before, earlier = memory.reactions_before[i], memory.reactions_earlier[i]
+        scratch.unknown[nu + i] = now
         if follows:
-            scratch.unknown[nu + i] = _extrapolate(
-                h1, h2, h, state.multipliers[i], memory.reactions_before[i], memory.reactions_earlier[i]
-            )
+            scratch.unknown[nu + i] = _extrapolate(h1, h2, node * h, now, before, earlier)
         elif extrapolate and known > 2 and fixed:
-            before, earlier = memory.reactions_before[i], memory.reactions_earlier[i]
-            scratch.unknown[nu + i] = _predict_equal_steps(
-                state.multipliers[i], before, earlier, memory.reactions_earliest[i]
-            )
+            scratch.unknown[nu + i] = _predict_equal_steps(node, now, before, earlier, memory.reactions_earliest[i])
         scratch.unknown[nu + m + i] = 0.0
+
+
+@deferred_kernel()
+def _predict_stage(plan, state, scratch, h, extrapolate):
+    """Predictor of a stage after the first: that of the stage before, or extrapolated if ``extrapolate``.
+
+    By the stage before and the ends of the last two steps.
+    """
+    nu = plan.free.shape[0]
+    m = plan.rows.shape[0]
+    memory, relation = scratch.memory, scratch.relation
+    i = relation.stage[0]
+    passed = relation.nodes[i - 1] * h
+    ahead = relation.nodes[i] * h - passed
+    follows = extrapolate and passed > 0.0 and ahead > 0.0 and memory.known_steps[0] > 0
+    before = state.numbers[st.STEP_BEFORE]
+    for j in range(nu):
+        k = plan.free[j]
+        now = relation.points[i - 1, A, k]
+        scratch.unknown[j] = now
+        if follows:
+            scratch.unknown[j] = _extrapolate(passed, before, ahead, now, state.a[k], memory.before[k])
+    for r in range(m):
+        now = relation.reactions[i - 1, r]
+        scratch.unknown[nu + r] = now
+        if follows:
+            start, earlier = state.multipliers[r], memory.reactions_before[r]
+            scratch.unknown[nu + r] = _extrapolate(passed, before, ahead, now, start, earlier)
+        scratch.unknown[nu + m + r] = 0.0
 
 
 @kernel
@@ -312,14 +326,10 @@ def solve_step(plan, work, state, scratch, h, tolerance):
             if not _linearise(plan, work, state, scratch, h):
                 break
         evaluated = attempt > 0 and plan.rows.shape[0] == 0
-        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2, full) == 1:
-            if renew:
-                scratch.memory.renewals[0] -= 1
-            elif attempt == 0:
-                scratch.memory.next_renewals[0] = 0
+        if _newton(plan, work, state, scratch, h, tolerance, evaluated, attempt == 2, full) == CONVERGED:
+            count_solved_step(scratch.memory, renew, attempt == 0)
             return True
         if attempt == 0:
-            scratch.memory.renewals[0] = scratch.memory.next_renewals[0]
-            scratch.memory.next_renewals[0] = min(_LONGEST_RENEWAL, 2 * scratch.memory.next_renewals[0] + 1)
+            give_up_old_factors(scratch.memory, 0)
     scratch.memory.step_factored[0] = 0.0
     return False

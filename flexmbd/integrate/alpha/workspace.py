@@ -1,4 +1,4 @@
-"""Data of a step of generalized-alpha: its entries of the state, its work arrays."""
+"""Data of an implicit step by a ``relation``: its entries of the state, its work arrays."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.integrate.alpha.relation import Relation, RelationChoice, new_relation
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.integrate.matrix_choice import alpha_matrix
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
@@ -26,27 +27,23 @@ from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion
 
 FloatArray = NDArray[np.float64]
 
-# Entries of AlphaMemory.scheme: the method's coefficients.
-ALPHA_M, ALPHA_F, BETA, GAMMA = range(4)
-
-
 @dataclass(frozen=True, eq=False)
 class AlphaMemory(ArrayStruct):
     """What the method remembers from step to step; numbers stand alone in arrays (1,).
 
-    scheme: (4,) the coefficients.  step_factored: the step (s) that the factors belong to.  step_auxiliary: that which
-    the auxiliary acceleration belongs to.  step_earlier: the step before the last.  contraction: how much a Newton
-    iteration leaves of the error with the factors at hand.
+    scheme: (2,) position and velocity per unit of the new acceleration in the stage at hand.  step_factored: the step
+    (s) that the factors belong to, 0 where there are none.  step_earlier: the step before the last.  contraction: how
+    much a Newton iteration leaves of the error with the factors at hand.
     known_steps: how many accelerations it remembers.  filters: whether it filters its error.  renewals, next_renewals:
     steps left that are factored anew because old factors failed, and how many next time.  index: 2 or 3.
-    auxiliary: (nv,) the method's acceleration.  before, earlier, earliest: (nv,) the true ones one, two and three steps
-    ago.  own_rate: (nv,) each coordinate's own rate (1/s).  reactions_before, ...: (m,) multipliers of these steps.
+    remembered: (r, nv) what the method's ``relation`` carries from step to step.
+    before, earlier, earliest: (nv,) the accelerations one, two and three steps ago.  own_rate: (nv,) each coordinate's
+    own rate (1/s).  reactions_before, ...: (m,) multipliers of these steps.
     row_length: (m,) the largest lengths of the rows.
     """
 
     scheme: FloatArray
     step_factored: FloatArray
-    step_auxiliary: FloatArray
     step_earlier: FloatArray
     contraction: FloatArray
     known_steps: NDArray[np.int64]
@@ -54,7 +51,7 @@ class AlphaMemory(ArrayStruct):
     renewals: NDArray[np.int64]
     next_renewals: NDArray[np.int64]
     index: NDArray[np.int64]
-    auxiliary: FloatArray
+    remembered: FloatArray
     before: FloatArray
     earlier: FloatArray
     earliest: FloatArray
@@ -65,13 +62,12 @@ class AlphaMemory(ArrayStruct):
     row_length: FloatArray
 
 
-def _new_memory(nv: int, m: int) -> AlphaMemory:
-    """Zeros for nv velocities and m constraint rows."""
+def _new_memory(nv: int, m: int, remembered: int) -> AlphaMemory:
+    """Zeros for nv velocities, m constraint rows and what is remembered."""
     zeros = np.zeros
     return AlphaMemory(
-        scheme=zeros(4),
+        scheme=zeros(2),
         step_factored=zeros(1),
-        step_auxiliary=zeros(1),
         step_earlier=zeros(1),
         contraction=zeros(1),
         known_steps=zeros(1, np.int64),
@@ -79,7 +75,7 @@ def _new_memory(nv: int, m: int) -> AlphaMemory:
         renewals=zeros(1, np.int64),
         next_renewals=zeros(1, np.int64),
         index=zeros(1, np.int64),
-        auxiliary=zeros(nv),
+        remembered=zeros((remembered, nv)),
         before=zeros(nv),
         earlier=zeros(nv),
         earliest=zeros(nv),
@@ -95,7 +91,7 @@ def _new_memory(nv: int, m: int) -> AlphaMemory:
 class AlphaWorkspace(ArrayStruct):
     """Work arrays of a step: trial states, the iteration matrix and its factors.
 
-    x, v, a, auxiliary, multipliers: of the step's end.  displacement: (nv,) tangent vector from the step's start.
+    x, v, a, multipliers: of the stage's end.  displacement: (nv,) tangent vector from the step's start.
     known_reaction, row_force: (m,) of augmented rows, reaction of the passes before and what their gap adds (N or N m).
     residual: (nv,).  probe_acceleration: (nv,).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     unknown, equation: (n,) with n = free + 2 m.  matrix: factors of the iteration matrix, a
@@ -119,7 +115,6 @@ class AlphaWorkspace(ArrayStruct):
     x: FloatArray
     v: FloatArray
     a: FloatArray
-    auxiliary: FloatArray
     multipliers: FloatArray
     known_reaction: FloatArray
     row_force: FloatArray
@@ -161,11 +156,19 @@ class AlphaWorkspace(ArrayStruct):
     kernels: NDArray[np.int64]
     tangent: TangentWork
     data: DataLoads
+    relation: Relation
     memory: AlphaMemory
 
 
 def new_workspace(
-    plan: Plan, work: Work, nx: int, nv: int, *, interiors: bool = False, dense: bool = False
+    plan: Plan,
+    work: Work,
+    nx: int,
+    nv: int,
+    choice: RelationChoice,
+    *,
+    interiors: bool = False,
+    dense: bool = False,
 ) -> AlphaWorkspace:
     """Allocate the work arrays of a step for ``plan``.
 
@@ -196,7 +199,6 @@ def new_workspace(
         x=zeros(nx),
         v=zeros(nv),
         a=zeros(nv),
-        auxiliary=zeros(nv),
         multipliers=zeros(m),
         known_reaction=zeros(m),
         row_force=zeros(m),
@@ -238,15 +240,15 @@ def new_workspace(
         kernels=np.array(kernels),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
-        memory=_new_memory(nv, m),
+        relation=new_relation(choice, nv, m),
+        memory=_new_memory(nv, m, choice.remembered),
     )
 
 
 @kernel
 def coefficients(scheme, h):
-    """Position and velocity per unit of the new true acceleration."""
-    share = (1.0 - scheme[ALPHA_F]) / (1.0 - scheme[ALPHA_M])
-    return scheme[BETA] * share * h * h, scheme[GAMMA] * share * h
+    """Position and velocity per unit of the new acceleration, in the stage at hand of a step h."""
+    return scheme[0], scheme[1]
 
 
 @kernel

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
-from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, find_defects, push, put_pushes
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, settle
+from flexmbd.integrate.data_loads import find_defects, push, put_pushes
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
@@ -27,7 +27,7 @@ from flexmbd.integrate.discrete_gradient.newton import bind, solve_factored, sol
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
-from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import take_jump
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
@@ -269,19 +269,14 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)
     Of motions a step misses nothing: its driven velocities are what they travel over its length.
     """
     found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
-    if found == STRAIGHT:
-        return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, noise, DRIFTING) <= 1.0:
-        for k in range(scratch.own_rate.shape[0]):
-            scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
+    errors = scratch.error_x, scratch.error_v, scratch.own_rate, scratch.memory.own_rate
+    if misses_no_load(plan, state, groups, *errors, h, rate, noise, found):
         return ratio
     push(plan, work, state, scratch.x_end, scratch.v_end, scratch.a_end, scratch.zero_multipliers, scratch.data)
     put_pushes(plan, scratch.data, scratch.correction)
     solve_factored(plan, scratch)
-    without_loads(plan, groups, scratch.own_rate, scratch.correction, h)
-    seen = _ratio(plan, state, groups, scratch, h, rate, noise, (1.0, state.numbers[st.STEP_LASTING]))
-    missed_impulse(plan, scratch.correction, h, scratch.error_x, scratch.error_v)
-    return max(seen, _ratio(plan, state, groups, scratch, h, rate, noise, DRIFTING))
+    lasting = (1.0, state.numbers[st.STEP_LASTING])
+    return ratio_with_loads(plan, state, groups, *errors, h, rate, noise, lasting, scratch.correction)
 
 
 @kernel
@@ -381,10 +376,7 @@ def _attempt(method, state, groups, h):
     if solved and plan.flag[0] == 0:
         evaluate_times(plan, st.function_time(state.numbers, number[st.STEP_END]), work.time)
         accelerate_end(plan, work, loops, scratch)
-    if plan.flag[0] != 0:
-        count[st.OUTCOME] = st.CALLBACK_FAILED
-    elif solved:
-        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+    if settle(plan, state, solved):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             noise = max(newton, scratch.round_off_floor[0])
@@ -394,8 +386,6 @@ def _attempt(method, state, groups, h):
         number[st.ERROR_RATIO] = ratio
         if ratio <= 1.0:
             _accept(plan, loops, state, scratch, scratch.a_end, h)
-    elif count[st.OUTCOME] == st.DONE:
-        count[st.OUTCOME] = st.NOT_CONVERGED
 
 
 @entry_kernel

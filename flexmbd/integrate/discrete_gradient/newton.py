@@ -31,6 +31,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     EnergyMomentumWorkspace,
 )
 from flexmbd.integrate.explicit.loop_dynamics import Loops
+from flexmbd.integrate.newton_control import CONVERGED, NOT_FINITE, TOO_SLOW, has_stalled
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -300,7 +301,8 @@ def _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, truste
 
     Far from it, unless the predictor is ``trusted``, the energy's correction is left out, for it would diverge.
     ``old``: the factors are those of an earlier step, and given up sooner.
-    Returns 1 if converged, 0 if too slow, 2 if that near a solution, -1 if not finite.
+    Returns a verdict of ``newton_control``, and whether a solution is near.  Corrections count as they are, not by what
+    is left of them: energy is kept to their size; and they are compared over two iterations, for accelerated ones leap.
     """
     keeps = scratch.memory.keeps_energy[0] == 1
     corrected = keeps and trusted
@@ -318,20 +320,19 @@ def _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, truste
         solve_factored(plan, scratch)
         size = _correction_norm(plan.free, scratch.scale_x, scratch.scale_v, scratch.correction, h, state.counts)
         if not np.isfinite(size):
-            return -1
-        # where rounding is reached corrections shrink no more
+            return NOT_FINITE, False
         solved = size <= tolerance and scratch.energy[DEFECT] <= tolerance
-        if solved or (size <= max(scratch.round_off_floor[0], tolerance) and size > 0.25 * before):
+        if solved or has_stalled(size / before, size, max(scratch.round_off_floor[0], tolerance)):
             if corrected == keeps and scratch.energy[KINETIC_ERROR] <= scratch.energy[UNRESOLVED]:
                 if iteration > _MANY:
                     scratch.memory.step_factored[0] = 0.0
-                return 1
+                return CONVERGED, True
         elif (
             iteration > first + 1
             and size > scratch.round_off_floor[0]
             and size > (_SLOW if old else _SLOW_NEW) * earlier
         ):
-            return 2 if size <= _FAR else 0
+            return TOO_SLOW, size <= _FAR
         earlier = before
         before = size
         kept = _anderson_update(plan, scratch, iteration - first, kept)
@@ -340,7 +341,7 @@ def _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, truste
             kept = 0
             first = iteration + 1
             before = np.inf
-    return 2 if before <= _FAR else 0
+    return TOO_SLOW, before <= _FAR
 
 
 @kernel
@@ -359,8 +360,8 @@ def solve_step(plan, stored_plan, work, loops, state, groups, scratch, h, tolera
                 if scratch.energy[SINGULAR] != 0.0:
                     state.counts[st.OUTCOME] = st.RANK_LOST
                     break
-            outcome = _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, trusted, old)
-            if outcome == 1:
+            verdict, near = _newton(plan, stored_plan, work, loops, state, scratch, h, tolerance, trusted, old)
+            if verdict == CONVERGED:
                 conserve_momenta(plan, scratch.memory.momentum, scratch, h)
                 call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
                 call_separate(scratch.kernels[CLOSE_VELOCITIES], (plan, loops, scratch))
@@ -369,10 +370,10 @@ def solve_step(plan, stored_plan, work, loops, state, groups, scratch, h, tolera
                 return False
             if old:
                 trusted = first_guess(plan, state, scratch, h, start)
-            elif outcome < 0:
+            elif verdict == NOT_FINITE:
                 break
             else:
-                trusted = outcome == 2
+                trusted = near
     scratch.memory.step_factored[0] = 0.0
     return False
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, next_step
-from flexmbd.integrate.data_loads import SAMPLED, STRAIGHT, DataLoads, find_defects, shift_times
+from flexmbd.integrate.data_loads import DataLoads, find_defects, shift_times
 from flexmbd.integrate.explicit.fastest_vibration import VibrationMemory, bound_step
 from flexmbd.integrate.explicit.loop_dynamics import (
     LoopMemory,
@@ -21,7 +21,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
     project_velocities,
     update_row_scales,
 )
-from flexmbd.integrate.filtered_error import DRIFTING, filtered_ratio, missed_impulse, vibration_rate, without_loads
+from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
 from flexmbd.integrate.jumps import take_jump
 from flexmbd.integrate.lasting import forget_passing, judge_lasting
 from flexmbd.multibody.kernels.algebra.rotation_update import EXPONENTIAL, from_local_coordinates
@@ -206,11 +206,8 @@ def _ratio(plan, state, groups, scratch, h, rate, lasting):
 def _ratio_with_loads(plan, work, aw, loops, state, groups, scratch, h, rate, ratio):
     """The error's ratio where data act in the step, see ``data_loads``: what is missed is no vibration."""
     found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
-    if found == STRAIGHT:
-        return ratio
-    if found == SAMPLED and _ratio(plan, state, groups, scratch, h, rate, DRIFTING) <= 1.0:
-        for k in range(scratch.own_rate.shape[0]):
-            scratch.own_rate[k] = 0.0  # nothing asks whether it vibrates
+    errors = scratch.error_x, scratch.error_v, scratch.own_rate, scratch.memory.own_rate
+    if misses_no_load(plan, state, groups, *errors, h, rate, st.ROUND_OFF, found):
         return ratio
     shift_times(work.time, scratch.data.defect, 1.0)
     accelerate(plan, work, aw, loops, scratch.x, scratch.v, scratch.data.a, scratch.reactions)
@@ -219,10 +216,8 @@ def _ratio_with_loads(plan, work, aw, loops, state, groups, scratch, h, rate, ra
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         scratch.load[0, j] = scratch.data.a[k] - scratch.a[k]
-    without_loads(plan, groups, scratch.own_rate, scratch.load, h)
-    seen = _ratio(plan, state, groups, scratch, h, rate, _lasting(state, scratch))
-    missed_impulse(plan, scratch.load, h, scratch.error_x, scratch.error_v)
-    return max(seen, _ratio(plan, state, groups, scratch, h, rate, DRIFTING))
+    lasting = _lasting(state, scratch)
+    return ratio_with_loads(plan, state, groups, *errors, h, rate, st.ROUND_OFF, lasting, scratch.load)
 
 
 @kernel

@@ -45,7 +45,7 @@ from flexmbd.integrate.explicit.loop_dynamics import (
 from flexmbd.integrate.explicit.runge_kutta_workspace import RungeKuttaWorkspace, new_workspace
 from flexmbd.integrate.explicit.step_errors import is_looked_at, take_error
 from flexmbd.integrate.explicit.step_growth import runge_kutta_growth
-from flexmbd.integrate.explicit.tableau import Pair, Tableau
+from flexmbd.integrate.explicit.tableau import Pair, Tableau, TableauArrays
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import put_widest, sum_of_sizes, take_jump
 from flexmbd.multibody.kernels.algebra import rotation_update
@@ -95,20 +95,20 @@ class Rotations(IntEnum):
 @checked()
 @dataclass(frozen=True)
 class ExplicitRungeKutta:
-    """Choice of the method: ``pair`` of formulas, and how ``rotations`` are updated.
+    """Choice of the method: ``pair`` of formulas, or a ``Tableau`` of one's own, and how ``rotations`` are updated.
 
     A step costs one forward dynamics a stage and nothing else of weight.  For machines without stiff
     springs or fast modes, which would dictate the step; and the cheapest way to many digits there.
     """
 
-    pair: Pair = Pair.DORMAND_PRINCE_5
+    pair: Pair | Tableau = Pair.DORMAND_PRINCE_5
     rotations: Rotations = Rotations.EXPONENTIAL
 
     @property
     def name(self) -> str:
         """How ``explain`` calls the method."""
         way = "" if self.rotations == Rotations.EXPONENTIAL else f", {self.rotations.name.lower()} rotations"
-        return f"explicit Runge-Kutta, {self.pair.value}{way}"
+        return f"explicit Runge-Kutta, {self.pair.label}{way}"
 
     @property
     def order(self) -> int:
@@ -122,7 +122,7 @@ class ExplicitRungeKutta:
     @property
     def rule(self) -> Rule:
         """How its steps follow from its errors."""
-        return _RULE.replace(exponent=1.0 / (8.0 if self.pair is Pair.DORMAND_PRINCE_8 else 5.0))
+        return _RULE.replace(exponent=self.pair.exponent)
 
     def stepper(self, scene: CompiledScene, state: st.State, groups: st.Groups, work: Work) -> Stepper:
         """See ``integrate.protocol.Integrator``.
@@ -132,7 +132,7 @@ class ExplicitRungeKutta:
         """
         if state.counts[st.FIXED_STEP] == 0 and not self.pair.estimates_error:
             raise SceneError(
-                f"{self.pair.value} has no error estimate: give a step h, or take "
+                f"{self.pair.label} has no error estimate: give a step h, or take "
                 "fm.Pair.DORMAND_PRINCE_5"
             )
         fixed = state.counts[st.FIXED_STEP] == 1
@@ -179,12 +179,12 @@ class RungeKuttaMethod(ArrayStruct):
     plain: IntArray
     quaternions: IntArray
     way: int
-    tableau: Tableau
+    tableau: TableauArrays
     scratch: RungeKuttaWorkspace
 
 
 def new_method(
-    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: Tableau, memory: RungeKuttaMemory, work: Work
+    scene: CompiledScene, choice: ExplicitRungeKutta, tableau: TableauArrays, memory: RungeKuttaMemory, work: Work
 ) -> RungeKuttaMethod:
     """Allocate the arguments of an attempt with a tableau."""
     plain, quaternions = coordinate_slots(scene.plan)
@@ -316,7 +316,7 @@ def _finite(scratch):
 @kernel
 def _meets_piece(plan, work, tableau, state, scratch):
     """Whether a step with an estimate leads onto another piece of a law."""
-    if plan.elements.shape[0] == 0 or tableau.estimates[0, 0] == 0.0:
+    if plan.elements.shape[0] == 0 or tableau.estimates_error == 0:
         return False
     return changes_piece(plan, work, state.x, scratch.x, scratch.v)
 
@@ -330,7 +330,7 @@ def _step(plan, work, aw, loops, plain, quaternions, way, tableau, state, groups
     """
     stages = tableau.a.shape[1]
     fixed = state.counts[st.FIXED_STEP] == 1
-    looks = not fixed or (tableau.estimates[0, 0] != 0.0 and is_looked_at(state, scratch.errors))
+    looks = not fixed or (tableau.estimates_error == 1 and is_looked_at(state, scratch.errors))
     uses_end = tableau.estimates[0, stages] != 0.0
     ratio = 0.0
     for k in range(scratch.v.shape[0]):

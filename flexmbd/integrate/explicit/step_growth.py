@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.integrate.explicit.tableau import Pair
+from flexmbd.integrate.explicit.tableau import Pair, Tableau
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def companion(stiffness: FloatArray, damping: FloatArray) -> FloatArray:
 
 
 @cache
-def runge_kutta_growth(pair: Pair, name: str) -> StepGrowth:
+def runge_kutta_growth(pair: Pair | Tableau, name: str) -> StepGrowth:
     """Of a Runge-Kutta method: R(h lambda) of each eigenvalue lambda of the machine."""
     factors = _stability_polynomial(pair)
     radii, angles = np.linspace(0.02, 8.0, 400), np.linspace(0.5 * np.pi, np.pi, 91)
@@ -57,7 +57,7 @@ def runge_kutta_growth(pair: Pair, name: str) -> StepGrowth:
     return StepGrowth(name, keeps, growth)
 
 
-def _stability_polynomial(pair: Pair) -> FloatArray:
+def _stability_polynomial(pair: Pair | Tableau) -> FloatArray:
     """Factors of R(z) = 1 + z b^T (I - z A)^-1 1, the highest power first (Hairer & Wanner 1996, eq. IV.2.4)."""
     a = pair.tableau.a
     stages: FloatArray = np.ones(a.shape[1])

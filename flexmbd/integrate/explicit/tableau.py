@@ -3,29 +3,114 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.errors import SceneError
+from flexmbd.given import checked
+from flexmbd.integrate.explicit.order_conditions import MOST, order_of
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Tableau(ArrayStruct):
+class TableauArrays(ArrayStruct):
     """Arrays of one method of s stages.
 
     a: (s + 1, s) strictly lower; its last row are the weights of the step's end.  nodes: (s + 1,).
     estimates: (2, s + 1) weights of two error estimates, zero where a method has fewer; the last
-    column weighs the derivative at the step's end.
+    column weighs the derivative at the step's end.  estimates_error: whether there is one, 0 or 1.
     """
 
     a: FloatArray
     nodes: FloatArray
     estimates: FloatArray
+    estimates_error: int
+
+
+@checked()
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """An explicit Runge-Kutta method of one's own, for ``fm.ExplicitRungeKutta``.
+
+    Its order is checked by the conditions that rooted trees make (Butcher 1963).
+
+    Attributes:
+        label: how ``explain`` and checkpoints call it.
+        order: of the solution that is carried on, 1 to 8.
+        a: (s, s) strictly lower, weights of the stages' derivatives in each stage, per step.
+        b: (s,) those of the step's end.
+        embedded: (s,) or (s + 1,) those of another solution of lower order, by whose distance the error is estimated;
+            the last of s + 1 weighs the derivative at the step's end, which the next step begins with.  None: there is
+            no estimate, steps are given.
+
+    Raises:
+        SceneError: arrays do not fit, a stage hangs on itself or later ones, or the order is lower.
+    """
+
+    label: str
+    order: int
+    a: ArrayLike
+    b: ArrayLike
+    embedded: ArrayLike | None = None
+    tableau: TableauArrays = field(init=False, repr=False)
+    exponent: float = field(init=False, repr=False)  # of the step over its error
+
+    def __post_init__(self) -> None:
+        a, b = np.array(self.a, dtype=np.float64), np.array(self.b, dtype=np.float64)
+        _refuse_order(self.label, self.order, a, b)
+        lower, difference = _estimate(self.label, a, b, self.embedded)
+        arrays = TableauArrays(
+            np.concatenate([a, b[None]]), np.append(a.sum(axis=1), 1.0), np.stack([difference, np.zeros(b.size + 1)]),
+            int(self.embedded is not None),
+        )  # fmt: skip
+        object.__setattr__(self, "tableau", arrays)
+        object.__setattr__(self, "exponent", 1.0 / (min(lower, self.order) + 1.0))
+
+    @property
+    def estimates_error(self) -> bool:
+        """Whether the step can follow a tolerance."""
+        return self.embedded is not None
+
+
+def _refuse_order(label: str, order: int, a: FloatArray, b: FloatArray) -> None:
+    """Raise SceneError where a and b are no explicit method of that order."""
+    if b.ndim != 1 or b.size == 0 or a.shape != (b.size, b.size):
+        raise SceneError(
+            f"{label}: b (s,) and a (s, s) must be of one number of stages, got {b.shape} and {a.shape}"
+        )
+    if np.triu(a).any():
+        raise SceneError(f"{label}: a must be strictly lower: in an explicit method a stage hangs on those before")
+    if not 1 <= order <= MOST:
+        raise SceneError(f"{label}: order must lie between 1 and {MOST}, got {order}")
+    shown = order_of(a, b)
+    if shown < order:
+        raise SceneError(f"{label} says order {order}, but fulfils the conditions of order {shown} alone")
+
+
+def _estimate(label: str, a: FloatArray, b: FloatArray, embedded: ArrayLike | None) -> tuple[int, FloatArray]:
+    """The order of the embedded solution, and the weights (s + 1,) of its distance.
+
+    Raises:
+        SceneError: it is none.
+    """
+    s = b.size
+    if embedded is None:
+        return 0, np.zeros(s + 1)
+    weights = np.array(embedded, dtype=np.float64)
+    if weights.shape not in ((s,), (s + 1,)):
+        raise SceneError(f"{label}: embedded must have {s} or {s + 1} weights, got {weights.shape}")
+    weights = np.append(weights, np.zeros(s + 1 - weights.size))
+    stages, whole = np.zeros((s + 1, s + 1)), np.append(b, 0.0)
+    stages[:s, :s], stages[s, :s] = a, b
+    lower = order_of(stages, weights)
+    if lower < 1 or not (whole != weights).any():
+        raise SceneError(f"{label}: embedded must be another solution, of order 1 at least, whose weights sum to 1")
+    return lower, whole - weights
 
 
 def _tableau(
@@ -35,9 +120,9 @@ def _tableau(
     rows: Sequence[Mapping[int, float]],
     weights: Mapping[int, float],
     estimates: Sequence[Mapping[int, float]] = (),
-) -> Tableau:
-    table = Tableau(
-        np.zeros((stages + 1, stages)), np.array([*nodes, 1.0]), np.zeros((2, stages + 1))
+) -> TableauArrays:
+    table = TableauArrays(
+        np.zeros((stages + 1, stages)), np.array([*nodes, 1.0]), np.zeros((2, stages + 1)), int(len(estimates) > 0)
     )
     for into, row in (
         *zip(table.a, (*rows, weights), strict=True),
@@ -133,7 +218,7 @@ class Pair(Enum):
     DORMAND_PRINCE_8 = "Dormand-Prince 8(5,3)"
 
     @property
-    def tableau(self) -> Tableau:
+    def tableau(self) -> TableauArrays:
         """The coefficients."""
         return {Pair.CLASSICAL_4: _FOUR, Pair.DORMAND_PRINCE_5: _FIVE, Pair.DORMAND_PRINCE_8: _EIGHT}[self]
 
@@ -145,4 +230,14 @@ class Pair(Enum):
     @property
     def estimates_error(self) -> bool:
         """Whether the step can follow a tolerance."""
-        return bool(self.tableau.estimates.any())
+        return bool(self.tableau.estimates_error)
+
+    @property
+    def exponent(self) -> float:
+        """Of the step over its error."""
+        return 1.0 / (8.0 if self is Pair.DORMAND_PRINCE_8 else 5.0)
+
+    @property
+    def label(self) -> str:
+        """How ``explain`` calls it."""
+        return self.value

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows, least_pivot
+from flexmbd.integrate.newton_control import CONVERGED, NOT_FINITE, judge
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.stages import evaluate_stage
@@ -202,11 +203,11 @@ def close_end(plan, work, state, scratch, h, tolerance, doubts):
             # where rows are nearly dependent, round-off moves the stage to and fro: then it stays
             moved_before = moved if moved > tolerance and moved < _STALLED * moved_before else 0.0
         size, noise = _balance(plan, state, scratch, h)
-        if not np.isfinite(size):
+        # new factors leave next to nothing, unless what is measured says otherwise
+        verdict, contraction = judge(size, before, 0.0, np.inf, tolerance, 0.0, 0)
+        if verdict == NOT_FINITE:
             return False
-        contraction = size / before if before > 0.0 else 0.0
-        settled = moved_before == 0.0 and before > 0.0 and size * contraction <= tolerance
-        if settled or (moved_before == 0.0 and size <= _ROUND_OFF * noise):
+        if moved_before == 0.0 and (verdict == CONVERGED or size <= _ROUND_OFF * noise):
             place_end(plan, work, state, scratch)
             return True
         before = size

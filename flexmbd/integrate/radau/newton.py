@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from flexmbd.integrate import state as st
+from flexmbd.integrate.newton_control import (
+    CONVERGED,
+    NOT_FINITE,
+    TOO_SLOW,
+    contraction_to_remember,
+    count_solved_step,
+    expected_contraction,
+    give_up_old_factors,
+    judge,
+)
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.end import close_end, place_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
@@ -22,7 +30,7 @@ MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
 _MAX_FIXED = 20
 _RENEW = 0.05  # a slower contraction than this renews the tangent for the next step
 _ROUND_OFF = 10.0 * ROUND_OFF  # of the scales: transformed stages sum more
-_RENEWALS = 8.0  # steps that take a new tangent with new factors after an old one failed
+_RENEWALS = 8  # steps at least that take a new tangent with new factors after an old one failed
 _MIDDLE = STAGES // 2
 _TRANSFORMED = 3  # attempts before the two that transform the rows of the stages, from both predictors
 _SWEEPS = 3  # of rotations at the first guess
@@ -47,10 +55,11 @@ def _stiffness_change(plan, work, scratch):
 def _iterate(plan, work, state, scratch, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
-    # the contraction of the same factors in the step before lets a good predictor pass after one iteration
-    contraction = max(scratch.memory.contraction[0], 1e-3) ** 0.8
+    contraction = expected_contraction(scratch.memory.contraction[0])
     if scratch.tangent_stiffness.shape[0] > 0:
         contraction = max(contraction, _stiffness_change(plan, work, scratch))
+    # transformed rows depend on where the stages were: only later corrections show the contraction
+    shows = 3 if scratch.uses_transform[0] == 1 else 1
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
     for iteration in range(most):
         for i in range(STAGES):
@@ -61,22 +70,12 @@ def _iterate(plan, work, state, scratch, h, tolerance):
         scratch.memory.newton_iterations[0] = iteration + 1
         correct_stages(plan, scratch, h)
         size = place_stages(plan, state, scratch, h)
-        if not np.isfinite(size):
-            return False
-        if iteration > 0:
-            contraction = size / before if before > 0.0 else 0.0
-        left = contraction / (1.0 - contraction) if contraction < 1.0 else 1e300
-        # round-off of the residual may leave no better
-        stalled = iteration > 0 and contraction > 0.3 and size <= _ROUND_OFF
-        if size * left <= tolerance or size <= 1e-15 or stalled:
-            # unmeasured, it is trusted a little less at each step
-            scratch.memory.contraction[0] = min(1.3 * contraction if iteration == 0 else contraction, 1.0)
+        verdict, contraction = judge(size, before, contraction, 0.0, tolerance, _ROUND_OFF, most - 1 - iteration)
+        if verdict == CONVERGED:
+            scratch.memory.contraction[0] = contraction_to_remember(contraction, iteration + 1)
             return True
-        # transformed rows depend on where the stages were: only later corrections show the contraction
-        if iteration > (2 if scratch.uses_transform[0] == 1 else 0):
-            remaining = most - 1 - iteration
-            if contraction > 0.9 or size * left * contraction**remaining > tolerance:
-                return False
+        if verdict == NOT_FINITE or (verdict == TOO_SLOW and iteration >= shows):
+            return False
         before = size
     return False
 
@@ -88,11 +87,10 @@ def solve_step(plan, work, state, scratch, h, tolerance):
     Returns whether it converged; if so ``scratch`` holds the stages, the last being the step's end.
     """
     known = scratch.memory.polynomial_known[0] == 1
+    renew = scratch.memory.renewals[0] > 0
     for attempt in range(_TRANSFORMED + 2 if plan.rows.shape[0] > 0 else _TRANSFORMED):
         new_factors = scratch.memory.step_factored[0] != h
-        if attempt == 0 and (
-            scratch.memory.tangent_serves[0] == 0 or (new_factors and scratch.memory.renewals[0] > 0.0)
-        ):
+        if attempt == 0 and (scratch.memory.tangent_serves[0] == 0 or (new_factors and renew)):
             continue
         # these differ from the attempts that follow by the predictor alone
         if not known and (attempt == 2 or attempt == _TRANSFORMED):
@@ -116,7 +114,7 @@ def solve_step(plan, work, state, scratch, h, tolerance):
         scratch.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
         if not _iterate(plan, work, state, scratch, h, tolerance):
             if attempt == 0:
-                scratch.memory.renewals[0] = _RENEWALS
+                give_up_old_factors(scratch.memory, _RENEWALS)
             continue
         if plan.rows.shape[0] > 0:
             if not close_end(plan, work, state, scratch, h, tolerance, attempt == 0):
@@ -126,7 +124,7 @@ def solve_step(plan, work, state, scratch, h, tolerance):
         slow = scratch.memory.newton_iterations[0] > 1 and scratch.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
             scratch.memory.tangent_serves[0] = 0
-        scratch.memory.renewals[0] = max(0.0, scratch.memory.renewals[0] - 1.0)
+        count_solved_step(scratch.memory, renew, attempt == 0)
         return True
     scratch.memory.tangent_serves[0] = 0
     return False

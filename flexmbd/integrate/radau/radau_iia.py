@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step
+from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, settle
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import put_widest, take_jump
 from flexmbd.integrate.radau.coefficients import ORDER, STAGES
@@ -122,10 +122,7 @@ def _attempt(method, state, groups, h):
     if evaluate_stage_times(plan, work, state, s, h):
         solved = solve_step(plan, work, state, s, h, max(share * limit, 5e-15))
     set_safety(state, s)
-    if plan.flag[0] != 0:
-        count[st.OUTCOME] = st.CALLBACK_FAILED
-    elif solved:
-        count[st.OUTCOME] = st.DONE  # whatever failed on the way
+    if settle(plan, state, solved):
         ratio = 0.0 if count[st.FIXED_STEP] == 1 else local_error(plan, work, state, groups, s, h, rate)
         if not ratio <= 1.0:
             put_widest(state.a, s.a, s.residual)
@@ -136,8 +133,6 @@ def _attempt(method, state, groups, h):
             _accept(state, s, h)
             if count[st.FIXED_STEP] == 0:
                 remember_roughness(plan, state, groups, s, h)
-    elif count[st.OUTCOME] == st.DONE:
-        count[st.OUTCOME] = st.NOT_CONVERGED
 
 
 @entry_kernel

@@ -56,8 +56,9 @@ class RadauMemory(ArrayStruct):
     """What the method remembers from step to step; numbers stand alone in arrays (1,).
 
     step_factored, step_polynomial: the steps (s) that the factors and the last polynomial belong to.  contraction: the
-    error that an iteration leaves, as a share.  renewals: how many steps still take a new tangent where they take new
-    factors.
+    error that an iteration leaves, as a share.
+    renewals, next_renewals: how many steps still take a new tangent where they take new factors, because an old one
+    failed, and how many next time.
     polynomial_known: whether a last polynomial is known.  tangent_serves: whether the tangent may be used again.
     newton_iterations: of the last step.  roughness_known: whether the roughness of the steps before is known.  smooth:
     whether the step at hand is as smooth as they were.
@@ -69,7 +70,8 @@ class RadauMemory(ArrayStruct):
     step_factored: FloatArray
     step_polynomial: FloatArray
     contraction: FloatArray
-    renewals: FloatArray
+    renewals: IntArray
+    next_renewals: IntArray
     polynomial_known: IntArray
     tangent_serves: IntArray
     newton_iterations: IntArray
@@ -89,7 +91,8 @@ def _new_memory(nv: int, m: int) -> RadauMemory:
         step_factored=zeros(1),
         step_polynomial=zeros(1),
         contraction=zeros(1),
-        renewals=zeros(1),
+        renewals=zeros(1, np.int64),
+        next_renewals=zeros(1, np.int64),
         polynomial_known=zeros(1, np.int64),
         tangent_serves=zeros(1, np.int64),
         newton_iterations=zeros(1, np.int64),

@@ -22,7 +22,10 @@ FloatArray = NDArray[np.float64]
 
 
 class Signature(Enum):
-    """Signatures of compiled functions, by the number of their arguments; negative ones take ``side`` as one more."""
+    """Signatures of compiled functions, by the number of their arguments; negative ones take ``side`` as one more.
+
+    Of two with seven arguments the last one's name tells which it is: a ``RELATION`` writes into its ``memory``.
+    """
 
     TIME = 1
     LAW = 3
@@ -30,6 +33,7 @@ class Signature(Enum):
     MEMORY = 5
     WRENCH = 6
     PAIR = 7
+    RELATION = 7.5
     FRAME_STATES = 9
     WRENCH_VARIATION = 10
     SIDED_LAW = -3
@@ -136,6 +140,8 @@ def compiled(
     between which it does not turn: it changes ``memory`` in place, writes the force against the deformation, its slope
     and the number of the piece of the law that it is on into ``out`` (3,), and returns the energy (J) that it stores;
     for ``memory_law`` and ``memory_line`` of ``ElementTable``.
+    ``f(data, h, h_before, nodes, u, v, memory)`` writes the weights of a step of a method, for
+    ``flexmbd.integrate.ImplicitMethod``.
     ``f(t, beta, rate, side)`` and ``f(t, x, v, out, side)``, whose last argument has that very name, are laws of two
     sides, for ``flexmbd.Switched``.
     Divisions by zero give infinities, as in numpy: an exception could not leave the step, and
@@ -157,14 +163,16 @@ def compiled(
     count = len(names)
     if names[-1:] == ["side"]:
         return _compiled_sides(function, count - 1, known)
-    if count not in {s.value for s in Signature}:
+    value = Signature.RELATION.value if count == 7 and names[-1] == "memory" else count
+    if value not in {s.value for s in Signature}:
         raise SceneError(
             f"{function.__name__} takes {count} arguments; a compiled function is f(t), f(t, beta, rate), "
             "f(t, x, v, out), f(data, memory, begin, end, out), f(data, d, R, rate, spin, out), its derivative of ten "
-            "arguments, f(t, data, a, b, r, rate, out), or f(t, data, z, u, d, R, rate, spin, out)"
+            "arguments, f(t, data, a, b, r, rate, out), f(t, data, z, u, d, R, rate, spin, out), or "
+            "f(data, h, h_before, nodes, u, v, memory)"
         )
     code = fingerprint(function)
-    return _compiled(function, Signature(count), known, code, reads=code)
+    return _compiled(function, Signature(value), known, code, reads=code)
 
 
 def _compiled(
@@ -176,6 +184,7 @@ def _compiled(
         frame_states_function,
         memory_function,
         pair_function,
+        relation_function,
         scalar_function,
         state_function,
     )
@@ -187,6 +196,8 @@ def _compiled(
         pointer = memory_function(function)
     elif signature is Signature.PAIR:
         pointer, returns_number = pair_function(function)
+    elif signature is Signature.RELATION:
+        pointer = relation_function(function)
     elif signature is Signature.FRAME_STATES:
         pointer = frame_states_function(function)
     elif signature in (Signature.WRENCH, Signature.WRENCH_VARIATION):

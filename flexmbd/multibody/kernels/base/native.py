@@ -167,6 +167,35 @@ def call_state(address, t, x, v, out):
     )
 
 
+@intrinsic
+def _call_relation(typingctx, address, sizes, lengths, pointers):
+    """Call void f(int64, int64, int64, double, double, double* five times) at an address."""
+
+    def codegen(context, builder, signature, args):
+        double, whole, pointer = ir.DoubleType(), ir.IntType(64), ir.DoubleType().as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [*[whole] * 3, double, double, *[pointer] * 5])
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        counts = [builder.extract_value(args[1], k) for k in range(3)]
+        steps = [builder.extract_value(args[2], k) for k in range(2)]
+        places = [builder.inttoptr(builder.extract_value(args[3], k), pointer) for k in range(5)]
+        builder.call(function, [*counts, *steps, *places])
+        return context.get_dummy_value()
+
+    counts, steps = types.UniTuple(types.int64, 3), types.UniTuple(types.float64, 2)
+    return types.void(types.int64, counts, steps, types.UniTuple(types.intp, 5)), codegen
+
+
+@kernel
+def call_relation(address, data, lengths, nodes, position, velocity, remember):
+    """Let the user's function at an address write the weights of a step's relation, which come as zeros.
+
+    ``lengths``: of the step and of the one before (s).
+    """
+    sizes = data.shape[0], nodes.shape[0], remember.shape[0]
+    places = data.ctypes.data, nodes.ctypes.data, position.ctypes.data, velocity.ctypes.data, remember.ctypes.data
+    _call_relation(address, sizes, lengths, places)
+
+
 def _caller(n_pointers):
     """Make an intrinsic that calls void f(pointer, ...) with addresses given as integers."""
 

@@ -188,3 +188,24 @@ def pair_function(function: Callable[..., float]) -> tuple[Any, bool]:
         return inner(m[0], whole[:n], whole[i : i + k], whole[j : j + k], m[1], m[2], carray(out, (1,)))
 
     return cfunc(kind, error_model=_MODEL)(storing if returns_number else force), returns_number
+
+
+def relation_function(function: Callable[..., None]) -> Any:
+    """``f(data, h, h_before, nodes, u, v, memory)`` behind a C function of the sizes k, s, r, of lengths, of addresses.
+
+    ``data`` (k,), ``nodes`` (s,), ``u`` and ``v`` (s, n), ``memory`` (r, n) with n = 3 (s + 1) + r.
+
+    Raises:
+        numba.TypingError: it does not compile for such arguments.
+    """
+    inner = njit(error_model=_MODEL)(function)
+    inner.compile((_ARRAY, types.float64, types.float64, _ARRAY, *[_MATRIX] * 3))
+    double = types.CPointer(types.float64)
+    kind = types.void(*[types.int64] * 3, types.float64, types.float64, *[double] * 5)
+
+    def outer(k, s, r, h, h_before, data, nodes, u, v, memory):  # type: ignore[no-untyped-def]
+        n = 3 * (s + 1) + r
+        weights = carray(u, (s, n)), carray(v, (s, n)), carray(memory, (r, n))
+        inner(carray(data, (k,)), h, h_before, carray(nodes, (s,)), *weights)
+
+    return cfunc(kind, error_model=_MODEL)(outer)

@@ -11,14 +11,14 @@ from flexmbd.multibody.kernels.elements.pairs import force_variation, frame_of_p
 from flexmbd.multibody.kernels.elements.table import is_of_pairs, pair_push, pair_slope
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.tangent.frame_pairs import (
-    _add_changes,
-    _clear_path,
-    _collect_paths,
-    _load_edges,
-    _put_change,
-    _put_first,
-    _variation_by_unknown,
+    add_changes,
+    clear_path,
+    collect_paths,
+    load_edges,
     pair_frames,
+    put_change,
+    put_first,
+    variation_by_unknown,
 )
 
 
@@ -54,21 +54,21 @@ def _add_pair(plan, work, tw, row, i, j, x, v, a, per_x, per_v, per_a, matrix):
     force = scale3(-1.0, _force(plan, work, row, i, j, d, rate))
     pull = rotate(R_F, force)
     moment = cross3(c_G, pull)
-    _load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix)
-    count = _collect_paths(plan, tw, f, g)
+    load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, matrix, matrix)
+    count = collect_paths(plan, tw, f, g)
     moved = 0
     for q in range(count):
         k = tw.path[q]
-        moves, dd, _, drate, _, phi, shift = _variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
+        moves, dd, _, drate, _, phi, shift = variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
         if not moves:
             continue
-        moved = _put_first(tw, moved, q)
+        moved = put_first(tw, moved, q)
         step = difference_step(per_x, per_v, tw.size_x[k], tw.size_v[k])
         dforce = scale3(-1.0, _variation(plan, work, row, i, j, d, rate, dd, drate, step))
         dmoment = add3(cross3(dd, force), cross3(d, dforce))
-        _put_change(tw, k, per_x, phi, shift, dforce, dmoment, pull, moment, c_F, R_F)
-    _add_changes(tw, count, moved, matrix)
-    _clear_path(tw, count)
+        put_change(tw, k, per_x, phi, shift, dforce, dmoment, pull, moment, c_F, R_F)
+    add_changes(tw, count, moved, matrix)
+    clear_path(tw, count)
 
 
 @deferred_kernel()
