@@ -129,8 +129,8 @@ def correction(scene, choice, monkeypatch, *, h):
     plan, nv, m = start.scene.plan, start.scene.nv, len(start.scene.plan.rows)
     state = new_snapshot(start, ALPHA, t_start=0.0, t_end=1.0, rtol=1e-6, h=h).state
     work = new_work(plan)
-    scratch = new_workspace(plan, work, start.scene.nx, nv)
-    scratch.memory.index[0], scratch.memory.scheme[:] = 2, ALPHA.coefficients()
+    scratch = new_workspace(plan, work, start.scene.nx, nv, relation_of(ALPHA))
+    scratch.memory.index[0] = 2
     scratch.scale_x[:] = scratch.scale_v[:] = 1.0
     rng = np.random.default_rng(2)
     state.v[:] = 3.0 * rng.standard_normal(nv)
