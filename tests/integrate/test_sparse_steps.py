@@ -11,11 +11,14 @@ from particles import particle_body
 
 import flexmbd as fm
 from flexmbd.integrate import matrix_choice
+from flexmbd.integrate.alpha.generalized_alpha import relation_of
 from flexmbd.integrate.alpha.interiors import newton_iteration
+from flexmbd.integrate.alpha.relation import begin_stage, take_weights
 from flexmbd.integrate.alpha.workspace import new_workspace
 from flexmbd.integrate.matrix_choice import alpha_matrix, radau_matrix
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.tangent.sparse_matrix import new_pattern
 from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
 from flexmbd.run.snapshot import new_snapshot
@@ -122,6 +125,12 @@ def test_machines_side_by_side_take_no_square_of_their_number():
         assert max(np.size(one) for one in arrays if isinstance(one, np.ndarray)) < 1500 * 40
 
 
+@entry_kernel
+def begin(plan, work, state, scratch, h):
+    take_weights(scratch.relation, h, 0.0)
+    begin_stage(plan, work, state, scratch, h, 0)
+
+
 def correction(scene, choice, monkeypatch, *, h):
     """Newton's correction of a step from a start with random speeds: accelerations, reactions, shifts."""
     monkeypatch.setattr(matrix_choice, "sparse_blocks", choice)
@@ -134,6 +143,7 @@ def correction(scene, choice, monkeypatch, *, h):
     scratch.scale_x[:] = scratch.scale_v[:] = 1.0
     rng = np.random.default_rng(2)
     state.v[:] = 3.0 * rng.standard_normal(nv)
+    begin(plan, work, state, scratch, h)
     scratch.unknown[: len(plan.free) + m] = rng.standard_normal(len(plan.free) + m)
     sizes = newton_iteration(plan, work, state, scratch, h)
     return scratch.correction[0].copy(), sizes

@@ -165,7 +165,7 @@ def new_workspace(
     work: Work,
     nx: int,
     nv: int,
-    choice: RelationChoice,
+    relation: RelationChoice,
     *,
     interiors: bool = False,
     dense: bool = False,
@@ -240,8 +240,8 @@ def new_workspace(
         kernels=np.array(kernels),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv), plan, work, nx),
-        relation=new_relation(choice, nv, m),
-        memory=_new_memory(nv, m, choice.remembered),
+        relation=new_relation(relation, nv, m),
+        memory=_new_memory(nv, m, relation.remembered),
     )
 
 
