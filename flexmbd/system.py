@@ -389,9 +389,9 @@ class System(MachineAssembly):
         else:
             refuse_no_integrator(integrator)
             chosen, why = integrator, "as asked"
-        method = f"{chosen.name} ({why}){matrix_text(chosen, start.scene)}"
+        method = f"{chosen.name} ({why})"
         sampled = "".join(f"{one.explained}\n" for one in self._controllers)
-        return f"{explain(start)}\n{sampled}integrator: {method}"
+        return f"{explain(start)}\n{sampled}{matrix_text(chosen, start.scene)}integrator: {method}"
 
     def simulate(
         self,

@@ -65,15 +65,17 @@ class MatrixChoice:
         if self.recurs:
             return "by the recursion over the tree, joint by joint"
         sizes = np.diff(self.bounds)
-        blocks = f"{len(sizes)} blocks of up to {sizes.max(initial=0)}" if len(sizes) > 1 else f"{sizes.sum()}"
+        most = int(sizes.max(initial=0))
+        many = f"{len(sizes)} blocks of up to " if len(sizes) > 1 else ""
+        blocks = f"{many}{most} unknown{'' if most == 1 else 's'}"
         if self.sparse is None:
-            return f"dense, {blocks} unknowns"
+            return f"dense, {blocks}"
         found, pattern = self.sparse
         cut = f", {len(found.cuts)} bodies of the tree cut" if found.cuts else ""
         return (
             f"sparse, {pattern.unknowns} unknowns in {len(found.first)} blocks{cut}: {pattern.fill} numbers and "
             f"{pattern.operations:.2g} operations a factorisation, for {(sizes.astype(float) ** 2).sum():.2g} and "
-            f"{2.0 / 3.0 * (sizes.astype(float) ** 3).sum():.2g} if dense ({blocks} unknowns)"
+            f"{2.0 / 3.0 * (sizes.astype(float) ** 3).sum():.2g} if dense ({blocks})"
         )
 
 

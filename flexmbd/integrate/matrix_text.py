@@ -12,7 +12,7 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 def matrix_text(method: Integrator, scene: CompiledScene) -> str:
     """A line on the matrix of generalized-alpha or Radau IIA; nothing of other methods."""
     if isinstance(method, GeneralizedAlpha):
-        return f"\nits matrix: {alpha_matrix(scene.plan, dense=scene.interiors is not None).text()}"
+        return f"matrix of a step: {alpha_matrix(scene.plan, dense=scene.interiors is not None).text()}\n"
     if isinstance(method, RadauIIA):
-        return f"\nits matrix: {radau_matrix(scene.plan).text()}"
+        return f"matrix of a step: {radau_matrix(scene.plan).text()}\n"
     return ""

@@ -98,9 +98,9 @@ def test_a_sparse_matrix_grows_with_the_machine():
 
 def test_it_is_taken_where_it_pays_and_told():
     for scene in (lattice(6, 40), ladder(80)):
-        assert "its matrix: sparse" in scene.explain(integrator=ALPHA)
+        assert "matrix of a step: sparse" in scene.explain(integrator=ALPHA)
     assert radau_matrix(plan_of(lattice(6, 40))).sparse is not None
-    assert "its matrix: dense, 18 unknowns" in lattice(3, 3).explain(integrator=RADAU)
+    assert "matrix of a step: dense, 18 unknowns" in lattice(3, 3).explain(integrator=RADAU)
     chain = combs(0)
     end = chain.ground.frame()
     for _ in range(60):
@@ -108,7 +108,7 @@ def test_it_is_taken_where_it_pays_and_told():
         chain.connect(HINGE, end, link.frame())
         end = link.frame((0.5, 0.0, 0.0))
     assert "by the recursion over the tree" in chain.explain(integrator=ALPHA)
-    assert "its matrix" not in chain.explain(integrator=fm.ExplicitRungeKutta())
+    assert "matrix of a step" not in chain.explain(integrator=fm.ExplicitRungeKutta())
 
 
 def test_machines_side_by_side_take_no_square_of_their_number():

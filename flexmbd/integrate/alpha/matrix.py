@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.integrate import state as st
-from flexmbd.integrate.alpha.sparse_loops import assemble, is_sparse, linearise_loops, solve_loops
+from flexmbd.integrate.alpha.sparse_loops import (
+    assemble,
+    is_sparse,
+    linearise_loops,
+    solve_loops,
+    tell_worthless,
+)
 from flexmbd.integrate.alpha.workspace import (
     coefficients,
     holds_position_alone,
@@ -287,8 +293,12 @@ def linearise(plan, work, state, scratch, h):
     if is_sparse(scratch):
         scratch.pivot[0] = _OF_SPARSE
         if m > 0:
-            return linearise_loops(plan, work, state, scratch, per_x, per_v)
-        return _linearise_sparse(plan, work, scratch, per_x, per_v)
+            regular = linearise_loops(plan, work, state, scratch, per_x, per_v)
+        else:
+            regular = _linearise_sparse(plan, work, scratch, per_x, per_v)
+        if not regular:
+            tell_worthless(plan, state, scratch)
+        return regular
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False
@@ -300,7 +310,10 @@ def linearise(plan, work, state, scratch, h):
 @kernel
 def solve_factored(plan, scratch, rhs):
     """Solve with the iteration matrix's factors; each row of ``rhs`` is one right-hand side, in place."""
-    if scratch.pivot[0] == _OF_RECURSION:
+    if scratch.matrix.shape[0] == 1:  # where LAPACK's call would be most of the time
+        for q in range(rhs.shape[0]):
+            rhs[q, 0] /= scratch.matrix[0, 0]
+    elif scratch.pivot[0] == _OF_RECURSION:
         _solve_recursion(plan, scratch, rhs)
     elif scratch.pivot[0] == _OF_SPARSE:
         if plan.rows.shape[0] > 0:

@@ -101,6 +101,22 @@ def linearise_loops(plan, work, state, scratch, per_x, per_v):
     return True
 
 
+@deferred_kernel()
+def tell_worthless(plan, state, scratch):
+    """Name a coordinate whose pivot was worthless, or one that moves the frames of a row whose pivot was."""
+    tree, to = scratch.loops.tree, scratch.sparse.to
+    nu, m = plan.free.shape[0], plan.rows.shape[0]
+    unknown = tree.worthless[0] if m > 0 and tree.worthless[0] >= 0 else scratch.sparse.matrix.worthless[0]
+    if 0 <= unknown < nu:
+        state.counts[st.WORST] = plan.free[unknown]
+    for s in range(to.row_first.shape[0] - 1):
+        first = to.row_first[s]
+        if first <= unknown - nu < to.row_first[s + 1]:
+            for j in range(scratch.tangent.row_count[first]):
+                if scratch.tangent.row_unknown[first, j] < to.starts[0]:
+                    state.counts[st.WORST] = scratch.tangent.row_unknown[first, j]
+
+
 @kernel
 def _watch_rows(plan, state, scratch):
     """Write the smallest pivot of the rows, over the largest that it had, into ``s.least_pivot``."""

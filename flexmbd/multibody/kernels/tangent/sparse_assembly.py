@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.block_view import block_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.table import (
@@ -23,7 +24,6 @@ from flexmbd.multibody.kernels.elements.table import (
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term
 from flexmbd.multibody.kernels.tangent import sparse_places as sp
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.block_view import block_view
 from flexmbd.multibody.kernels.tangent.body_moments import rigid_composite
 from flexmbd.multibody.kernels.tangent.frame_pairs import (
     change_by,

@@ -14,7 +14,7 @@ import numpy as np
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.tangent.tangent_layout import edge_columns
-from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, Group, UnknownBlocks
+from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, UnknownGroup
 
 # Columns of SparsePlaces.pairs: the unknowns outboard, first and one past the last; those that carry them, first and
 # how many; the edge column of the frame that these move if they are modes, else -1; base and stride of the pair of
@@ -74,15 +74,15 @@ def new_sparse_places(
     table: dict[int, list[int]] = dict(zip(keys, places, strict=True))
     edge_of, _ = edge_columns(plan)
 
-    def pair(outer: Group, inner: Group) -> list[int]:
+    def pair(outer: UnknownGroup, inner: UnknownGroup) -> list[int]:
         i, j = int(blocks.of[outer.first]), int(blocks.of[inner.first])
         frame = max(outer.frame, inner.frame)
         edge = int(edge_of[frame]) if frame >= 0 else -1
         ends = [outer.first, outer.first + outer.size, inner.first, inner.size]
         return [*ends, edge, *table[i * b + j], *table[j * b + i]]
 
-    def cut(number: int) -> Group:
-        return Group(blocks.cut(number), CUT, -1)
+    def cut(number: int) -> UnknownGroup:
+        return UnknownGroup(blocks.cut(number), CUT, -1)
 
     roots = [(q, blocks.inward[body].root) for q, body in enumerate(blocks.cuts)]
     joined = [*blocks.elements, *blocks.closures]

@@ -28,7 +28,7 @@ MOTION, WRENCH = 18, 6
 CUT = MOTION + WRENCH
 
 
-class Group(NamedTuple):
+class UnknownGroup(NamedTuple):
     """Unknowns that move one frame alike: a joint's, or a body's modes as far as they move a frame of it.
 
     Attributes:
@@ -41,7 +41,7 @@ class Group(NamedTuple):
     frame: int
 
 
-class Way(NamedTuple):
+class UnknownPath(NamedTuple):
     """What moves a body or a frame.
 
     Attributes:
@@ -49,7 +49,7 @@ class Way(NamedTuple):
         root: the number of that cut body; -1 where the way leads to the ground.
     """
 
-    groups: list[Group]
+    groups: list[UnknownGroup]
     root: int
 
 
@@ -73,10 +73,10 @@ class UnknownBlocks:
     size: IntArray
     of: IntArray
     cuts: list[int]
-    joints: list[Group | None]
-    modes: list[Group | None]
-    inward: list[Way]
-    outward: list[Way]
+    joints: list[UnknownGroup | None]
+    modes: list[UnknownGroup | None]
+    inward: list[UnknownPath]
+    outward: list[UnknownPath]
     row_groups: list[tuple[int, int]]
 
     @property
@@ -103,14 +103,14 @@ class UnknownBlocks:
         """The first unknown of a cut body."""
         return self.rows_begin + len(self.plan.rows) + CUT * number
 
-    def path(self, frame: int) -> Way:
+    def path(self, frame: int) -> UnknownPath:
         """What moves a frame."""
         body = int(self.plan.frame_of[frame, at.FRAME_BODY])
         if body < 0:
-            return Way([], -1)
+            return UnknownPath([], -1)
         modes, way = self.modes[body], self.outward[body]
         if self.plan.frame_of[frame, at.FRAME_MODES] >= 0 and modes is not None:
-            return Way([modes._replace(frame=frame), *way.groups], way.root)
+            return UnknownPath([modes._replace(frame=frame), *way.groups], way.root)
         return way
 
     def of_path(self, frames: Sequence[int]) -> list[int]:
@@ -145,21 +145,21 @@ class UnknownBlocks:
                 found.append(self.of_path([int(row[at.ROW_F]), int(row[at.ROW_G])]))
         return found
 
-    def body_pairs(self) -> Iterator[tuple[Group, Group]]:
+    def body_pairs(self) -> Iterator[tuple[UnknownGroup, UnknownGroup]]:
         """Each free group of a body with each free one that carries it, its own joint with its modes included."""
         for joint, modes, inward, outward in zip(self.joints, self.modes, self.inward, self.outward, strict=True):
             for own, way in ((joint, inward), (modes, outward)):
                 if own is not None and self.of[own.first] >= 0:
                     yield from ((own, inner) for inner in way.groups if self.of[inner.first] >= 0)
 
-    def carried(self) -> Iterator[tuple[Group, int]]:
+    def carried(self) -> Iterator[tuple[UnknownGroup, int]]:
         """Each free group with the number of the cut body that carries it."""
         for joint, modes, inward, outward in zip(self.joints, self.modes, self.inward, self.outward, strict=True):
             for own, way in ((joint, inward), (modes, outward)):
                 if own is not None and way.root >= 0 and self.of[own.first] >= 0:
                     yield own, way.root
 
-    def carrying(self) -> Iterator[tuple[Group, int]]:
+    def carrying(self) -> Iterator[tuple[UnknownGroup, int]]:
         """Each free group with the number of a cut body that it carries, up to the next cut body inwards."""
         for number, body in enumerate(self.cuts):
             joint = self.joints[body]
@@ -228,7 +228,7 @@ class UnknownBlocks:
             yield int(self.of[self.cut(way.root)])
             body = self.cuts[way.root]
             joint, inward = self.joints[body], self.inward[body]
-            way = Way([*([joint] if joint is not None else []), *inward.groups], inward.root)
+            way = UnknownPath([*([joint] if joint is not None else []), *inward.groups], inward.root)
 
 
 def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownBlocks:
@@ -238,10 +238,10 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
     trees: Any = plan.tree.tolist()
     cuts = [] if cut is None else [int(i) for i in np.flatnonzero(cut)]
     number = {body: q for q, body in enumerate(cuts)}
-    joints: list[Group | None] = []
-    modes: list[Group | None] = []
-    inward: list[Way] = []
-    outward: list[Way] = []
+    joints: list[UnknownGroup | None] = []
+    modes: list[UnknownGroup | None] = []
+    inward: list[UnknownPath] = []
+    outward: list[UnknownPath] = []
     carries: Any = np.bincount(plan.tree[:, at.PARENT] + 1, minlength=len(trees) + 1)[1:].tolist()
     massless: Any = (~plan.rigid.any(axis=1)).tolist()
     of: IntArray = np.full(nv + m + CUT * len(cuts), -1, np.int64)
@@ -249,11 +249,11 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
     for i, tree in enumerate(trees):
         joint, size = tree[at.JOINT_V], tree[at.JOINT_SIZE]
         count = int(plan.flex[tree[at.FLEX], at.N_MODES]) if tree[at.FLEX] >= 0 else 0
-        joints.append(Group(joint, size, -1) if size > 0 else None)
-        modes.append(Group(tree[at.MODAL_V], count, -1) if count else None)
+        joints.append(UnknownGroup(joint, size, -1) if size > 0 else None)
+        modes.append(UnknownGroup(tree[at.MODAL_V], count, -1) if count else None)
         inward.append(_inward(plan, tree, modes, outward))
         on = [joints[i], *inward[i].groups] if size > 0 else inward[i].groups
-        outward.append(Way([], number[i]) if i in number else Way(on, inward[i].root))  # type: ignore[arg-type]
+        outward.append(UnknownPath([], number[i]) if i in number else UnknownPath(on, inward[i].root))  # type: ignore[arg-type]
         for begin, n in ((joint, size), (tree[at.MODAL_V], count)):
             if n > 0 and begin not in driven:
                 if open_at != begin:
@@ -283,14 +283,14 @@ def _sorted(of: IntArray, first: list[int]) -> tuple[IntArray, list[int]]:
     return place[of], sorted(first)
 
 
-def _inward(plan: Plan, tree: list[int], modes: list[Group | None], outward: list[Way]) -> Way:
+def _inward(plan: Plan, tree: list[int], modes: list[UnknownGroup | None], outward: list[UnknownPath]) -> UnknownPath:
     """What moves the frame on which a body's joint stands."""
     parent, frame = tree[at.PARENT], tree[at.FRAME_PARENT]
     if parent < 0:
-        return Way([], -1)
+        return UnknownPath([], -1)
     own, way = modes[parent], outward[parent]
     if plan.frame_of[frame, at.FRAME_MODES] >= 0 and own is not None:
-        return Way([own._replace(frame=frame), *way.groups], way.root)
+        return UnknownPath([own._replace(frame=frame), *way.groups], way.root)
     return way
 
 
