@@ -11,7 +11,7 @@ worth: for that see work_precision.py.
                   by that at 50" says how far the time is from growing in proportion.
     loops         four-bars side by side, 10 to 1000: compiling and start with two steps, s; RK4, us a step. "as n^e" is
                   the growth from the row before.
-    ladder        windows of three bars that hang one from the other, 12 to 200, as loops: RK4 and alpha, us a step
+    ladder        windows of three bars that hang one from the other, 12 to 200, as loops: RK4, us a step
     implicit      rigid chain, 10 to 3000 links, and four-bars side by side, 10 to 1000, by generalized-alpha, Radau IIA
                   and energy-momentum: the first step, with its tangent and factors, and the mean of 20, us; "as n^e"
                   is the growth of the two from the row before.  A method ends where a first step takes over 0.2 s
@@ -166,8 +166,7 @@ def ladder(*, quick: bool) -> Iterator[Row]:
     before: tuple[int, float] | None = None
     for windows in (12, 50) if quick else (12, 25, 50, 100, 200):
         step = step_time(partial(_ladder, windows), CLASSICAL, steps=20)
-        implicit = step_time(partial(_ladder, windows), fm.GeneralizedAlpha(), steps=20)
-        text = f"RK4 {step:.1f}, generalized-alpha {implicit:.1f}"
+        text = f"RK4 {step:.1f}"
         if before is not None:
             text += f"; as n^{np.log(step / before[1]) / np.log(windows / before[0]):.2f}"
         before = windows, step
