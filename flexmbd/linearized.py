@@ -261,7 +261,7 @@ class LinearizedMachine:
     def eigenvalues(self, *, modes: int | None = None) -> ComplexArray:
         """(ny + nz,) 1/s, in ascending size, of pairs the one with positive imaginary part first.
 
-        With ``modes`` as many of the smallest alone, or one more that is the other of a pair: of a machine with hundreds
+        With ``modes`` as many of the smallest alone, or one more that is the other of a pair: of a machine of hundreds
         of coordinates, none of which is free to move, they take a small part of the time of all.
 
         Raises:

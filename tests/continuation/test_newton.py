@@ -110,3 +110,28 @@ def test_strides_grow_and_are_halved_before_a_wall():
     went.clear()
     reached = stride_along(attempt, 0.0, 1.0, first=0.125, least=0.02)
     assert 0.7 - 0.04 <= reached < 0.7
+
+
+def test_no_stride_is_tried_twice():
+    tried = []
+
+    def attempt(reached, ahead):
+        tried.append(ahead)
+        return None
+
+    assert stride_along(attempt, 0.0, 1.0, first=8.0, least=0.2) == 0.0
+    assert tried == [1.0, 0.5, 0.25]
+
+
+def test_a_small_step_does_not_end_it_where_it_leads_nowhere():
+    """From the top of x^4 / 4 - x^2 / 2 steps that are turned downhill lead on to a bottom, at 1."""
+
+    class Downhill(Root):
+        def correction(self, here):
+            slope = self.slope(here)
+            step = -self.f(here) / abs(slope) if slope > 0.0 else 0.1
+            return Correction(step, 0.0 if slope < 0.0 else abs(step), share=1.0, ends=slope > 0.0)
+
+    found = newton(Downhill(lambda x: x**3 - x, lambda x: 3.0 * x * x - 1.0), 0.0, most=50, close=1e-9)
+    assert found.is_solution
+    assert found.place == pytest.approx(1.0, abs=1e-15)

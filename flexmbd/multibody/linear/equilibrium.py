@@ -85,10 +85,10 @@ def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> 
     scene = start.scene
     sizes = motion_sizes(scene, work, start.x)
     if not (start.v.any() or motion.pairs or scene.state_mask.any() or scene.interiors or stretches(scene.plan)):
-        found = stable_equilibrium(scene, work, start.x, sizes)
-        if found is not None:
-            point = _point(scene, work, found.x, start.v, found.multipliers)
-            return ToldEquilibrium(replace(point, unstable=0, neutral=found.neutral), None)
+        stable_one = stable_equilibrium(scene, work, start.x, sizes)
+        if stable_one is not None:
+            point = _point(scene, work, stable_one.x, start.v, stable_one.multipliers)
+            return ToldEquilibrium(replace(point, unstable=0, neutral=stable_one.neutral), None)
     here = balance(scene, work, start.x, start.v, motion=motion)
     if scene.state_mask.any():
         if stable:

@@ -40,24 +40,31 @@ class Entries:
     """The entries of K among the free velocities, and where they stand in the matrix's values.
 
     Attributes:
-        row, column: (k,) velocities.
+        row, column: (k,) velocities, row by row.
         place: (k,) in the values.
         mirrored: (k,) which of them lies across the diagonal.
+        free: (n,) velocities that have a row.
+        begin: (n,) where that begins.
     """
 
     row: IntArray
     column: IntArray
     place: IntArray
     mirrored: IntArray
+    free: IntArray
+    begin: IntArray
 
     def energies(self, values: FloatArray, size: FloatArray) -> FloatArray:
         """(nv,) J, all that a coordinate's row has in sizes (nv,)."""
-        return np.bincount(self.row, np.abs(values) * size[self.row] * size[self.column], len(size))
+        terms = np.abs(values) * size[self.row] * size[self.column]
+        found = np.zeros(len(size))
+        found[self.free] = np.add.reduceat(terms, self.begin)
+        return found
 
     def nearby(self, energies: FloatArray) -> FloatArray:
         """(nv,) the largest of those that a coordinate may be coupled with."""
         found = energies.copy()
-        np.maximum.at(found, self.row, energies[self.column])
+        found[self.free] = np.maximum.reduceat(energies[self.column], self.begin)
         return found
 
     def skewness(self, values: FloatArray, size: FloatArray, *, least: float) -> float:
@@ -207,11 +214,11 @@ def sparse_stiffness(
 
 def _carrying(plan: Plan) -> float:
     """How many pairs of velocities there are of which one carries the other."""
-    own = plan.tree[:, at.JOINT_SIZE].tolist()
+    own = list(map(int, plan.tree[:, at.JOINT_SIZE]))
     for place in modal_places(plan):
         own[place.row] += place.v.stop - place.v.start
     path, total = list[int](), 0.0
-    for size, parent in zip(own, parents(plan).tolist(), strict=True):
+    for size, parent in zip(own, map(int, parents(plan)), strict=True):
         path.append(size + (path[parent] if parent >= 0 else 0))
         total += size * path[-1]
     return total
@@ -230,7 +237,8 @@ def _entries(plan: Plan, pattern: BlockPattern) -> Entries:
     place = pattern.offset[of] + r * pattern.stride[of] + c
     own = (row < len(plan.free)) & (column < len(plan.free))
     row, column, place = row[own], column[own], place[own]
-    ahead, across = np.lexsort((column, row)), np.lexsort((row, column))
-    mirrored = np.empty_like(place)
-    mirrored[ahead] = across
-    return Entries(plan.free[row], plan.free[column], place, mirrored)
+    ahead = np.lexsort((column, row))
+    row, column, place = row[ahead], column[ahead], place[ahead]
+    begin = np.searchsorted(row, np.arange(len(plan.free)))
+    mirrored = np.lexsort((row, column))
+    return Entries(plan.free[row], plan.free[column], place, mirrored, plan.free, begin)
