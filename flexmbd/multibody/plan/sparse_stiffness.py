@@ -36,7 +36,7 @@ _DEEP = 8.0  # a tree is deep whose velocities are coupled with so large a share
 
 
 @dataclass(frozen=True, eq=False)
-class Entries:
+class MatrixEntries:
     """The entries of K among the free velocities, and where they stand in the matrix's values.
 
     Attributes:
@@ -97,7 +97,7 @@ class SparseStiffness:
     work: Work
     sparse: SparseMatrix
     tangents: TangentWork
-    entries: Entries
+    entries: MatrixEntries
 
     def force(self, x: FloatArray, multipliers: FloatArray) -> FloatArray:
         """(nv,) what is out of balance at rest at x (nx,) with reactions (m,)."""
@@ -224,7 +224,7 @@ def _carrying(plan: Plan) -> float:
     return total
 
 
-def _entries(plan: Plan, pattern: BlockPattern) -> Entries:
+def _entries(plan: Plan, pattern: BlockPattern) -> MatrixEntries:
     """Those of the free velocities, which are the first unknowns."""
     size = np.diff(pattern.first)
     block = np.repeat(np.arange(len(size)), np.diff(pattern.entry_at))
@@ -241,4 +241,4 @@ def _entries(plan: Plan, pattern: BlockPattern) -> Entries:
     row, column, place = row[ahead], column[ahead], place[ahead]
     begin = np.searchsorted(row, np.arange(len(plan.free)))
     mirrored = np.lexsort((row, column))
-    return Entries(plan.free[row], plan.free[column], place, mirrored, plan.free, begin)
+    return MatrixEntries(plan.free[row], plan.free[column], place, mirrored, plan.free, begin)
