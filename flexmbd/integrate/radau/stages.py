@@ -207,15 +207,12 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     zeros = np.zeros
     scales = zeros((2, nv))
     choice = radau_matrix(plan)
-    recursion, found = choice.recursion, choice.sparse
-    bounds, free = choice.bounds, choice.side_by_side.free
+    recursion, found, bounds, free = choice.recursion, choice.sparse, choice.bounds, choice.side_by_side.free
     tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
-    no_matrix = choice.recurs or found is not None
-    if no_matrix:
+    if no_matrix := choice.recurs or found is not None:
         bounds = free = free[:1]
     phi, full = zeros((3, m)), zeros((0, 0) if no_matrix else (nv, nv))
-    state = (zeros(nx), zeros(nv), zeros(nv), zeros(m))
-    kernels = zeros(N_KERNELS, np.int64)
+    state, kernels = (zeros(nx), zeros(nv), zeros(nv), zeros(m)), zeros(N_KERNELS, np.int64)
     kernels[RESIDUAL] = address_of(residual, (plan, work, *state, zeros(nv)))
     if m > 0:
         kernels[CONSTRAINTS] = address_of(constraints, (plan, work, *phi))
