@@ -26,7 +26,7 @@ IntArray = NDArray[np.int64]
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
 NOT_ENFORCED, ENDLESS_JUMPS = 9, 10
 
-# MatrixEntries of ``State.numbers``.
+# Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)
 LEAST_RATE = 7  # lower bound of the machine's rate (1/s)
 # LATEST: functions of time are evaluated no later than this, so that a step that ends at a break sees values before it.
@@ -50,7 +50,7 @@ LARGEST_PIVOT, STABLE_STEP = 24, 25
 # with the change of accelerations (1/s) in it.
 REJECTED_END, REJECTED_FIRST, REJECTED_STEP, REJECTED_CHANGE, N_NUMBER = range(26, 31)
 
-# MatrixEntries of ``State.counts``.
+# Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
 FIXED_STEP, WORST, STORED = 5, 6, 7
 # OUTCOME: of the last attempt, DONE or the code of its failure.  MOST_STORED: rows to store before a stepper returns.

@@ -26,11 +26,11 @@ IntArray = NDArray[np.int64]
 
 REMEMBERED = 3  # steps whose velocities and multipliers are remembered
 
-# MatrixEntries of EnergyMomentumWorkspace.kernels: addresses of kernels compiled by themselves; the last are the step's own
+# Entries of EnergyMomentumWorkspace.kernels: addresses of kernels compiled by themselves; the last are the step's own
 # (`bind`).
 CANONICAL, MOMENTA, RESIDUAL, TANGENT, CONSTRAINTS, POTENTIAL = range(6)
 PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, N_KERNEL = range(6, 12)
-# MatrixEntries of EnergyMomentumWorkspace.energy (J): the potential at the end; the round-off of sums of energy; the error of
+# Entries of EnergyMomentumWorkspace.energy (J): the potential at the end; the round-off of sums of energy; the error of
 # the kinetic energy at the end, where velocities are improved in passes; the equations' residuals as energy, over all
 # energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed.
 POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, N_ENERGY = range(7)

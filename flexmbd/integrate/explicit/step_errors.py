@@ -9,7 +9,7 @@ from __future__ import annotations
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base.compiling import kernel
 
-#: MatrixEntries: the sum of the errors looked at, each over the machine's sizes; the last; the largest, its time (s), and the
+#: Entries: the sum of the errors looked at, each over the machine's sizes; the last; the largest, its time (s), and the
 #: velocity that it is of.
 SUM, LAST, LARGEST, WHEN, WHOSE, N_ERRORS = range(6)
 

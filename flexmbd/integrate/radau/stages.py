@@ -47,7 +47,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ComplexArray = NDArray[np.complex128]
 
-# MatrixEntries of RadauWorkspace.kernels: kernels called by their addresses.
+# Entries of RadauWorkspace.kernels: kernels called by their addresses.
 RESIDUAL, CONSTRAINTS, TANGENT_AFTER_RESIDUAL, TREE_TANGENT, SPARSE_TANGENT, N_KERNELS = range(6)
 
 

@@ -108,7 +108,7 @@ def test_what_nothing_carries_is_refused(ways, monkeypatch):
 
 
 def test_the_matrix_and_its_solutions():
-    """MatrixEntries lie across the diagonal where they should; what is held stays, the rest is solved for."""
+    """Entries lie across the diagonal where they should; what is held stays, the rest is solved for."""
     scene, _ = spring_lattice(12, 4, fm.joint.Planar("z"))
     compiled = scene.compile().scene
     stiffness = sparse_stiffness(compiled, new_work(compiled.plan))

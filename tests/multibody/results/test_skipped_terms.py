@@ -44,7 +44,7 @@ def _accelerations(scene: fm.System, spoilt: str, columns: slice) -> np.ndarray:
     return a
 
 
-#: MatrixEntries of the inertia tensor xx .. zz that turning about z does not ask for.
+#: Entries of the inertia tensor xx .. zz that turning about z does not ask for.
 OUT_OF_PLANE = slice(to.C_INERTIA, to.C_INERTIA + 5)
 PARENTS_AXES = slice(to.X_R, to.X_R + 9)
 

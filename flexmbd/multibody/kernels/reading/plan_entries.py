@@ -81,7 +81,7 @@ def has_polynomial(flex):
 
 @kernel
 def driven_place(driven):
-    """MatrixEntries in x and in v of a prescribed coordinate."""
+    """Entries in x and in v of a prescribed coordinate."""
     return driven[at.DRIVEN_X], driven[at.DRIVEN_V]
 
 

@@ -36,7 +36,7 @@ _DENSE_GAIN = 3.0  # how much faster LAPACK does a flop than these loops do
 _WRENCH, _MOST = 6, 6
 _ZERO = (0.0, 0.0, 0.0)
 
-#: MatrixEntries of a body's motion: phi', phi'' and alpha; after them, where the ground pulls at bodies, the rate r' of the
+#: Entries of a body's motion: phi', phi'' and alpha; after them, where the ground pulls at bodies, the rate r' of the
 #: translation at o, then r and phi themselves.
 MOTION, RATE, SHIFT, TURN, MOTION_AND_PLACE = 9, 9, 12, 15, 18
 

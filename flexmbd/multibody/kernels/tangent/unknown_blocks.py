@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.elements.table import act_between_frames
 
-#: MatrixEntries of a cut body's motion (phi', phi'', alpha, r', r, phi; see ``tangent_columns``), and then of its wrench.
+#: Entries of a cut body's motion (phi', phi'', alpha, r', r, phi; see ``tangent_columns``), and then of its wrench.
 MOTION, WRENCH = 18, 6
 CUT = MOTION + WRENCH
 
