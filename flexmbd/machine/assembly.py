@@ -228,8 +228,8 @@ class MachineAssembly:
     ) -> tuple[Contact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
-        Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch.  A
-        list given as both touches within itself.
+        Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
+        ground touches what a joint holds on it.  A list given as both touches within itself.
 
         Args:
             one: a shape of ``flexmbd.contact``, or a list of them.
@@ -244,7 +244,8 @@ class MachineAssembly:
             SceneError: shapes of another scene, on one body, or a pair that is not known; a law that is none.
         """
         held = (c for c in self._connections if not isinstance(c.joint, Free))
-        joined = {frozenset((id(c.parent.body), id(c.child.body))) for c in held}
+        pairs = ((c.parent.body, c.child.body) for c in held)
+        joined = {frozenset((id(a), id(b))) for a, b in pairs if self.ground is not a and self.ground is not b}
 
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined

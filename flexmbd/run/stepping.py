@@ -116,7 +116,8 @@ class Integration:
         if self.state.counts[st.STEPS] == 0:
             self.state.counts[st.AT_BREAK] = self.t in declared
         self.room = 1 if one_by_one else MOST_ROWS
-        self.record = new_record(scene, self.work, self.room)
+        with memory_told(f"the rows of a run of {scene.nv} velocities"):
+            self.record = new_record(scene, self.work, self.room)
         self.stored = RowStore()
         self.interior_rows: list[InteriorRecord] = []
         self.departures: list[Departure] = []

@@ -237,7 +237,7 @@ def test_nodes_on_a_line(tmp_path):
 def test_rows_behind_the_nodes(tmp_path):
     wanted = read(tmp_path, BARBELL + NODES)
     assert np.array_equal(read(tmp_path, BARBELL + NODES + "0 0 0 0 0 0\n").gram, wanted.gram)
-    with pytest.raises(ExportError, match="behind the 2 of the file have mass"):
+    with pytest.raises(ExportError, match="those after the 2 of the file have mass"):
         read(tmp_path, BARBELL + NODES + "1 1 1 0 0 0\n")
     with pytest.raises(ExportError, match="group 11, nodal masses, has 15 numbers"):
         read(tmp_path, BARBELL + NODES + "0 0 0\n")

@@ -74,7 +74,7 @@ def test_a_disk_that_is_read_only_or_full(tmp_path, monkeypatch):
     write_arrays(path, {"version": 1})
     before = path.read_bytes()
     monkeypatch.setattr(os, "open", refuse)
-    with pytest.raises(RecordError, match=r"cannot be written to .*: Read-only file system; what was there is"):
+    with pytest.raises(RecordError, match=r"cannot be written to .*: Read-only file system; a file that was there is"):
         write_arrays(path, {"version": 1})
     with pytest.raises(ExportError, match="Read-only file system; nothing was changed there"):
         npz(small_body(), path)

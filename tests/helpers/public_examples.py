@@ -14,7 +14,7 @@ from public_calls import Public
 from random_misuse.scenes import record
 
 import flexmbd as fm
-from flexmbd import force, joint
+from flexmbd import contact, force, joint
 
 #: Called by the machine, on types of its inside (tests/packaging/test_public_names.py).
 BY_THE_MACHINE = {
@@ -138,6 +138,10 @@ BY_WORDS: dict[str, Callable[[World], Any]] = {
     "Sequence[Solid]": lambda w: [fm.Solid.box((1.0, 1.0, 1.0), density=1.0)],
     "Shape": lambda w: fm.Shape.box((1.0, 1.0, 1.0)),
     "Sequence[Force]": lambda w: [],
+    "Touching": lambda w: contact.Sphere(w.bob.frame(), 0.1),
+    "NormalLaw": lambda w: contact.PowerLaw(k=1.0),
+    "Friction | None": lambda w: None,
+    "Contact | Sequence[Contact]": lambda w: [],
     "Sequence[Frame]": lambda w: [w.bob.frame(), w.rod.frame("tip")],
     "Sequence[RigidBody]": lambda w: [w.bob, w.slide.child.body],
     "Sequence[TimeFunction]": lambda w: (1.0, 0.0, 0.0),
@@ -204,6 +208,7 @@ BY_NAME: dict[str, dict[str, Callable[[World], Any]]] = {
     "Shape.rod": {"start": lambda w: (0.0, 0.0, 0.0)},
     "Solid.box": {"sides": lambda w: (1.0, 1.0, 1.0)},
     "Solid.ellipsoid": {"semi_axes": lambda w: (1.0, 1.0, 1.0)},
+    "System.touch": {"other": lambda w: contact.HalfSpace(w.scene.ground.frame())},
     "System.connect": {"child": lambda w: w.rod.frame("tip")},
     "System.linearize": {"about": lambda w: w.point},
     "System.compiled_parts": {"values": lambda w: {}},

@@ -37,11 +37,11 @@ except fm.OutOfMemoryError as error:
 """
 
 
-def test_a_matrix_that_a_process_has_no_room_for_is_told():
-    """6000 velocities: 288 MB for a matrix of all of them, where 128 MB are left."""
+def test_what_a_process_has_no_room_for_is_told():
+    """6000 velocities: 197 MB for a thousand rows of all of them, where 128 MB are left."""
     done = subprocess.run([sys.executable, "-c", _SWARM], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert "for a machine of 6000 velocities: there is no memory for it" in done.stdout
+    assert "of 6000 velocities: there is no memory for it" in done.stdout
 
 
 def test_a_public_call_says_what_wanted_the_memory():

@@ -129,7 +129,7 @@ def _generalized_alpha(data, h, before, nodes, u, v, memory):
         v[0, k] = h * ((1.0 - gamma) * own + gamma * memory[0, k])
 
 
-@deferred_kernel()
+@kernel
 def _write_weights(relation, h, before):
     """Write the weights of a step h after one of ``before`` (s; 0: none is remembered)."""
     relation.lengths[0] = h

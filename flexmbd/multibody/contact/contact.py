@@ -18,10 +18,11 @@ class Contact(BetweenFrames, WithStates):
 
     Attributes:
         shape: on frame F.
-        frame_G: its origin is the sphere's centre.
+        frame_G: its frame.
         radius: m; 0 of a point.
         law: of the normal force.
         friction: None: smooth.
+        centre: (3,) m of the sphere, in frame G's axes.
     """
 
     shape: TouchedShape
@@ -29,6 +30,7 @@ class Contact(BetweenFrames, WithStates):
     radius: float
     law: NormalLaw
     friction: Friction | None = None
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     frame_F: Frame = field(init=False)
 
     def __post_init__(self) -> None:
@@ -39,7 +41,8 @@ class Contact(BetweenFrames, WithStates):
         """Its name in messages."""
         touching = "sphere" if self.radius > 0.0 else "point"
         shape = type(self.shape).__name__
-        return f"contact of {touching} {self.frame_G.label} with {shape} {self.frame_F.label}"
+        place = f"({', '.join(f'{x:.6g}' for x in self.centre)}) of " if any(self.centre) else ""
+        return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}"
 
     def check(self) -> None:
         """Raise SceneError for a law that is none, or does not know the shapes."""
@@ -53,6 +56,7 @@ class Contact(BetweenFrames, WithStates):
         rough = None if self.friction is None or self.friction.stretch() == 0.0 else self.friction
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
-        numbers = np.array([*self.shape.numbers(), *normal, *([0.0] * 6 if rough is None else rough.numbers())])
+        friction = [0.0] * 6 if rough is None else rough.numbers()
+        numbers = np.array([*self.shape.numbers(), *normal, *friction, *self.centre])
         bristle = None if rough is None else rough.stretch()
         table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)

@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from scipy.optimize import brentq
-from scipy.special import ellipe, ellipkm1
+import scipy  # its parts load when they are asked for
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.force.protocol import check_numbers
 
 _FLOOR = 1e-3  # of the bristle's stretch under the typical load: below it the bristle is not told from none
+_NEXT_TO_ONE = 1e-4  # of 1 - restitution: there the equation for D is round-off, and its series has eight digits
 _NO_ROUND = "Hertz's law is of round surfaces: a point has none; take PowerLaw"
 
 
@@ -46,8 +46,8 @@ def dissipation_of(restitution: float, speed: float) -> float:
     D v (1 + e) = ln((1 + D v) / (1 - e D v)) (after Hunt & Crossley 1975, whose D is this one's first term in 1 - e).
     """
     e = restitution
-    if e == 1.0:
-        return 0.0
+    if 1.0 - e < _NEXT_TO_ONE:  # the equation's first two terms, the next is of the order of its square
+        return 1.5 * (1.0 - e**2) / (1.0 + e**3) / speed
 
     def equation(t: float) -> float:  # t = ln(1 - e D v), for D v is next to 1 / e where e is small
         x = -math.expm1(t) / e
@@ -56,11 +56,11 @@ def dissipation_of(restitution: float, speed: float) -> float:
     first = min(1.0 - e, 0.5)  # of D v; next to zero it is (e^2 - 1) (D v)^2 / 2 < 0
     while equation(math.log1p(-e * first)) >= 0.0:
         first *= 0.5
-    t = brentq(equation, -(1.0 + e) / e - 2.0, math.log1p(-e * first), xtol=1e-14, rtol=1e-14)
+    t = scipy.optimize.brentq(equation, -(1.0 + e) / e - 2.0, math.log1p(-e * first), xtol=1e-14, rtol=1e-14)
     return -math.expm1(t) / e / speed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Impact:
     """What an impact leaves of the speed."""
 
@@ -77,7 +77,7 @@ class _Impact:
         return dissipation_of(self.restitution, self.speed)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Hertz(_Impact):
     """N = (4/3) E* sqrt(R) delta^(3/2): two smooth elastic bodies, much larger than where they touch (Hertz 1881).
 
@@ -135,14 +135,14 @@ def _ellipse(ratio: float) -> float:
 
     def curvatures(b: float) -> tuple[float, float, float]:
         """(a/b)^2 E - K, K - E and K, of an ellipse of axes 1 and b."""
-        K, E = ellipkm1(b * b), ellipe(1.0 - b * b)
+        K, E = scipy.special.ellipkm1(b * b), scipy.special.ellipe(1.0 - b * b)
         return E / (b * b) - K, K - E, K
 
     def equation(log_b: float) -> float:
         over, under, _ = curvatures(math.exp(log_b))
         return math.log(over / under) - math.log(ratio)
 
-    b = math.exp(brentq(equation, -0.5 * math.log(ratio) * 2.0 - 1.0, -1e-9))
+    b = math.exp(scipy.optimize.brentq(equation, -0.5 * math.log(ratio) * 2.0 - 1.0, -1e-9))
     over, under, K = curvatures(b)
     eccentricity = 1.0 - b * b
     first = (4.0 / (math.pi * eccentricity) * b**1.5 * math.sqrt(over * under)) ** (1.0 / 3.0)
@@ -150,7 +150,7 @@ def _ellipse(ratio: float) -> float:
     return float(second**-1.5)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PowerLaw(_Impact):
     """N = k delta^p: a stated stiffness, whatever the shapes; ``PowerLaw.bearing`` has it of a stated depth.
 
@@ -173,7 +173,7 @@ class PowerLaw(_Impact):
             SceneError: one of them is not positive.
         """
         check_numbers("PowerLaw.bearing", positive={"load": load, "depth": depth})
-        return cls(restitution, speed, load / depth)
+        return cls(restitution=restitution, speed=speed, k=load / depth)
 
     @property
     def exponent(self) -> float:

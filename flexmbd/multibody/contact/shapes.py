@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
@@ -203,33 +203,16 @@ TouchShape: TypeAlias = Sphere | HollowSphere | Cylinder | HollowCylinder | Vert
 SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace)
 
 
-def corners(box: Box) -> list[Frame]:
-    """Its eight corners, as frames of its body."""
-    half = 0.5 * numbers(box.sides)
+def corners(box: Box) -> FloatArray:
+    """(8, 3) m its corners, in its frame's axes."""
     signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
-    return [_shifted(box.frame, half * sign) for sign in np.array(signs)]
+    return 0.5 * numbers(box.sides) * np.array(signs)
 
 
-def ends(capsule: Capsule) -> list[Frame]:
-    """The centres of its two round ends, as frames of its body."""
+def ends(capsule: Capsule) -> FloatArray:
+    """(2, 3) m the centres of its two round ends, in its frame's axes."""
     half = 0.5 * capsule.length
-    return [_shifted(capsule.frame, np.array([0.0, 0.0, z])) for z in (-half, half)]
-
-
-def _shifted(frame: Frame, by: FloatArray) -> Frame:
-    """A frame with the same axes, its origin shifted by (3,) m in these.
-
-    Raises:
-        SceneError: the frame moves against its body, which does not say how a place beside it moves.
-    """
-    if frame.modes is not None:
-        raise SceneError(
-            f"the frame {frame.label} deforms with its body, so that places beside it are not known: take Sphere or "
-            "Vertex on frames of their own"
-        )
-    p = frame.p_BF_B + frame.R_BF @ by
-    place = ", ".join(f"{value:.6g}" for value in p)
-    return replace(frame, p_BF_B=p, label=f"{frame.body.name or 'ground'}({place})")
+    return np.array([[0.0, 0.0, -half], [0.0, 0.0, half]])
 
 
 def _check(shape: TouchShape | _Round, **sizes: float) -> None:

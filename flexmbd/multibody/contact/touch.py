@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
-from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.shapes import (
@@ -22,6 +25,7 @@ from flexmbd.multibody.contact.shapes import (
     ends,
 )
 
+FloatArray = NDArray[np.float64]
 Touching = TouchShape | Sequence[TouchShape]
 
 
@@ -35,8 +39,8 @@ def contacts(
 ) -> list[Contact]:
     """All contacts of a shape or of each of a group with another one, or with each of another group.
 
-    A group given twice touches within itself, each pair once.  Of groups, pairs on one body and pairs of bodies that
-    ``are_joined`` are left out.
+    Each pair of shapes touches once, in whatever lists they stand.  Of groups, pairs on one body and pairs of bodies
+    that ``are_joined`` are left out.
 
     Raises:
         SceneError: what is no shape; a pair of one body; a pair that does not touch by spheres or points.
@@ -47,8 +51,13 @@ def contacts(
     first, second = _group(one), _group(other)
     single = len(first) == len(second) == 1
     found: list[Contact] = []
-    for i, a in enumerate(first):
-        for b in first[i + 1 :] if one is other else second:
+    known: set[frozenset[int]] = set()
+    for a in first:
+        for b in second:
+            pair = frozenset((id(a), id(b)))
+            if pair in known or len(pair) == 1:
+                continue
+            known.add(pair)
             if a.frame.body is b.frame.body:
                 if single:
                     raise SceneError(f"{_called(a)} and {_called(b)} are on one body: they never touch")
@@ -56,12 +65,19 @@ def contacts(
             if not single and are_joined(a.frame.body, b.frame.body):
                 continue
             found += _pair(a, b, law, friction)
+    if not found:
+        raise SceneError(
+            "none of these shapes can touch another: they are on one body, or on bodies that a joint joins; give two "
+            "of them alone if they are to touch all the same"
+        )
     return found
 
 
 def _group(given: Touching) -> list[TouchShape]:
     """The shapes of a group, or one alone."""
-    shapes: list[object] = [*given] if isinstance(given, list | tuple) else [given]
+    shapes: list[object] = [given] if isinstance(given, SHAPES) or not isinstance(given, Iterable) else [*given]
+    if not shapes:
+        raise SceneError("a list of shapes that are to touch is empty")
     for shape in shapes:
         refuse_other(shape, SHAPES, "what touches", wanted="a shape as fm.contact.Sphere(body.frame(), radius)")
     return [shape for shape in shapes if isinstance(shape, SHAPES)]
@@ -76,24 +92,26 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | Non
     for touched, touching in ((a, b), (b, a)):
         spheres = None if isinstance(touched, Vertex) else _spheres(touching, touched)
         if spheres is not None and not isinstance(touched, Vertex):
-            return [Contact(touched, frame, radius, law, friction) for frame, radius in spheres]
+            places, radius = spheres
+            frame = touching.frame
+            return [Contact(touched, frame, radius, law, friction, (x, y, z)) for x, y, z in places.tolist()]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "
         "Capsule and a Box touch a HalfSpace"
     )
 
 
-def _spheres(touching: TouchShape, touched: TouchedShape) -> list[tuple[Frame, float]] | None:
-    """The spheres, as centres and radii, by which one shape touches another; None: it does not."""
+def _spheres(touching: TouchShape, touched: TouchedShape) -> tuple[FloatArray, float] | None:
+    """Centres (k, 3) m, in its frame's axes, and radius of the spheres by which a shape touches another; None: none."""
     if isinstance(touching, Vertex):
-        return [(touching.frame, 0.0)]
+        return np.zeros((1, 3)), 0.0
     if type(touching) is Sphere:
-        return [(touching.frame, touching.radius)]
+        return np.zeros((1, 3)), touching.radius
     if isinstance(touched, HalfSpace):
         if isinstance(touching, Capsule):
-            return [(end, touching.radius) for end in ends(touching)]
+            return ends(touching), touching.radius
         if isinstance(touching, Box):
-            return [(corner, 0.0) for corner in corners(touching)]
+            return corners(touching), 0.0
     return None
 
 

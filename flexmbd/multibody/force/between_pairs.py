@@ -20,8 +20,8 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 class BetweenPairs(OffJoints):
     """A force along the line between the origins of any two of a group of frames, by a compiled law.
 
-    Each pair is asked once, and both get the same force with opposite signs, so that linear and angular momentum are
-    kept to round-off.  One element does for the whole group.
+    Each pair is asked once, and both get the same force with opposite signs along their line, which makes neither
+    linear nor angular momentum.  One element does for the whole group.
 
     Attributes:
         group: its frames, two at least, of which no two may meet where the law has no value there.
@@ -66,10 +66,25 @@ class BetweenPairs(OffJoints):
         data = numbers(self.data)
         if data.ndim > 1 or not np.isfinite(data).all():
             raise SceneError(f"{self.what}: data must be a list of finite numbers, got {self.data!r:.60}")
+        self._try_law(data.ravel())
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""
         table.pairs(self.law, self.what, self.group, own=self._own(), numbers=numbers(self.data).ravel())
+
+    def _try_law(self, data: NDArray[np.float64]) -> None:
+        """Ask the law once in Python, where numbers that it reads and that are not there show."""
+        own = self._own()
+        try:
+            with np.errstate(all="ignore"):
+                self.law.source(0.0, data, own[0], own[1], 1.0, 0.0, np.zeros(1))
+        except IndexError as reason:
+            raise SceneError(
+                f"{self.what}: its law reads more numbers than it is given, {len(data)} of data and {own.shape[1]} of "
+                f"own for each frame: {reason}"
+            ) from reason
+        except ArithmeticError:  # as it may be at this distance
+            return
 
     def _own(self) -> NDArray[np.float64]:
         """(n, k) numbers of each frame."""

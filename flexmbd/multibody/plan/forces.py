@@ -21,6 +21,7 @@ from flexmbd.multibody.functions.switched import Switch, Switched
 from flexmbd.multibody.functions.time_function import Piecewise, TimeFunction, load_row
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.coordinate_coupling import coordinate_place
+from flexmbd.multibody.joint.kinematic_pair import REVOLUTE
 from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
@@ -109,6 +110,8 @@ class ForceTable(StateTable):
 
     def assemble(self, force: Force) -> None:
         """Let a force element add its rows, and keep their places."""
+        if isinstance(force, WithStates):
+            self._prepare_links()
         first_number, first_time = self._numbering.data_size, len(self._numbering.times)
         self._asked, self._memories, self._links = [], [], []
         self._force = force
@@ -122,6 +125,10 @@ class ForceTable(StateTable):
             self._numbering.index.memories[force] = {
                 name: place for first, names in remembered for name, place in memory_places(first, names).items()
             }
+
+    def _prepare_links(self) -> None:
+        """Enter what links of states share, before the numbers of the force at hand begin."""
+        self._numbering.add_pair(REVOLUTE)
 
     def coordinate(self, connection: Connection, index: int) -> tuple[int, int]:
         """Places in x and v of a joint's coordinate."""

@@ -262,6 +262,9 @@ class _Replay(ForceTable):
         """Its functions of time."""
         return self._numbers.times
 
+    def _prepare_links(self) -> None:
+        """They are there."""
+
     def frame(self, frame: Frame) -> int:
         """The row that it got for this frame before."""
         return next(self._rows, -1)

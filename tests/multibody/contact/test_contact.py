@@ -277,9 +277,11 @@ def test_what_touches_is_told():
         (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), 3.0), "the law of a contact"),
         (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), contact.PowerLaw()), "k = 0"),
         (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), contact.Hertz(E=-1.0)), "E = -1"),
-        (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), contact.PowerLaw(1.5, 1.0, 1.0)), "restitution = 1.5"),
-        (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), contact.PowerLaw(0.0, 1.0, 1.0)), "restitution = 0"),
+        (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), contact.PowerLaw(k=1.0, restitution=1.5)), "n = 1.5"),
+        (lambda s, f: s.touch(contact.Sphere(f, 0.1), floor(s), contact.PowerLaw(k=1.0, restitution=0.0)), "n = 0"),
         (lambda s, f: s.touch(contact.Vertex(f), floor(s), contact.Hertz(**STEEL)), "a point has none"),
+        (lambda s, f: s.touch([], floor(s), contact.PowerLaw(k=1.0)), "is empty"),
+        (lambda s, f: s.touch(*[[contact.Sphere(f, 0.1)]] * 2, contact.PowerLaw(k=1.0)), "none of these shapes"),
         (
             lambda s, f: s.touch(contact.Vertex(f), contact.Vertex(s.ground.frame()), contact.PowerLaw(k=1.0)),
             "no such pair",
@@ -343,3 +345,70 @@ def test_what_friction_would_have_to_bear_is_no_equilibrium_by_itself():
     scene.touch(floor, contact.Sphere(body.frame(), RADIUS), contact.Hertz(**STEEL), friction=rough)
     with pytest.raises(SceneError, match="stays unbalanced, for neither a place nor a state resists it"):
         scene.equilibrium()
+
+
+def test_bodies_that_a_joint_holds_on_the_ground_touch_it():
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    bodies = [scene.add(fm.RigidBody(1.0, (1e-3, 1e-3, 1e-3)), name=f"ball {i}") for i in range(2)]
+    for i, body in enumerate(bodies):
+        scene.connect(fm.joint.Planar("y"), scene.ground.frame(p=(0.2 * i, 0.0, 0.06)), body.frame())
+    shapes = [contact.Sphere(body.frame(), 0.05) for body in bodies]
+    law = contact.PowerLaw(k=1e5, p=1.5, restitution=0.6)
+    assert len(scene.touch(floor(scene), shapes, law)) == 2
+    run = scene.simulate(0.3)
+    assert min(run.position(body.frame())[:, 2].min() for body in bodies) > 0.04
+
+
+def test_a_pair_touches_once_in_whatever_lists_it_stands():
+    scene, a, b, _ = two_spheres(contact.Hertz(**STEEL))
+    shapes = [contact.Sphere(body.frame(), RADIUS) for body in (a, b)]
+    for one, other in ((shapes, shapes), (shapes, list(shapes)), (shapes, shapes[::-1]), (iter(shapes), tuple(shapes))):
+        assert len(scene.touch(one, other, contact.PowerLaw(k=1.0))) == 1
+
+
+@pytest.mark.parametrize("left", [1e-3, 1e-4, 9e-5, 1e-7, 1e-12, 0.0])
+def test_restitutions_next_to_one_lose_as_much_as_they_say(left):
+    """Of the speed's square an impact takes 2 (1 - e), to first order the work of the damper: D v = 1.5 (1 - e)."""
+    found = contact.PowerLaw(k=1.0, restitution=1.0 - left, speed=2.0).dissipation()
+    assert found == pytest.approx(0.75 * left, rel=2e-3, abs=1e-17)
+
+
+def test_a_box_goes_with_its_frame_from_run_to_run():
+    def build(z):
+        scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        body = scene.add(fm.RigidBody(1.0, (1e-3, 1e-3, 1e-3)), name="box")
+        frame = body.frame(p=(0.0, 0.0, z))
+        slide = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), body.frame())
+        slide.position = 0.2
+        law = contact.PowerLaw(k=1e5, p=1.5, restitution=0.6)
+        pair = scene.touch(floor(scene), contact.Box(frame, (0.1, 0.1, 0.1)), law)
+        return scene, body, frame, pair
+
+    scene, body, frame, _ = build(0.0)
+    varied = scene.compile(parameters={"place": fm.parameter.FrameOrigin(frame)}).simulate(t_end=0.5, place=(0, 0, 0.1))
+    other, same, _, _ = build(0.1)
+    assert varied.position(body.frame())[-1] == pytest.approx(other.simulate(0.5).position(same.frame())[-1], abs=1e-12)
+
+
+def test_the_friction_of_the_first_contact_can_vary():
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    body = ball(scene, "ball", (0.0, 0.0, RADIUS - 1e-6), (1.0, 0.0, 0.0))
+    rough = contact.Friction(0.2, stiffness=1e6, damping=100.0, load=40.0)
+    (pair,) = scene.touch(
+        floor(scene), contact.Sphere(body.frame(), RADIUS), contact.PowerLaw(k=3e7), friction=rough
+    )
+    machine = scene.compile(parameters={"law": fm.parameter.OfForce(pair, "law")})
+    runs = [machine.simulate(t_end=0.05, law=contact.PowerLaw(k=k)) for k in (3e7, 3e6)]
+    deep = [run.position(body.frame())[:, 2].min() for run in runs]
+    assert deep[1] < deep[0] < RADIUS
+
+
+def test_a_pin_in_the_middle_of_its_bore_falls_onto_the_wall():
+    scene = fm.System(gravity=(0.0, -9.81, 0.0))
+    body = ball(scene, "pin", (0.0, 0.0, 0.0))
+    scene.touch(
+        contact.HollowCylinder(scene.ground.frame(), RADIUS + 0.01), contact.Sphere(body.frame(), RADIUS),
+        contact.PowerLaw(k=1e7, restitution=0.3),
+    )  # fmt: skip
+    y = scene.simulate(0.5).position(body.frame())[:, 1]
+    assert -0.0104 < y.min() < -0.01

@@ -36,9 +36,9 @@ from flexmbd.multibody.kernels.contact.signed_distance import (
 )
 
 #: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m); mu, the static mu, the speed (m/s) over
-#: which it falls; k_t (N/m), c_t (N s/m), the floor (m).
-RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, FLOOR = range(
-    SHAPE_NUMBERS, SHAPE_NUMBERS + 10
+#: which it falls; k_t (N/m), c_t (N s/m), the floor (m); the sphere's centre in the axes of its own frame G (3, m).
+RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, FLOOR, CENTRE = range(
+    SHAPE_NUMBERS, SHAPE_NUMBERS + 11
 )
 
 _STICKS = 0.8  # of the stretch at which it slides; none of the sliding below it

@@ -56,16 +56,18 @@ def _nearest_face(data, o, p):
 def distance(data, o, p):
     """Signed distance (m) of p from the shape at ``data[o]``, and its gradient, a unit vector out of the shape.
 
-    NaN where p is on the core, whose gradient has no direction.
+    NaN where p is on the core of a solid shape, whose gradient has no direction.
     """
     if data[o] == HALF_SPACE:
         n = (data[o + 1], data[o + 2], data[o + 3])
         return dot3(n, p), n
     q, radius = _from_core(data, o, p)
     length = math.sqrt(dot3(q, q))
-    if length == 0.0:
-        return _nearest_face(data, o, p) if data[o] == BOX else (math.nan, (math.nan, math.nan, math.nan))
     hollow = data[o] == HOLLOW_SPHERE or data[o] == HOLLOW_CYLINDER
+    if length == 0.0:
+        if hollow:  # in the middle, as far from the wall on all sides
+            return radius, (1.0, 0.0, 0.0)
+        return _nearest_face(data, o, p) if data[o] == BOX else (math.nan, (math.nan, math.nan, math.nan))
     sign = -1.0 if hollow else 1.0
     return sign * (length - radius), scale3(sign / length, q)
 

@@ -15,12 +15,24 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, compose, exp_rotation, load3, scale3, store3, store9, sub3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    compose,
+    cross3,
+    exp_rotation,
+    load3,
+    rotate,
+    scale3,
+    store3,
+    store9,
+    sub3,
+)
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
 from flexmbd.multibody.kernels.contact.contact_law import (
+    CENTRE,
     DISSIPATION,
     contact,
     contact_energy,
@@ -61,6 +73,13 @@ def _state(plan, work, row, i):
 
 
 @kernel
+def centre_motion(plan, numbers, d, R, rate, spin):
+    """Of a contact the sphere's centre from G's origin, its place and its rate, in F's axes."""
+    arm = rotate(R, load3(plan.data, numbers + CENTRE))
+    return arm, add3(d, arm), add3(rate, cross3(spin, arm))
+
+
+@kernel
 def _ask(plan, work, row, motion, moved, along):
     """Write wrench and rates into ``work.generalized``; state ``moved`` is so much farther along.
 
@@ -89,7 +108,9 @@ def _ask(plan, work, row, motion, moved, along):
     if plan.flag[0] != 0 or not math.isfinite(total):
         return answer
     if row[at.EL_ADDRESS] == 0:
-        longest = contact(plan.data, numbers, given[_MOTION : _MOTION + n], d, rate, spin, out)
+        arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+        longest = contact(plan.data, numbers, given[_MOTION : _MOTION + n], place, speed, spin, out)
+        store3(out, 3, add3(load3(out, 3), cross3(arm, load3(out, 0))))
         plan.horizon[0] = min(plan.horizon[0], longest)
     else:
         data = plan.data[numbers : numbers + int(plan.data[numbers - 1])]
@@ -198,14 +219,20 @@ def _load_given(plan, work, row):
 def _contact_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
     z, numbers, answer = _load_given(plan, work, row)
     out = work.generalized[answer : answer + _WRENCH + z.shape[0]]
-    contact_variation(plan.data, numbers, z, d, rate, spin, dd, drate, dspin, out)
-    return load3(work.generalized, answer), load3(work.generalized, answer + 3)
+    arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    turned = cross3(dtheta, arm)
+    contact(plan.data, numbers, z, place, speed, spin, out)
+    force = load3(out, 0)
+    quicker = add3(drate, add3(cross3(dspin, arm), cross3(spin, turned)))
+    contact_variation(plan.data, numbers, z, place, speed, spin, add3(dd, turned), quicker, dspin, out)
+    change = load3(out, 0)
+    return change, add3(load3(out, 3), add3(cross3(turned, force), cross3(arm, change)))
 
 
 @kernel
 def _contact_energy(plan, work, row, d, R, rate, spin):
     z, numbers, _ = _load_given(plan, work, row)
-    return contact_energy(plan.data, numbers, z, d)
+    return contact_energy(plan.data, numbers, z, centre_motion(plan, numbers, d, R, rate, spin)[1])
 
 
 # without states and signals the law's numbers follow the head and their count

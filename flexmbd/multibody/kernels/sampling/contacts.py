@@ -7,7 +7,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact.contact_law import RADIUS
 from flexmbd.multibody.kernels.contact.signed_distance import distance
-from flexmbd.multibody.kernels.elements.frame_states import law_numbers
+from flexmbd.multibody.kernels.elements.frame_states import centre_motion, law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
@@ -26,13 +26,14 @@ def contact_series(plan, work, i, x, v, a, out):
         forward_kinematics(plan, work, x[k], v[k], a[k])
         d, R, rate, spin = relative_rates(plan, work, f, g)
         force, _ = element_wrench(plan, work, row, d, R, rate, spin)
-        gap, n = distance(plan.data, o, d)
+        _, place, speed = centre_motion(plan, o, d, R, rate, spin)
+        gap, n = distance(plan.data, o, place)
         arm = scale3(-plan.data[o + RADIUS], n)
-        sliding = add3(rate, cross3(spin, arm))
+        sliding = add3(speed, cross3(spin, arm))
         sliding = sub3(sliding, scale3(dot3(n, sliding), n))
         p, R_F, _, _, _, _ = frame_motion(plan, work, f)
         out[k, GAP] = gap - plan.data[o + RADIUS]
         store3(out[k], NORMAL, rotate(R_F, n))
         store3(out[k], FORCE, rotate(R_F, force))
         store3(out[k], SLIDING, rotate(R_F, sliding))
-        store3(out[k], POINT, add3(p, rotate(R_F, add3(d, arm))))
+        store3(out[k], POINT, add3(p, rotate(R_F, add3(place, arm))))
