@@ -116,7 +116,7 @@ def maps(*, quick: bool) -> list[Map]:
 
     return [
         Map("step times frequency", "h w, rad", decades(-1, 2 if quick else 5, 2), elastic_pendulum),
-        Map("stiffness", "times the usual stiffness", decades(-3, 0 if quick else 1), governor),
+        Map("stiffness", "times the usual stiffness", decades(-3, -2 if quick else 1), governor),
         Map("mass ratio", "lower mass over upper mass", decades(-8, 8), double_pendulum),
         Map("redundant rows", "windows", [1.0, 4.0] if quick else [2.0**k for k in range(7)], windows),
     ]

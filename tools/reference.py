@@ -28,12 +28,14 @@ PAGES = {
     ),
     "integrators": (
         "Integrators",
-        "GeneralizedAlpha RadauIIA ExplicitRungeKutta Pair Rotations CentralDifference EnergyMomentum",
+        "GeneralizedAlpha AlphaFamily RadauIIA ExplicitRungeKutta "
+        "Pair Tableau Rotations CentralDifference EnergyMomentum",
         "integrate",
     ),
     "bodies": (
         "Bodies and frames",
-        "Body Ground RigidBody FlexibleBody Frame Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy "
+        "Body Ground RigidBody PointMass FlexibleBody Frame "
+        "Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy "
         "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior "
         "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
