@@ -11,7 +11,9 @@ import pytest
 import flexmbd as fm
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("simulation", "machine", "joints", "forces", "integrators", "bodies_with_history", "linearized")
+PAGES = (
+    "simulation", "machine", "joints", "forces", "contact", "integrators", "bodies_with_history", "linearized",
+)  # fmt: skip
 
 
 def blocks(page):
@@ -49,6 +51,14 @@ def test_simulation(tmp_path, monkeypatch):
     np.testing.assert_allclose([t for _, t in found["impacts"]], first + np.cumsum([0.0, *gaps]), rtol=1e-6)
     np.testing.assert_array_equal(found["rest"].x[-1], found["whole"].x[-1])
     assert (tmp_path / "drop.png").exists()
+
+
+def test_contact(tmp_path, monkeypatch):
+    """A billiard ball rolls with 5/7 of the speed with which it began to slide."""
+    found = run("contact", tmp_path, monkeypatch)
+    velocity = found["run"].velocity(found["ball"].frame())
+    assert velocity[-1, 0] == pytest.approx(2.0 * 5.0 / 7.0, rel=1e-5)
+    assert found["met"].normal_force[-1] == pytest.approx(0.17 * 9.81, rel=1e-2)
 
 
 def test_bodies_with_history(tmp_path, monkeypatch):
