@@ -14,11 +14,11 @@ from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithSt
 
 @dataclass(frozen=True, eq=False)
 class Contact(BetweenFrames, WithStates):
-    """A sphere about a frame's origin, or a point, that touches a shape; ``System.touch`` makes them.
+    """A sphere, or a point, that touches a shape; ``System.touch`` makes them.
 
     Attributes:
         shape: on frame F.
-        frame_G: its frame.
+        frame_G: the frame that carries the sphere.
         radius: m; 0 of a point.
         law: of the normal force.
         friction: None: smooth.

@@ -104,7 +104,7 @@ class StateTable(ABC):
     def contact(
         self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None
     ) -> None:
-        """Let a shape on F and a sphere about G's origin touch."""
+        """Let a shape on F and a sphere that G carries touch."""
         values = flat(numbers)
         names = () if bristle is None else ("bristle x", "bristle y", "bristle z")
         sizes, initial = state_sizes(bristle or 1.0, dict.fromkeys(names, 0.0), what)
