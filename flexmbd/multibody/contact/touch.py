@@ -94,7 +94,8 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | Non
         if spheres is not None and not isinstance(touched, Vertex):
             places, radius = spheres
             frame = touching.frame
-            return [Contact(touched, frame, radius, law, friction, (x, y, z)) for x, y, z in places.tolist()]
+            centres = [(float(x), float(y), float(z)) for x, y, z in places]
+            return [Contact(touched, frame, radius, law, friction, place) for place in centres]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "
         "Capsule and a Box touch a HalfSpace"

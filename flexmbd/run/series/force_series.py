@@ -194,7 +194,7 @@ class ForceSeries(MotionSeries):
         Raises:
             SceneError: it is no contact, or of another scene.
         """
-        some = [*touching] if isinstance(touching, list | tuple) else [touching]
+        some = [touching] if isinstance(touching, Contact) else [*touching]
         series = (self.x, self.v, self.a) if t is None else self.motion(t)
         return tuple(contact_rows(self.scene, one, *series) for one in some)
 
