@@ -24,13 +24,11 @@ Place = tuple[int, int]
 
 def springs(nx: int, ny: int) -> Iterator[tuple[Place, Place, float]]:
     """Pairs of nodes of a lattice with spacing 1 m, and their distance; columns -1 and nx are walls."""
-    for i in range(nx):
+    for i in range(-1, nx):
         for j in range(ny):
             for di, dj in ((1, 0), (0, 1), (1, 1), (1, -1)):
-                if 0 <= j + dj < ny and (i + di < nx or (di, dj) == (1, 0)):
+                if 0 <= j + dj < ny and not (i == -1 and di == 0):
                     yield (i, j), (i + di, j + dj), float(np.hypot(di, dj))
-            if i == 0:
-                yield (-1, j), (0, j), 1.0
 
 
 def lattice(nx: int, ny: int) -> tuple[fm.System, list[fm.Frame]]:
