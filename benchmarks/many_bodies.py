@@ -297,6 +297,21 @@ def rows(
         cells.append(f"{several[0]['steps']}" if moves else "-")
         cells.append(f"{taken[method][1]:.0e}" if scene.error else "-")
         report.say(f"| {' | '.join(cells)} |")
+    _compare(report, f"{name} of {' x '.join(map(str, size))}", scene, results)
+
+
+def _compare(report: Report, what: str, scene: Scene, results: dict[str, list[dict[str, Any]]]) -> None:
+    """Keep exudyn's best method beside the best one here, where both came to the error."""
+    times = {method: [one["seconds"] for one in several] for method, several in results.items() if several}
+    best = {
+        is_theirs: min(methods, key=lambda method: np.median(times[method]))
+        for is_theirs in (False, True)
+        if (methods := [method for method in times if method.startswith("exudyn") == is_theirs])
+    }
+    if len(best) == 2:
+        unit = "m" if scene.end else "N"
+        task = f"from the built machine to its end, to {scene.error:.0e} {unit}"
+        report.beside(what, task=task, peer=NAMES[best[True]], theirs=times[best[True]], ours=times[best[False]])
 
 
 def table(report: Report) -> None:
