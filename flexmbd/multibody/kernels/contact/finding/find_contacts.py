@@ -7,6 +7,7 @@ import math
 from flexmbd.multibody.kernels.base.arrays import FloatArray
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact.finding.near_pairs import approach, find_pairs, place_shapes
+from flexmbd.multibody.kernels.contact.finding.pair_points import add_pair
 from flexmbd.multibody.kernels.contact.finding.shape_table import (
     ContactPoints,
     FindingWork,
@@ -14,7 +15,6 @@ from flexmbd.multibody.kernels.contact.finding.shape_table import (
     new_contact_points,
     new_finding_work,
 )
-from flexmbd.multibody.kernels.contact.finding.touch import touch
 
 #: What ``find_contacts`` returns where it found no number of points.
 TOO_SMALL, NOT_FINITE = -1, -2
@@ -49,7 +49,7 @@ def find_contacts(table, positions, rotations, velocities, spins, h, margin, wor
     for k in range(pairs):
         a, b = work.pairs[k, 0], work.pairs[k, 1]
         moved = approach(table, work, a, b, h) if table.bound[a] < math.inf else approach(table, work, b, a, h)
-        count = touch(table, work, out, a, b, margin + moved, count)
+        count = add_pair(table, work, out, a, b, margin + moved, count)
     work.needed[1] = count
     return count if count <= out.gap.shape[0] else TOO_SMALL
 

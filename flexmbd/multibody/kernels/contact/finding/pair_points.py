@@ -50,7 +50,7 @@ def _is_hollow_or_flat(table, s):
 
 
 @kernel
-def touch(table, work, out, a, b, reach, count):
+def add_pair(table, work, out, a, b, reach, count):
     """Add the points of shapes a < b whose gap is within ``reach`` (m) to ``out``; how many there are then."""
     if _is_hollow_or_flat(table, a) or (table.core[b] == POINT and table.numbers[4 * a] != POLYTOPE):
         found = _by_vertices(table, work, a, b, -1.0, reach)
