@@ -114,8 +114,15 @@ def _checked_vertices(vertices: ArrayLike, what: str) -> FloatArray:
     return points
 
 
-def _checked_loops(faces: Iterable[Sequence[int]], count: int, what: str) -> list[tuple[int, ...]]:
-    loops = [tuple(int(i) for i in loop) for loop in faces]
+def _checked_loops(faces: object, count: int, what: str) -> list[tuple[int, ...]]:
+    if isinstance(faces, str) or not isinstance(faces, Iterable):
+        raise SceneError(f"{what}: faces are lists of the numbers of vertices, got {faces!r:.100}")
+    loops: list[tuple[int, ...]] = []
+    for loop in faces:
+        values = numbers(loop)
+        if values.ndim != 1 or not (np.isfinite(values).all() and (values == np.floor(values)).all()):
+            raise SceneError(f"{what}: face {len(loops)} is a list of the numbers of vertices, got {loop!r:.100}")
+        loops.append(tuple(int(i) for i in values))
     for number, loop in enumerate(loops):
         if len(loop) < 3 or len(set(loop)) < len(loop):
             raise SceneError(f"{what}: face {number} has three or more different vertices, got {list(loop)}")

@@ -488,6 +488,22 @@ CUBE = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1
 POINTS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 
 
+def test_a_polytope_touches_a_half_space_by_its_corners_as_a_box_does():
+    """In the world of smooth laws."""
+    ends_at = []
+    for kind, sizes in ((contact.Box, SIDES), (contact.ConvexPolytope, 0.5 * (2.0 * POINTS - 1.0) * SIDES)):
+        scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        body = scene.add(fm.RigidBody(10.0, (1.0, 1.0, 1.0)))
+        free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+        free.position = (0.0, 0.0, 0.6, 0.9, 0.3, 0.3, 0.1)
+        floor, law = contact.HalfSpace(scene.ground.frame()), contact.PowerLaw.bearing(100.0, depth=0.01)
+        scene.touch(floor, kind(body.frame(), sizes), law)
+        ends_at.append(scene.simulate(0.3, rtol=1e-5).position(body.frame())[-1])
+    assert ends_at[0] == pytest.approx(ends_at[1], abs=1e-9)
+    with pytest.raises(SceneError, match="no such pair is known yet"):
+        scene.touch(contact.Sphere(scene.ground.frame(), 1.0), kind(body.frame(), sizes), law)
+
+
 def test_polytopes_are_checked():
     frame = fm.System().ground.frame()
     made = contact.ConvexPolytope(frame, POINTS, CUBE)
@@ -508,6 +524,10 @@ def test_polytopes_are_checked():
         (np.vstack((POINTS, [2.0, 0.0, 0.0])), CUBE, "vertex 8 is on no face"),
         (np.vstack((POINTS, [0.5, 0.0, 0.0])),
          [*CUBE[:2], [0, 8, 4, 5, 1], *CUBE[3:4], [0, 2, 6, 4], [0, 4, 8], CUBE[5]], "face 5, .* has no area"),
+        (POINTS, 5, "faces are lists of the numbers of vertices, got 5"),
+        (POINTS, [[0, 1.5, 2]], "face 0 is a list of the numbers"),
+        (POINTS, [[0, "a", 2]], "face 0 is a list of the numbers"),
+        ("abc", None, "four or more"),
         (POINTS[:4], None, "lie in a plane"),
         (POINTS[:3], None, "four or more"),
         (np.full((5, 3), np.nan), None, "not finite"),
