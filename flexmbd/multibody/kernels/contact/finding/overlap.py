@@ -48,27 +48,23 @@ def _project(polygon, k, vertex, u, v, n):
 
 @kernel
 def _foremost_face(cores, head, vertices, direction, own, same):
-    """The face with most of the foremost vertices, a whole edge before one end; of these the one that looks along.
+    """Of the faces about the foremost vertices, as of an edge both ends, the one that looks along most.
 
     direction, own: in the axes of the vertices and in the core's own.
     """
     front = -math.inf
     for k in range(head[VERTICES]):
         front = max(front, dot3(direction, load3(vertices[k], 0)))
-    face, best, most = -1, -math.inf, 0
+    face, best = -1, -math.inf
     for k in range(head[VERTICES]):
         if dot3(direction, load3(vertices[k], 0)) < front - same:
             continue
         at = head[FIRST_VERTEX] + k
         for q in range(cores.around_at[at], cores.around_at[at + 1]):
             f = head[FIRST_FACE] + cores.around[q]
-            with_it = 0
-            for c in range(cores.face_at[f], cores.face_at[f + 1]):
-                if dot3(direction, load3(vertices[cores.corners[c]], 0)) >= front - same:
-                    with_it += 1
             along = dot3(own, load3(cores.normals[f], 0))
-            if with_it > most or (with_it == most and along > best):
-                face, best, most = f, along, with_it
+            if along > best:
+                face, best = f, along
     return face
 
 
