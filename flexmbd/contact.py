@@ -8,8 +8,10 @@ from flexmbd.multibody.contact.contact_laws import Friction as Friction
 from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
 from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
+from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.shapes import Box as Box
 from flexmbd.multibody.contact.shapes import Capsule as Capsule
+from flexmbd.multibody.contact.shapes import ConvexPolytope as ConvexPolytope
 from flexmbd.multibody.contact.shapes import Cylinder as Cylinder
 from flexmbd.multibody.contact.shapes import HalfSpace as HalfSpace
 from flexmbd.multibody.contact.shapes import HollowCylinder as HollowCylinder

@@ -16,6 +16,7 @@ from flexmbd.multibody.contact.shapes import (
     SHAPES,
     Box,
     Capsule,
+    ConvexPolytope,
     HalfSpace,
     Sphere,
     TouchedShape,
@@ -90,15 +91,17 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | Non
         SceneError: neither touches the other by spheres or points.
     """
     for touched, touching in ((a, b), (b, a)):
-        spheres = None if isinstance(touched, Vertex) else _spheres(touching, touched)
-        if spheres is not None and not isinstance(touched, Vertex):
+        if isinstance(touched, Vertex | ConvexPolytope):
+            continue
+        spheres = _spheres(touching, touched)
+        if spheres is not None:
             places, radius = spheres
             frame = touching.frame
             centres = [(float(x), float(y), float(z)) for x, y, z in places]
             return [Contact(touched, frame, radius, law, friction, place) for place in centres]
     raise SceneError(
-        f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "
-        "Capsule and a Box touch a HalfSpace"
+        f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape but "
+        "a ConvexPolytope; a Capsule, a Box and a ConvexPolytope touch a HalfSpace"
     )
 
 
@@ -113,6 +116,8 @@ def _spheres(touching: TouchShape, touched: TouchedShape) -> tuple[FloatArray, f
             return ends(touching), touching.radius
         if isinstance(touching, Box):
             return corners(touching), 0.0
+        if isinstance(touching, ConvexPolytope):
+            return touching.polytope.vertices, 0.0
     return None
 
 
