@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.contact.profile import Profile
+from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.rotation import Axis, z_onto
 
@@ -199,8 +201,12 @@ class HalfSpace:
         return 0.0, 0.0
 
 
-TouchShape: TypeAlias = Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace
-SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace)
+TouchShape: TypeAlias = (
+    Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace | Profile | TriangleSurface
+)
+SHAPES = (
+    Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace, Profile, TriangleSurface,
+)  # fmt: skip
 
 
 def corners(box: Box) -> FloatArray:

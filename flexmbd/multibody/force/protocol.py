@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -58,6 +59,17 @@ class StateEquations(Protocol):
         """The signals that their outputs set."""
 
 
+@dataclass(frozen=True, eq=False)
+class SharedNumbers:
+    """Numbers that several forces read, and that do not vary: in the plan they stand once.
+
+    Attributes:
+        values: (n,).
+    """
+
+    values: FloatArray
+
+
 class ElementTable(Protocol):
     """The table that force elements add their rows to (``plan.forces.ForceTable``)."""
 
@@ -86,6 +98,13 @@ class ElementTable(Protocol):
 
     def numbers(self, values: ArrayLike) -> int:
         """Offset in ``Plan.data`` of the values, appended."""
+
+    def shared(self, numbers: SharedNumbers) -> int:
+        """Offset in ``Plan.data`` of numbers that forces share; of a force that is ``WithSharedNumbers``.
+
+        Raises:
+            SceneError: a force that varies would read others than the scene was compiled with.
+        """
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``; ``what`` is its name in messages, ``rate`` says whether its rate is needed too."""
@@ -358,6 +377,15 @@ class WithStates:
 
     ``run.states(force)`` tells them.
     """
+
+
+class WithSharedNumbers:
+    """Base, beside another, of forces that read numbers which they share with others."""
+
+    @property
+    def shared_numbers(self) -> Sequence[SharedNumbers]:
+        """What it reads."""
+        return ()
 
 
 def check_numbers(
