@@ -90,8 +90,9 @@ def _inner(
 ) -> tuple[FloatArray, FloatArray]:
     """The two control points (t, 3 each) within, by which the patch keeps to the tangent planes along an edge.
 
-    Across the edge it goes as (1, t) . (k) A(t) + (1, t) . (h) c'(t) / 3, A linear between the normals times the tangents
-    (Chiyokura & Kimura 1983); ``before`` and ``after`` are the control points next to its ends on the other edges.
+    Across the edge c the patch goes as k(t) A(t) + h(t) c'(t) / 3, with k, h and A linear, A from normal x tangent at
+    one end to that at the other (Chiyokura & Kimura 1983).  ``before`` and ``after``: of the other two edges the
+    control points next to this one's ends.
     """
     cross = [_unit(np.cross(begins, legs[:, 0])), _unit(np.cross(ends, legs[:, 2]))]
     goes = before - quartic[:, 0], after - quartic[:, 3]

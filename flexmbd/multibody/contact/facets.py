@@ -54,9 +54,7 @@ class Facets:
             )
         normals /= area[:, None]
         back = -np.roll(edges, 1, axis=1)
-        angles = np.arctan2(
-            np.linalg.norm(np.cross(edges, back), axis=2), np.einsum("tei,tei->te", edges, back)
-        )
+        angles = np.arctan2(np.linalg.norm(np.cross(edges, back), axis=2), np.einsum("tei,tei->te", edges, back))
         return cls(x, rows, _across(rows, places, what), normals, angles)
 
     def refuse_rim(self, what: str) -> None:
@@ -88,7 +86,7 @@ class Facets:
         return np.asarray((self.across < 0) | ~((angle < crease_angle) | one_plane))
 
     def signing_normals(self, sharp: BoolArray, group: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Of edges and of corners (t, 3, 3 each) the normals that sign what is nearest to them; 0 where it is smooth."""
+        """Of edges and of corners (t, 3, 3 each) the normals that sign what is nearest to them; 0 where smooth."""
         there = (self.across >= 0)[..., None]
         edges = np.where(sharp[..., None], self.normals[:, None] + there * self.normals[self.across // 3], 0.0)
         count = int(self.rows.max()) + 1

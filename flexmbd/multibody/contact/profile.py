@@ -72,7 +72,9 @@ class Profile(TableShape):
     @cached_property
     def _pieces(self) -> list[_Piece]:
         x, bulges = self._given()
-        pieces = _spline(x) if self.spline else [_segment(*one) for one in zip(x, np.roll(x, -1, 0), bulges, strict=True)]
+        ends = np.roll(x, -1, axis=0)
+        lines = zip(x, ends, bulges, strict=True)
+        pieces = _spline(x, self._what) if self.spline else [_segment(*one) for one in lines]
         chords = np.concatenate([piece.chords()[:-1] for piece in pieces])
         area = float(_cross(chords, np.roll(chords, -1, 0)).sum())
         if area < 0.0:
@@ -86,10 +88,10 @@ class Profile(TableShape):
         if x.ndim != 2 or x.shape[1] != 2 or not np.isfinite(x).all():
             raise SceneError(f"{self._what}: points must be finite numbers of shape (n, 2) (m), got shape {x.shape}")
         if self.bulges is not None and self.spline:
-            raise SceneError(f"{self._what}: bulges are of arcs between the points, and a spline has none; leave one out")
+            raise SceneError(f"{self._what}: bulges are of arcs, and a spline has none; leave one out")
         bulges = np.zeros(len(x)) if self.bulges is None else numbers(self.bulges)
         if bulges.shape != (len(x),) or not np.isfinite(bulges).all():
-            raise SceneError(f"{self._what}: bulges must be {len(x)} finite numbers, one for each point, got {self.bulges!r}")
+            raise SceneError(f"{self._what}: bulges must be {len(x)} finite numbers, got {self.bulges!r:.100}")
         size = float(np.linalg.norm(np.ptp(x, axis=0))) if len(x) else 0.0
         if len(x) > 1 and np.linalg.norm(x[0] - x[-1]) <= EQUAL * size:
             x, bulges = x[:-1], bulges[:-1]
@@ -126,11 +128,11 @@ class Profile(TableShape):
         flat = np.zeros((len(pieces), 1))
         return tabulated(np.hstack([boxes[:, 0], flat]), np.hstack([boxes[:, 1], flat]), items)
 
-    def _behind(self) -> tuple[FloatArray, FloatArray]:
+    def _behind(self) -> tuple[FloatArray, FloatArray, SharedNumbers]:
         x = np.concatenate([piece.at(_MIDDLE) for piece in self._pieces])
         n = np.concatenate([piece.normals_at(_MIDDLE) for piece in self._pieces])
         flat = np.zeros((len(x), 1))
-        return np.hstack([x, flat]), np.hstack([n, flat])
+        return np.hstack([x, flat]), np.hstack([n, flat]), self.table
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +303,7 @@ def _segment(start: FloatArray, end: FloatArray, bulge: float) -> _Piece:
     return _Piece(start, end) if bulge == 0.0 else _Arc(start, end, float(bulge))
 
 
-def _spline(x: FloatArray) -> list[_Piece]:
+def _spline(x: FloatArray, what: str) -> list[_Piece]:
     """The periodic cubic spline through the points by the length of chords, in pieces that turn little."""
     closed = np.vstack([x, x[:1]])
     chords = np.linalg.norm(np.diff(closed, axis=0), axis=1)
@@ -314,10 +316,12 @@ def _spline(x: FloatArray) -> list[_Piece]:
     pieces: list[_Piece] = []
     while waiting:
         piece = waiting.pop()
-        if piece.turn() > _TURN:
+        if not piece.turn() > _TURN:
+            pieces.append(piece)
+        elif np.linalg.norm(np.ptp(piece.control, axis=0)) > SEVEN_DIGITS * knots[-1]:
             waiting += reversed(piece.halves())
         else:
-            pieces.append(piece)
+            raise SceneError(f"{what}: the spline has a cusp at {_place(piece.start)}; give more points there")
     return pieces
 
 
@@ -333,9 +337,7 @@ def _crossing(x: FloatArray) -> FloatArray | None:
         apart = (b - a) % n
         kept = (a < b) & (apart != 1) & (apart != n - 1)
         a, b = a[kept], b[kept]
-        sides = [
-            np.sign(_cross(y[p] - x[p], one[q] - x[p])) for p, q in ((a, b), (b, a)) for one in (x, y)
-        ]
+        sides = [np.sign(_cross(y[p] - x[p], one[q] - x[p])) for p, q in ((a, b), (b, a)) for one in (x, y)]
         crossed = np.flatnonzero((sides[0] * sides[1] <= 0.0) & (sides[2] * sides[3] <= 0.0))
         if len(crossed):
             return np.asarray(0.5 * (x[a[crossed[0]]] + y[a[crossed[0]]]))

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _MOST_BALLS = 30  # shrinkings of one, most take five
-_SAMPLES = 10_000  # of the points at which the thickness is looked for
+_SAMPLES = 500  # of the points at which the thickness is looked for
 _OPPOSED = -0.5  # cosine of the normals at both ends, below which a ball is between two sides, not in a corner
 
 
@@ -34,8 +34,11 @@ class TableShape(ABC):
         """The table, which all contacts of the shape read."""
 
     @abstractmethod
-    def _behind(self) -> tuple[FloatArray, FloatArray]:
-        """Points (n, 3) m on it, and the normals (n, 3) there, behind which its thickness is looked for; n may be 0."""
+    def _behind(self) -> tuple[FloatArray, FloatArray, SharedNumbers]:
+        """Points (n, 3) m on it, and the normals (n, 3) there, behind which its thickness is looked for; n may be 0.
+
+        The third is the table in which it is looked for.
+        """
 
     def numbers(self) -> FloatArray:
         """Kind, the table's place, which is filled in where it stands, half the thickness or 0, 0."""
@@ -50,22 +53,22 @@ class TableShape(ABC):
         p = numbers(points)
         if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():
             raise SceneError(f"points must be finite numbers of shape (n, 3) (m), got shape {p.shape}")
-        return self._distances(p)[:, 0]
+        return self._distances(p, self.table)[:, 0]
 
-    def _distances(self, points: FloatArray) -> FloatArray:
+    def _distances(self, points: FloatArray, table: SharedNumbers) -> FloatArray:
         """Signed distances and gradients, (n, 4), of points (n, 3)."""
         head = [self._kind, float(at.SHAPE_NUMBERS), 0.0, 0.0]
         out = np.zeros((len(points), 4))
-        at.distances(np.concatenate([head, self.table.values]), np.ascontiguousarray(points), out)
+        at.distances(np.concatenate([head, table.values]), np.ascontiguousarray(points), out)
         return out
 
     @cached_property
     def _half_thickness(self) -> float:
-        """m, the radius of the smallest ball that touches two sides from inside, at one of some points; 0: none is behind.
+        """m, the radius of the smallest ball that touches two sides from inside, of some; 0: nothing is behind.
 
         The balls shrink until nothing is in them (Ma, Bae & Choi 2012); those in corners tell nothing.
         """
-        x, n = self._behind()
+        x, n, table = self._behind()
         if not len(x):
             return 0.0
         some = np.arange(0, len(x), max(1, len(x) // _SAMPLES))
@@ -74,7 +77,7 @@ class TableShape(ABC):
         facing = n.copy()
         for _ in range(_MOST_BALLS):
             centre = x - radius[:, None] * n
-            found = self._distances(centre)
+            found = self._distances(centre, table)
             shrinks = np.abs(found[:, 0]) < 0.99 * radius
             if not shrinks.any():
                 break

@@ -1,4 +1,4 @@
-"""A surface of triangles that spheres and points touch; what is meant to be smooth is curved, sharp edges stay sharp."""
+"""A surface of triangles that spheres and points touch; what is smooth is curved, sharp edges stay sharp."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class TriangleSurface(TableShape):
     """A surface of triangles, in the frame's axes; spheres and points touch it from the side of its normals.
 
     Between triangles that meet at less than the crease angle the surface is smooth: their corners have one normal, the
-    mean of the triangles' weighed by their angles (Thuermer & Wuethrich 1998), and they are curved so that they have one
-    tangent plane all along the edge (Walton & Meek 1996).  Triangles in one plane stay flat, sharper edges sharp.
+    mean of the triangles' weighed by their angles (Thuermer & Wuethrich 1998), and they are curved so that they have
+    one tangent plane all along the edge (Walton & Meek 1996).  Triangles in one plane stay flat, sharper edges sharp.
 
     Attributes:
         frame: on a body or on the ground.
@@ -57,7 +57,8 @@ class TriangleSurface(TableShape):
         refuse_other(self.frame, Frame, "the frame of a TriangleSurface", wanted="a frame as body.frame()")
         refuse_no_truth(**{"open of a TriangleSurface": self.open})
         if not (is_number(self.crease_angle) and 0.0 <= self.crease_angle < 0.5 * np.pi):
-            raise SceneError(f"{self._what}: crease_angle must be from 0 to below pi / 2 (rad), got {self.crease_angle!r}")
+            angle = f"{self.crease_angle!r:.50}"
+            raise SceneError(f"{self._what}: crease_angle must be from 0 to below pi / 2 (rad), got {angle}")
         _ = self.table  # built now: what is wrong is told where it is given
 
     @classmethod
@@ -108,36 +109,34 @@ class TriangleSurface(TableShape):
         normals, group = corner_normals(facets, sharp)
         control = control_points(facets, sharp, normals)
         x, n = facets.corners, facets.normals
-        scale = np.linalg.norm(np.ptp(x, axis=1), axis=1)
-        height = np.abs(np.einsum("tki,ti->tk", control - x[:, :1], n)).max(axis=1)
-        flat = (np.abs(normals - n[:, None]).max(axis=(1, 2)) <= EQUAL) & (height <= EQUAL * scale)
-        flat &= ~facets.has_curved_edge(control)
+        flat = (np.abs(normals - n[:, None]).max(axis=(1, 2)) <= EQUAL) & ~facets.has_curved_edge(control)
         edges, points = facets.signing_normals(sharp, group)
         low = np.where(flat[:, None], x.min(axis=1), control.min(axis=1))
         high = np.where(flat[:, None], x.max(axis=1), control.max(axis=1))
-        bulge = _farthest(x, control)
         head = np.concatenate([x.reshape(-1, 9), n, edges.reshape(-1, 9), points.reshape(-1, 9)], axis=1)
-        items = [
-            np.concatenate([[at.FLAT], head[k]])
-            if flat[k]
-            else np.concatenate([[at.PATCH], head[k], [bulge[k]], control[k].ravel()])
-            for k in range(len(head))
-        ]
+        curved = np.concatenate([head, _farthest(x, control)[:, None], control.reshape(len(x), -1)], axis=1)
+        items = [_item(at.FLAT, head[k]) if flat[k] else _item(at.PATCH, curved[k]) for k in range(len(x))]
         return tabulated(low, high, items)
 
-    def _behind(self) -> tuple[FloatArray, FloatArray]:
-        if self.open:
-            return np.zeros((0, 3)), np.zeros((0, 3))
-        middle = self._facets.corners.mean(axis=1)
-        found = self._distances(middle)
-        return middle - found[:, :1] * found[:, 1:], found[:, 1:]
+    def _behind(self) -> tuple[FloatArray, FloatArray, SharedNumbers]:
+        """Of the flat triangles: the curved ones are as thick, and are far slower to search."""
+        x, n = self._facets.corners, self._facets.normals
+        head = np.concatenate([x.reshape(-1, 9), n, np.zeros((len(x), 18))], axis=1)
+        flat = tabulated(x.min(axis=1), x.max(axis=1), [_item(at.FLAT, one) for one in head])
+        some = slice(0, 0) if self.open else slice(None)
+        return x.mean(axis=1)[some], n[some], flat
+
+
+def _item(kind: int, numbers: FloatArray) -> FloatArray:
+    return np.concatenate([[kind], numbers])
 
 
 def _farthest(x: FloatArray, control: FloatArray) -> FloatArray:
     """(t,) m, bounds of how far control points (t, k, 3) are from their triangles (t, 3, 3): from points of these."""
     at_corner = np.linalg.norm(control[:, :, None] - x[:, None], axis=3).min(axis=2)
     edge = np.roll(x, -1, axis=1) - x
-    along = np.einsum("tkei,tei->tke", control[:, :, None] - x[:, None], edge) / np.einsum("tei,tei->te", edge, edge)[:, None]
+    size = np.einsum("tei,tei->te", edge, edge)[:, None]
+    along = np.einsum("tkei,tei->tke", control[:, :, None] - x[:, None], edge) / size
     on_edge = x[:, None] + np.clip(along, 0.0, 1.0)[..., None] * edge[:, None]
     least = np.minimum(at_corner, np.linalg.norm(control[:, :, None] - on_edge, axis=3).min(axis=2))
     normal = np.cross(edge[:, 0], edge[:, 1])

@@ -187,7 +187,7 @@ class ForceTable(StateTable):
         """Offset in ``Plan.data`` of numbers that forces share."""
         place = self._numbering.index.shared.get(numbers)
         if place is None:
-            raise SceneError("another table of a shape is of another size than the compiled scene's; build the scene anew")
+            raise SceneError("a contact cannot vary to a shape with another table; build the scene anew")
         return place
 
     def share(self, force: Force) -> None:

@@ -1,4 +1,4 @@
-"""Surfaces of triangles: distances by brute force and closed forms, one normal across edges, balls that roll on them."""
+"""Surfaces of triangles: distances by brute force and closed forms, one normal across edges, balls that roll."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.solid import unit_ball
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS, gradient_variation
-
 
 
 @entry_kernel
@@ -31,7 +30,7 @@ def ground():
 
 def probed(surface, points):
     """Distances (n,) and gradients (n, 3)."""
-    found = surface._distances(np.atleast_2d(np.asarray(points, dtype=float)))
+    found = surface._distances(np.atleast_2d(np.asarray(points, dtype=float)), surface.table)
     return found[:, 0], found[:, 1:]
 
 
@@ -106,7 +105,7 @@ def test_a_box_of_triangles_is_the_box():
     assert surface.numbers()[2] == pytest.approx(0.2, rel=0.02)  # half the thickness
 
 
-def test_a_ball_of_triangles_comes_near_the_sphere_by_the_fourth_order():
+def test_a_ball_of_triangles_comes_near_the_sphere_by_the_third_order_and_its_normals_by_the_second():
     def fault(rings):
         surface = contact.TriangleSurface(ground(), *unit_ball(rings, 2 * rings))
         p = np.random.default_rng(4).normal(size=(200, 3))
@@ -114,8 +113,8 @@ def test_a_ball_of_triangles_comes_near_the_sphere_by_the_fourth_order():
         far, n = probed(surface, 1.1 * p)
         return np.abs(far - 0.1).max(), np.abs(n - p).max()
 
-    coarse, fine = fault(12), fault(24)
-    assert coarse[0] < 2e-3
+    coarse, fine = fault(24), fault(48)
+    assert coarse[0] < 1e-4
     assert fine[0] < coarse[0] / 8.0
     assert fine[1] < coarse[1] / 4.0
 
@@ -125,8 +124,8 @@ def test_a_tube_of_triangles_is_next_to_the_cylinder():
     angle = np.linspace(0.1, 6.0, 200)
     p = np.stack([0.9 * np.cos(angle), 0.9 * np.sin(angle), np.linspace(-0.2, 0.2, 200)], axis=1)
     far, n = probed(surface, p)
-    assert np.abs(far - 0.1).max() < 1e-7
-    assert n == pytest.approx(p * (-1.0, -1.0, 0.0) / 0.9, abs=1e-5)
+    assert np.abs(far - 0.1).max() < 5e-7
+    assert n == pytest.approx(p * (-1.0, -1.0, 0.0) / 0.9, abs=5e-5)
 
 
 def hill():
@@ -139,17 +138,17 @@ def hill():
 
 
 def test_the_normal_does_not_jump_from_triangle_to_triangle():
-    """Along lines above a surface without creases the normal's difference quotient stays as it is within triangles."""
+    """Along a line above a surface without creases it changes in proportion to how far one goes."""
     points, triangles = hill()
-    jumps = []
-    for crease in (0.5, 0.0):
+
+    def jump(crease, n):
         surface = contact.TriangleSurface(ground(), points, triangles, crease_angle=crease, open=True)
-        p = np.stack([np.linspace(0.2, 0.8, 4001), np.linspace(0.3, 0.75, 4001), np.zeros(4001)], axis=1)
-        p[:, 2] = 0.1 * np.sin(3.0 * p[:, 0]) * np.cos(4.0 * p[:, 1]) + 1e-3
-        n = probed(surface, p)[1]
-        jumps.append(np.linalg.norm(np.diff(n, axis=0), axis=1).max())
-    assert jumps[0] < 3e-3
-    assert jumps[1] > 5e-2
+        x, y = np.linspace(0.2, 0.8, n), np.linspace(0.3, 0.75, n)
+        p = np.stack([x, y, 0.1 * np.sin(3.0 * x) * np.cos(4.0 * y) + 1e-3], axis=1)
+        return np.linalg.norm(np.diff(probed(surface, p)[1], axis=0), axis=1).max()
+
+    assert jump(0.5, 20001) < 0.11 * jump(0.5, 2001) < 1e-2
+    assert jump(0.0, 20001) > 0.1
 
 
 def test_gradients_are_those_of_differences():
@@ -199,7 +198,7 @@ def test_a_sharp_rim_between_curved_and_flat_triangles_is_the_circle():
 
 
 def rolled(build, *, crease=0.5, friction=True, turned=TURN):
-    """Share of its energy that a ball loses; ``build(scene, at)`` gives surface, start, velocity, spin, load, time."""
+    """The share of its kinetic energy that a ball loses on a surface in turned axes."""
     r, mass = 0.05, 2.0
     points, triangles, start, velocity, spin, load, pull, end = build(r, mass)
     scene = fm.System(gravity=tuple(turned @ pull))
@@ -230,7 +229,8 @@ def drum(r, mass):
     points, triangles = tube(100, radius=0.5, length=0.2)
     rho, v = 0.5 - r + 1e-6, 2.0
     load = mass * v**2 / rho
-    return points, triangles, (rho, 0.0, 0.012), (0.0, v, 0.0), (0.0, 0.0, -v / r), load, (0.0, 0.0, 0.0), 2.0 * np.pi * rho / v
+    end = 2.0 * np.pi * rho / v
+    return points, triangles, (rho, 0.0, 0.012), (0.0, v, 0.0), (0.0, 0.0, -v / r), load, (0.0,) * 3, end
 
 
 @pytest.mark.parametrize("build", [plane, drum])
@@ -253,8 +253,9 @@ def test_surfaces_that_enclose_nothing_are_refused():
     refused("is open: 3 edges", x, rows[1:])
     refused("faces inwards", x, rows[:, ::-1])
     refused("do not agree which side is out", x, np.vstack([rows[:1, ::-1], rows[1:]]))
-    refused("more than two triangles", np.vstack([x, [[5.0, 0.0, 0.0]]]), np.vstack([rows, [[rows[0, 0], rows[0, 1], 8]]]))
-    refused("have no area", np.vstack([x, 0.5 * (x[rows[0, :1]] + x[rows[0, 1:2]])]), np.vstack([rows, [[*rows[0, :2], 8]]]))
+    third = np.vstack([rows, [[*rows[0, :2], 8]]])
+    refused("more than two triangles", np.vstack([x, [[5.0, 0.0, 0.0]]]), third)
+    refused("have no area", np.vstack([x, [0.5 * (x[rows[0, 0]] + x[rows[0, 1]])]]), third)
     refused("have no area", x, np.vstack([rows, [[0, 0, 1]]]))
     refused("finite numbers of shape", x[:, :2], rows)
     refused("whole numbers of shape", x, rows[:, :2])

@@ -1,4 +1,4 @@
-"""Triangular patches with one tangent plane along their edges: quartic, after Gregory, and the point nearest to another.
+"""Triangular patches with one tangent plane along their edges, quartic, after Gregory; the point nearest to another.
 
 Along each edge the patch touches the plane of the edge's tangent and of a field that both triangles share (Chiyokura &
 Kimura 1983; of triangles Walton & Meek 1996).  Of its control points the boundary's stand first, around and back to the

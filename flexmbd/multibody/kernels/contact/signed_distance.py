@@ -110,7 +110,7 @@ def gradient_variation(data, o, p, dp):
 
 @entry_kernel
 def distances(data, points, out):
-    """Signed distances and gradients, out (n, 4), of points (n, 3) from the shape whose numbers ``data`` begins with."""
+    """Signed distances and gradients, out (n, 4), of points (n, 3) from the shape with which ``data`` begins."""
     for k in range(points.shape[0]):
         far, n = distance(data, 0, load3(points[k], 0))
         out[k, 0] = far

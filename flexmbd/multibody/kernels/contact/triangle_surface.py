@@ -16,7 +16,6 @@ from flexmbd.multibody.kernels.base.deferred import NUMBER, TUPLE3, deferred_ker
 from flexmbd.multibody.kernels.contact.box_tree import first_leaf, item_of, next_leaf
 from flexmbd.multibody.kernels.contact.curve import curve_point
 from flexmbd.multibody.kernels.contact.gregory_patch import (
-    edge_shares,
     normal_variation,
     patch_foot,
     patch_point,
