@@ -27,7 +27,9 @@ from flexmbd.multibody.force.protocol import BetweenFrames as BetweenFrames
 from flexmbd.multibody.force.protocol import ElementTable as ElementTable
 from flexmbd.multibody.force.protocol import Force as Force
 from flexmbd.multibody.force.protocol import OnCoordinate as OnCoordinate
+from flexmbd.multibody.force.protocol import SharedNumbers as SharedNumbers
 from flexmbd.multibody.force.protocol import StateEquations as StateEquations
+from flexmbd.multibody.force.protocol import WithSharedNumbers as WithSharedNumbers
 from flexmbd.multibody.force.protocol import WithStates as WithStates
 from flexmbd.multibody.force.protocol import check_numbers as check_numbers
 from flexmbd.multibody.force.shaft_inertia import ShaftInertia as ShaftInertia

@@ -9,15 +9,14 @@ from flexmbd.multibody.contact.facets import BoolArray, Facets
 from flexmbd.round_off import SQUARED
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _LEANS = 0.5  # the least cosine between an edge and its tangent, else it is no edge of a smooth crease, and straight
 
 
-def corner_normals(facets: Facets, sharp: BoolArray) -> tuple[FloatArray, IntArray]:
-    """Unit normals (t, 3, 3) at the corners of triangles, and the groups (t, 3) of corners that share one.
+def corner_normals(facets: Facets, sharp: BoolArray) -> FloatArray:
+    """Unit normals (t, 3, 3) at the corners of triangles.
 
-    Around a point those share one that follow each other across edges which are not ``sharp``.
+    Around a point those triangles share one that follow each other across edges which are not ``sharp``.
     """
     from scipy.sparse import coo_array  # on need: few scenes have surfaces
     from scipy.sparse.csgraph import connected_components
@@ -32,7 +31,7 @@ def corner_normals(facets: Facets, sharp: BoolArray) -> tuple[FloatArray, IntArr
     sums = np.zeros((size, 3))
     np.add.at(sums, group, (facets.angles[..., None] * facets.normals[:, None]).reshape(-1, 3))
     sums = sums[group]
-    return (sums / np.linalg.norm(sums, axis=1)[:, None]).reshape(-1, 3, 3), group.reshape(-1, 3)
+    return np.asarray((sums / np.linalg.norm(sums, axis=1)[:, None]).reshape(-1, 3, 3))
 
 
 def control_points(facets: Facets, sharp: BoolArray, normals: FloatArray) -> FloatArray:

@@ -85,7 +85,7 @@ class Facets:
         one_plane = angle <= SEVEN_DIGITS
         return np.asarray((self.across < 0) | ~((angle < crease_angle) | one_plane))
 
-    def signing_normals(self, sharp: BoolArray, group: IntArray) -> tuple[FloatArray, FloatArray]:
+    def signing_normals(self, sharp: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Of edges and of corners (t, 3, 3 each) the normals that sign what is nearest to them; 0 where smooth."""
         there = (self.across >= 0)[..., None]
         edges = np.where(sharp[..., None], self.normals[:, None] + there * self.normals[self.across // 3], 0.0)
@@ -93,13 +93,8 @@ class Facets:
         weighed = np.zeros((count, 3))
         for k in range(3):
             np.add.at(weighed, self.rows[:, k], self.angles[:, k, None] * self.normals)
-        # a corner is smooth where its triangles are one group and no edge there is sharp
-        low, high = np.full(count, group.size), np.full(count, -1)
-        np.minimum.at(low, self.rows.ravel(), group.ravel())
-        np.maximum.at(high, self.rows.ravel(), group.ravel())
-        creased = low != high
-        creased[self.rows[sharp]] = True
-        creased[np.roll(self.rows, -1, axis=1)[sharp]] = True
+        creased = np.zeros(count, dtype=np.bool_)
+        creased[self.rows[sharp]] = True  # where a sharp edge ends, the other triangle's, or another of the rim, begins
         return edges, np.where(creased[self.rows][..., None], weighed[self.rows], 0.0)
 
     def has_curved_edge(self, control: FloatArray) -> BoolArray:

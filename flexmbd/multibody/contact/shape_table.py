@@ -15,7 +15,6 @@ from flexmbd.multibody.force.protocol import SharedNumbers
 from flexmbd.multibody.kernels.contact import signed_distance as at
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _MOST_BALLS = 30  # shrinkings of one, most take five
 _SAMPLES = 500  # of the points at which the thickness is looked for

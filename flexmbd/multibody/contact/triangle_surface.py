@@ -18,11 +18,10 @@ from flexmbd.multibody.contact.facets import Facets
 from flexmbd.multibody.contact.shape_table import TableShape, tabulated
 from flexmbd.multibody.force.protocol import SharedNumbers
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
-from flexmbd.multibody.kernels.contact import triangle_surface as at
+from flexmbd.multibody.kernels.contact import triangle_distance as at
 from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +105,11 @@ class TriangleSurface(TableShape):
         """Its triangles."""
         facets = self._facets
         sharp = facets.sharp(self.crease_angle)
-        normals, group = corner_normals(facets, sharp)
+        normals = corner_normals(facets, sharp)
         control = control_points(facets, sharp, normals)
         x, n = facets.corners, facets.normals
         flat = (np.abs(normals - n[:, None]).max(axis=(1, 2)) <= EQUAL) & ~facets.has_curved_edge(control)
-        edges, points = facets.signing_normals(sharp, group)
+        edges, points = facets.signing_normals(sharp)
         low = np.where(flat[:, None], x.min(axis=1), control.min(axis=1))
         high = np.where(flat[:, None], x.max(axis=1), control.max(axis=1))
         head = np.concatenate([x.reshape(-1, 9), n, edges.reshape(-1, 9), points.reshape(-1, 9)], axis=1)

@@ -44,7 +44,7 @@ def blob(n=40, size=1.0):
 KEY = ([(0, 0), (2, 0), (2, 1), (1.2, 1), (1.2, 0.4), (0.8, 0.4), (0.8, 1), (0, 1)], [0, 0.3, 0, 0, -1, 0, 0, 0.6])
 
 
-def brute(profile, p, n=4000):
+def brute(profile, p, n=1000):
     """Distance from chords along the pieces, signed by the winding number."""
     x = np.concatenate([piece.at(np.linspace(0.0, 1.0, n)[:-1]) for piece in profile._pieces])
     y = np.roll(x, -1, axis=0)
@@ -69,11 +69,12 @@ def shapes(size=1.0):
 def test_distances_are_those_of_brute_force(name, size):
     profile = shapes(size)[name]
     rng = np.random.default_rng(5)
-    p = rng.uniform(-1.7, 2.5, (60, 2)) * size
-    found = profile.signed_distance(np.column_stack([p, rng.normal(size=60)]))
+    p = rng.uniform(-1.7, 2.5, (30, 2)) * size
+    p[::2] *= 0.4
+    found = profile.signed_distance(np.column_stack([p, rng.normal(size=30)]))
     expected = np.array([brute(profile, one) for one in p])
-    assert found == pytest.approx(expected, rel=1e-6, abs=1e-6 * size)
-    assert (expected < 0.0).sum() > 5
+    assert found == pytest.approx(expected, rel=2e-6, abs=2e-6 * size)
+    assert (expected < 0.0).sum() > 3
 
 
 @pytest.mark.parametrize("name", ["arcs and lines", "spline"])

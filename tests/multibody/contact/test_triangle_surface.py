@@ -293,3 +293,21 @@ def test_hertz_is_refused_by_its_name():
     surface = contact.TriangleSurface.of_shape(scene.ground.frame(), fm.Shape.box((1.0, 1.0, 1.0)))
     with pytest.raises(SceneError, match="take PowerLaw"):
         scene.touch(surface, contact.Sphere(body.frame(), 0.1), contact.Hertz(E=2e11))
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-8])
+@pytest.mark.parametrize("kind", ["triangles", "profile"])
+def test_nothing_fast_passes_through_a_thin_plate(kind, rtol):
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="ball")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    free.position, free.velocity = (0.13, 3.0, 0.07, 1.0, 0.0, 0.0, 0.0), (0.0, -100.0, 0.0, 0.0, 0.0, 0.0)
+    frame = scene.ground.frame()
+    if kind == "profile":
+        plate = contact.Profile(frame, [(-1.0, -0.005), (1.0, -0.005), (1.0, 0.005), (-1.0, 0.005)])
+    else:
+        plate = contact.TriangleSurface.of_shape(frame, fm.Shape.box((2.0, 0.01, 2.0)))
+    law = contact.PowerLaw(k=1e9, p=1.5, restitution=0.5, speed=100.0)
+    scene.touch(plate, contact.Sphere(body.frame(), 0.01), law)
+    run = scene.simulate(0.05, rtol=rtol, integrator=fm.ExplicitRungeKutta())
+    assert run.velocity(body.frame())[-1] == pytest.approx([0.0, 50.0, 0.0], abs=1.0 if rtol > 1e-3 else 1e-2)

@@ -2,7 +2,7 @@
 
 Of most shapes the distance is that of the point from a core, a point, a segment, a line or a box, less a radius; of a
 hollow shape it is the radius less that.  Inside a box it is that of the nearest face.  Profiles and surfaces of
-triangles search tables (``planar_profile``, ``triangle_surface``).  Points and gradients are in the axes of the shape's
+triangles search tables (``planar_profile``, ``triangle_distance``).  Points and gradients are in the axes of the shape's
 frame.  Numbers: the kind, then a, b, c (m), or the half space's normal, or where the table begins.
 """
 
@@ -13,7 +13,7 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import dot3, load3, scale3, store3, sub3
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.planar_profile import profile_distance, profile_variation
-from flexmbd.multibody.kernels.contact.triangle_surface import surface_distance, surface_variation
+from flexmbd.multibody.kernels.contact.triangle_distance import surface_distance, surface_variation
 
 #: Kinds of shapes: their numbers are the radius; the radius; the radius and half the length; the radius; the radius;
 #: half the sides; the unit normal; of the last two the place of the table, and half the thickness, 0 where nothing is
