@@ -93,7 +93,8 @@ def _inner(
     one end to that at the other (Chiyokura & Kimura 1983).  ``before`` and ``after``: of the other two edges the
     control points next to this one's ends.
     """
-    cross = [_unit(np.cross(begins, legs[:, 0])), _unit(np.cross(ends, legs[:, 2]))]
+    sides = np.cross(begins, legs[:, 0]), np.cross(ends, legs[:, 2])
+    cross = [_unit(np.asarray(side, dtype=np.float64)) for side in sides]
     goes = before - quartic[:, 0], after - quartic[:, 3]
     k = [np.einsum("ti,ti->t", one, other)[:, None] for one, other in zip(goes, cross, strict=True)]
     h = [_share(goes[0], legs[:, 0]), _share(goes[1], legs[:, 2])]

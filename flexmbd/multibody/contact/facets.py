@@ -44,7 +44,7 @@ class Facets:
         rows = place_of.reshape(-1)[triangles].astype(np.int64)
         x = places[rows]
         edges = np.roll(x, -1, axis=1) - x
-        normals = np.cross(edges[:, 0], edges[:, 1])
+        normals = np.asarray(np.cross(edges[:, 0], edges[:, 1]), dtype=np.float64)
         area = np.linalg.norm(normals, axis=1)
         flat = np.flatnonzero(area <= EQUAL * np.einsum("tei,tei->te", edges, edges).max(axis=1))
         if len(flat):
@@ -55,7 +55,7 @@ class Facets:
         normals /= area[:, None]
         back = -np.roll(edges, 1, axis=1)
         angles = np.arctan2(np.linalg.norm(np.cross(edges, back), axis=2), np.einsum("tei,tei->te", edges, back))
-        return cls(x, rows, _across(rows, places, what), normals, angles)
+        return cls(x, rows, _across(rows, places, what), normals, np.asarray(angles, dtype=np.float64))
 
     def refuse_rim(self, what: str) -> None:
         """Raise SceneError if an edge has one triangle alone."""

@@ -55,7 +55,7 @@ class Profile(TableShape):
 
     def __post_init__(self) -> None:
         refuse_other(self.frame, Frame, "the frame of a Profile", wanted="a frame as body.frame()")
-        refuse_no_truth(**{"spline of a Profile": self.spline})
+        refuse_no_truth(spline=self.spline)
         _ = self.table  # built now: what is wrong is told where it is given
 
     @property
@@ -176,7 +176,7 @@ class _Piece:
     def chords(self) -> FloatArray:
         """Ends of chords that are next to it, its own included."""
         count = 1 + int(np.ceil(self.turn() / _CHORD))
-        x = self.at(np.linspace(0.0, 1.0, count + 1))
+        x = self.at(np.linspace(0.0, 1.0, count + 1, dtype=np.float64))
         x[0], x[-1] = self.start, self.end
         return x
 

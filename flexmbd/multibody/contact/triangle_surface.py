@@ -54,7 +54,7 @@ class TriangleSurface(TableShape):
 
     def __post_init__(self) -> None:
         refuse_other(self.frame, Frame, "the frame of a TriangleSurface", wanted="a frame as body.frame()")
-        refuse_no_truth(**{"open of a TriangleSurface": self.open})
+        refuse_no_truth(open=self.open)
         if not (is_number(self.crease_angle) and 0.0 <= self.crease_angle < 0.5 * np.pi):
             angle = f"{self.crease_angle!r:.50}"
             raise SceneError(f"{self._what}: crease_angle must be from 0 to below pi / 2 (rad), got {angle}")

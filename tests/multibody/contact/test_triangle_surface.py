@@ -261,7 +261,7 @@ def test_surfaces_that_enclose_nothing_are_refused():
     refused("whole numbers of shape", x, rows[:, :2])
     refused("name points 0 to 7", x, rows + 1)
     refused("crease_angle must be", x, rows, crease_angle=2.0)
-    refused("open of a TriangleSurface", x, rows, open=1)
+    refused("open must be", x, rows, open=1)
     assert contact.TriangleSurface(ground(), x, rows[1:], open=True).numbers()[2] == 0.0
     with pytest.raises(SceneError, match="points must be finite"):
         contact.TriangleSurface(ground(), x, rows).signed_distance([1.0, 2.0, 3.0])

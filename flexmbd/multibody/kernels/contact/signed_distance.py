@@ -2,8 +2,8 @@
 
 Of most shapes the distance is that of the point from a core, a point, a segment, a line or a box, less a radius; of a
 hollow shape it is the radius less that.  Inside a box it is that of the nearest face.  Profiles and surfaces of
-triangles search tables (``planar_profile``, ``triangle_distance``).  Points and gradients are in the axes of the shape's
-frame.  Numbers: the kind, then a, b, c (m), or the half space's normal, or where the table begins.
+triangles search tables (``planar_profile``, ``triangle_distance``).  Points and gradients are in the axes of the
+shape's frame.  Numbers: the kind, then a, b, c (m), or the half space's normal, or where the table begins.
 """
 
 from __future__ import annotations
