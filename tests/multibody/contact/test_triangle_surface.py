@@ -238,6 +238,36 @@ def test_a_ball_that_rolls_over_a_hundred_facets_keeps_its_energy(build):
     assert abs(rolled(build)) < 1e-6
 
 
+def test_a_ball_that_rolls_along_a_line_of_corners_keeps_its_energy():
+    def along(r, mass):
+        given = drum(r, mass)
+        return *given[:2], (given[2][0], 0.0, 0.0), *given[3:]
+
+    assert abs(rolled(along, friction=False)) < 1e-6
+
+
+def test_a_box_of_triangles_and_an_extruded_square_throw_a_ball_as_the_box_does():
+    """A ball that spins falls beside the edge, and over it."""
+    square = [(-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)]
+    ends = []
+    for build in (
+        lambda ground: contact.Box(ground.frame(), (0.4, 0.4, 0.4)),
+        lambda ground: contact.TriangleSurface.of_shape(ground.frame(), fm.Shape.box((0.4, 0.4, 0.4))),
+        lambda ground: contact.Profile(ground.frame(R=[[0, 1, 0], [0, 0, 1], [1, 0, 0]]), square),
+    ):
+        scene = fm.System(gravity=(0.0, 0.0, -9.81))
+        body = scene.add(fm.RigidBody(1.0, (4e-3, 4e-3, 4e-3)), name="ball")
+        free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+        free.position, free.velocity = (0.15, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0), (0.3, 0.1, 0.0, 1.0, 5.0, 2.0)
+        rough = contact.Friction(0.3, stiffness=1e5, damping=50.0, load=10.0)
+        law = contact.PowerLaw(k=1e5, restitution=0.6)
+        scene.touch(build(scene.ground), contact.Sphere(body.frame(), 0.1), law, friction=rough)
+        ends.append(scene.simulate(0.5, rtol=1e-8).position(body.frame())[-1])
+    assert ends[0][0] > 0.3
+    assert ends[1] == pytest.approx(ends[0], abs=1e-6)
+    assert ends[2] == pytest.approx(ends[0], abs=1e-6)
+
+
 def test_facets_that_stay_flat_brake_it():
     assert rolled(drum, crease=0.0, friction=False) > 1e-4
 
