@@ -65,9 +65,18 @@ class SharedNumbers:
 
     Attributes:
         values: (n,).
+
+    Raises:
+        SceneError: they are not finite numbers in one row.
     """
 
     values: FloatArray
+
+    def __post_init__(self) -> None:
+        given = numbers(self.values)
+        if given.ndim != 1 or not np.isfinite(given).all():
+            raise SceneError(f"numbers that forces share must be finite, of shape (n,), got {self.values!r:.100}")
+        object.__setattr__(self, "values", given)
 
 
 class ElementTable(Protocol):
