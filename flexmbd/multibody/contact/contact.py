@@ -10,13 +10,8 @@ from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.shape_table import TableShape
 from flexmbd.multibody.contact.shapes import TouchedShape
-from flexmbd.multibody.force.protocol import (
-    BetweenFrames,
-    ElementTable,
-    SharedNumbers,
-    WithSharedNumbers,
-    WithStates,
-)
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
+from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
 from flexmbd.multibody.kernels.contact.signed_distance import TABLE
 
 

@@ -13,7 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_no_truth, refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.contact.shape_table import TableShape, tabulated
-from flexmbd.multibody.force.protocol import SharedNumbers
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import planar_profile as at
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.round_off import EQUAL, SEVEN_DIGITS

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import SharedNumbers
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import signed_distance as at
 
 FloatArray = NDArray[np.float64]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -13,6 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.signal import Signal
@@ -57,26 +57,6 @@ class StateEquations(Protocol):
     @property
     def inputs(self) -> Sequence[Signal]:
         """The signals that their outputs set."""
-
-
-@dataclass(frozen=True, eq=False)
-class SharedNumbers:
-    """Numbers that several forces read, and that do not vary: in the plan they stand once.
-
-    Attributes:
-        values: (n,).
-
-    Raises:
-        SceneError: they are not finite numbers in one row.
-    """
-
-    values: FloatArray
-
-    def __post_init__(self) -> None:
-        given = numbers(self.values)
-        if given.ndim != 1 or not np.isfinite(given).all():
-            raise SceneError(f"numbers that forces share must be finite, of shape (n,), got {self.values!r:.100}")
-        object.__setattr__(self, "values", given)
 
 
 class ElementTable(Protocol):
@@ -386,15 +366,6 @@ class WithStates:
 
     ``run.states(force)`` tells them.
     """
-
-
-class WithSharedNumbers:
-    """Base, beside another, of forces that read numbers which they share with others."""
-
-    @property
-    def shared_numbers(self) -> Sequence[SharedNumbers]:
-        """What it reads."""
-        return ()
 
 
 def check_numbers(

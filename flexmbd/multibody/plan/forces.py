@@ -13,7 +13,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
-from flexmbd.multibody.force.protocol import Force, SharedNumbers, SwitchValue, WithSharedNumbers, WithStates
+from flexmbd.multibody.force.protocol import Force, SwitchValue, WithStates
+from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
