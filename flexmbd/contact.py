@@ -9,6 +9,7 @@ from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
 from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
+from flexmbd.multibody.contact.profile import Profile as Profile
 from flexmbd.multibody.contact.shapes import Box as Box
 from flexmbd.multibody.contact.shapes import Capsule as Capsule
 from flexmbd.multibody.contact.shapes import ConvexPolytope as ConvexPolytope
@@ -20,4 +21,5 @@ from flexmbd.multibody.contact.shapes import Sphere as Sphere
 from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
 from flexmbd.multibody.contact.touch import Touching as Touching
+from flexmbd.multibody.contact.triangle_surface import TriangleSurface as TriangleSurface
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries

@@ -31,6 +31,8 @@ from flexmbd.multibody.force.protocol import StateEquations as StateEquations
 from flexmbd.multibody.force.protocol import WithStates as WithStates
 from flexmbd.multibody.force.protocol import check_numbers as check_numbers
 from flexmbd.multibody.force.shaft_inertia import ShaftInertia as ShaftInertia
+from flexmbd.multibody.force.shared_numbers import SharedNumbers as SharedNumbers
+from flexmbd.multibody.force.shared_numbers import WithSharedNumbers as WithSharedNumbers
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce
 from flexmbd.multibody.functions.callback import Law as Law

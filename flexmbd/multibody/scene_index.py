@@ -113,6 +113,7 @@ class SceneIndex:
         forces: rows of force elements; not of those that are solved together.
         memories: of force elements with memory, the places in x of what they remember, by name.
         states: of users' state equations, where their values stand.
+        shared: of numbers that forces share, where they begin in ``Plan.data``.
         substitutes: of bodies, frames, joints and forces whose numbers differ from those of the scene that was
             compiled: objects that have the numbers of this variant.
     """
@@ -125,6 +126,7 @@ class SceneIndex:
     forces: IdentityMap[object, ForceRows] = field(default_factory=IdentityMap)
     memories: IdentityMap[object, dict[str, int]] = field(default_factory=IdentityMap)
     states: IdentityMap[object, StatePlaces] = field(default_factory=IdentityMap)
+    shared: IdentityMap[object, int] = field(default_factory=IdentityMap)
     substitutes: IdentityMap[object, Any] = field(default_factory=IdentityMap)
 
     def now(self, thing: T) -> T:

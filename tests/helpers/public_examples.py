@@ -223,6 +223,7 @@ BY_NAME: dict[str, dict[str, Callable[[World], Any]]] = {
     "RigidBody.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
     "PointMass.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
     "PointMass.frame": {"p": lambda w: (0.0, 0.0, 0.0)},
+    "force.SharedNumbers": {"values": lambda w: np.ones(2)},
     "force.BetweenPairs": {"law": lambda w: _pulling()},
     "Solid.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},
     "Shape.from_surface": {"points": lambda w: _TETRAHEDRON, "triangles": lambda w: _FACES},

@@ -8,12 +8,15 @@ import numpy as np
 
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.shape_table import TableShape
 from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
+from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.multibody.kernels.contact.signed_distance import TABLE
 
 
 @dataclass(frozen=True, eq=False)
-class Contact(BetweenFrames, WithStates):
+class Contact(BetweenFrames, WithStates, WithSharedNumbers):
     """A sphere, or a point, that touches a shape; ``System.touch`` makes them.
 
     Attributes:
@@ -51,12 +54,20 @@ class Contact(BetweenFrames, WithStates):
         if self.friction is not None:
             self.friction.check(self.what)
 
+    @property
+    def shared_numbers(self) -> tuple[SharedNumbers, ...]:
+        """The shape's table, if it has one."""
+        return (self.shape.table,) if isinstance(self.shape, TableShape) else ()
+
     def assemble(self, table: ElementTable) -> None:
         """One row; with friction that slides, three states of its bristle."""
         rough = None if self.friction is None or self.friction.stretch() == 0.0 else self.friction
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
         friction = [0.0] * 6 if rough is None else rough.numbers()
-        numbers = np.array([*self.shape.numbers(), *normal, *friction, *self.centre])
+        shape = self.shape.numbers()
+        if isinstance(self.shape, TableShape):
+            shape[TABLE] = table.shared(self.shape.table)
+        numbers = np.array([*shape, *normal, *friction, *self.centre])
         bristle = None if rough is None else rough.stretch()
         table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)

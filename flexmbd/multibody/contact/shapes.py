@@ -13,6 +13,8 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.contact.polytopes import Polytope, hull, polytope
+from flexmbd.multibody.contact.profile import Profile
+from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.rotation import Axis, z_onto
 
@@ -227,9 +229,13 @@ class ConvexPolytope:
 
 
 TouchShape: TypeAlias = (
-    Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace | ConvexPolytope
-)
-SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace, ConvexPolytope)
+    Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace | ConvexPolytope | Profile
+    | TriangleSurface
+)  # fmt: skip
+SHAPES = (
+    Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace, ConvexPolytope, Profile,
+    TriangleSurface,
+)  # fmt: skip
 
 
 def corners(box: Box) -> FloatArray:

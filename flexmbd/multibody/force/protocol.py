@@ -12,6 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.signal import Signal
@@ -86,6 +87,13 @@ class ElementTable(Protocol):
 
     def numbers(self, values: ArrayLike) -> int:
         """Offset in ``Plan.data`` of the values, appended."""
+
+    def shared(self, numbers: SharedNumbers) -> int:
+        """Offset in ``Plan.data`` of numbers that forces share; of a force that is ``WithSharedNumbers``.
+
+        Raises:
+            SceneError: a force that varies would read others than the scene was compiled with.
+        """
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``; ``what`` is its name in messages, ``rate`` says whether its rate is needed too."""

@@ -14,6 +14,7 @@ from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
 from flexmbd.multibody.force.protocol import Force, SwitchValue, WithStates
+from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
@@ -182,6 +183,20 @@ class ForceTable(StateTable):
     def numbers(self, values: ArrayLike) -> int:
         """Offset in ``Plan.data`` of the values, appended."""
         return self._numbering.add_data(np.asarray(values, dtype=np.float64))
+
+    def shared(self, numbers: SharedNumbers) -> int:
+        """Offset in ``Plan.data`` of numbers that forces share."""
+        place = self._numbering.index.shared.get(numbers)
+        if place is None:
+            raise SceneError("a contact cannot vary to a shape with another table; build the scene anew")
+        return place
+
+    def share(self, force: Force) -> None:
+        """Let the numbers that a force shares stand in the plan, once, before any force's own begin."""
+        if isinstance(force, WithSharedNumbers):
+            for one in force.shared_numbers:
+                if one not in self._numbering.index.shared:
+                    self._numbering.index.shared[one] = self.numbers(one.values)
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``."""
@@ -446,6 +461,8 @@ def assemble_forces(
     (`Numbering.add_memory`).  Forces whose numbers are to vary, among ``varied``, add them whatever these are now.
     """
     table = ForceTable(numbering, ground, varied)
+    for force in forces:
+        table.share(force)
     for force in sorted(forces, key=lambda force: not isinstance(force, (States, WithStates))):
         first, first_element = len(table.forces), len(table.elements)
         table.assemble(force)

@@ -29,8 +29,11 @@ from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
     CYLINDER,
+    HALF_THICKNESS,
+    PROFILE,
     SHAPE_NUMBERS,
     SPHERE,
+    TRIANGLES,
     distance,
     gradient_variation,
 )
@@ -150,9 +153,12 @@ def time_to_pass(data, o, gap, n, rate):
     """
     kind = data[o]
     solid = kind == SPHERE or kind == CAPSULE or kind == CYLINDER or kind == BOX
+    size = data[o + 1]
+    if kind == PROFILE or kind == TRIANGLES:
+        size = data[o + HALF_THICKNESS]
+        solid = size > 0.0
     if not solid or not gap > 0.0 or dot3(n, rate) >= 0.0:
         return math.inf
-    size = data[o + 1]
     if kind == BOX:
         size = min(size, data[o + 2], data[o + 3])
     return (gap + 0.5 * (size + data[o + RADIUS])) / math.sqrt(dot3(rate, rate))

@@ -1,23 +1,30 @@
 """The signed distance of a point from a shape, its gradient, and how the gradient turns with the point.
 
 Of most shapes the distance is that of the point from a core, a point, a segment, a line or a box, less a radius; of a
-hollow shape it is the radius less that.  Inside a box it is that of the nearest face.  Points and gradients are in the
-axes of the shape's frame.  Numbers: the kind, then a, b, c (m), or the half space's normal.
+hollow shape it is the radius less that.  Inside a box it is that of the nearest face.  Profiles and surfaces of
+triangles search tables (``planar_profile``, ``triangle_distance``).  Points and gradients are in the axes of the
+shape's frame.  Numbers: the kind, then a, b, c (m), or the half space's normal, or where the table begins.
 """
 
 from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import dot3, scale3, sub3
-from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.algebra.so3 import dot3, load3, scale3, store3, sub3
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.contact.planar_profile import profile_distance, profile_variation
+from flexmbd.multibody.kernels.contact.triangle_distance import surface_distance, surface_variation
 
 #: Kinds of shapes: their numbers are the radius; the radius; the radius and half the length; the radius; the radius;
-#: half the sides; the unit normal.
-SPHERE, HOLLOW_SPHERE, CAPSULE, CYLINDER, HOLLOW_CYLINDER, BOX, HALF_SPACE = range(7)
+#: half the sides; the unit normal; of the last two the place of the table, and half the thickness, 0 where nothing is
+#: behind the surface.
+SPHERE, HOLLOW_SPHERE, CAPSULE, CYLINDER, HOLLOW_CYLINDER, BOX, HALF_SPACE, PROFILE, TRIANGLES = range(9)
 
 #: Numbers of a shape.
 SHAPE_NUMBERS = 4
+
+#: Where among them the place of a table stands, and half a thickness.
+TABLE, HALF_THICKNESS = 1, 2
 
 
 @kernel
@@ -61,6 +68,10 @@ def distance(data, o, p):
     if data[o] == HALF_SPACE:
         n = (data[o + 1], data[o + 2], data[o + 3])
         return dot3(n, p), n
+    if data[o] == PROFILE:
+        return profile_distance(data, int(data[o + TABLE]), p)
+    if data[o] == TRIANGLES:
+        return surface_distance(data, int(data[o + TABLE]), p)
     q, radius = _from_core(data, o, p)
     length = math.sqrt(dot3(q, q))
     hollow = data[o] == HOLLOW_SPHERE or data[o] == HOLLOW_CYLINDER
@@ -77,6 +88,10 @@ def gradient_variation(data, o, p, dp):
     """How much the gradient at p changes for p + dp."""
     if data[o] == HALF_SPACE:
         return (0.0, 0.0, 0.0)
+    if data[o] == PROFILE:
+        return profile_variation(data, int(data[o + TABLE]), p, dp)
+    if data[o] == TRIANGLES:
+        return surface_variation(data, int(data[o + TABLE]), p, dp)
     q, _ = _from_core(data, o, p)
     length = math.sqrt(dot3(q, q))
     if length == 0.0:
@@ -91,3 +106,12 @@ def gradient_variation(data, o, p, dp):
     n = scale3(1.0 / length, q)
     hollow = data[o] == HOLLOW_SPHERE or data[o] == HOLLOW_CYLINDER
     return scale3((-1.0 if hollow else 1.0) / length, sub3(dq, scale3(dot3(n, dq), n)))
+
+
+@entry_kernel
+def distances(data, points, out):
+    """Signed distances and gradients, out (n, 4), of points (n, 3) from the shape with which ``data`` begins."""
+    for k in range(points.shape[0]):
+        far, n = distance(data, 0, load3(points[k], 0))
+        out[k, 0] = far
+        store3(out[k], 1, n)
