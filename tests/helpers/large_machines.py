@@ -67,3 +67,16 @@ def combs(teeth):
     for one, other in zip(*chains, strict=True):
         scene.add_force(fm.force.SpringDamper(one.frame((0.2, 0.1, 0.0)), other.frame(), 300.0, 2.0, 0.9))
     return scene
+
+
+def hammock(links):
+    """A chain of balls between two points of the ground, which a further ball closes."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    end, ball = scene.ground.frame(), fm.joint.Spherical()
+    for k in range(links):
+        link = scene.add(brick(), name=f"link {k}")
+        joint = scene.connect(ball, end, link.frame(), name=f"ball {k}")
+        joint.velocity = (0.5, 0.3 * k, -1.0)
+        end = link.frame(p=(0.5, 0.0, 0.1))
+    scene.connect(ball, scene.ground.frame(p=(0.4 * links, 0.1, 0.0)), end, name="last ball")
+    return scene

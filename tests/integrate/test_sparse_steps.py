@@ -6,7 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from large_machines import HINGE, brick, combs, ladder, lattice
+from bicycle import bicycle
+from large_machines import HINGE, brick, combs, hammock, ladder, lattice
 from particles import particle_body
 
 import flexmbd as fm
@@ -41,12 +42,22 @@ def flexible_loop():
     return scene
 
 
+def riding():
+    """Two discs that roll, of which rows hold velocities alone, and a frame that turns like a ball."""
+    scene, _, steer = bicycle(4.0)
+    steer.velocity = 0.5
+    return scene
+
+
 MACHINES = {
     "lattice": lambda: lattice(2, 3),
     "ladder": lambda: ladder(4),
     "combs": lambda: combs(4),
     "flexible loop": flexible_loop,
+    "hammock": lambda: hammock(5),
+    "bicycle": riding,
 }
+WITHOUT_BALLS = ("lattice", "ladder", "combs", "flexible loop")
 
 
 def forced(way):
@@ -72,7 +83,7 @@ def both(monkeypatch, scene, way, **how):
 
 
 @pytest.mark.parametrize("way", ["none", "some", "all"])
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", WITHOUT_BALLS)
 def test_generalized_alpha(monkeypatch, name, way):
     """To round-off and in as many iterations: the same corrections, those of loops' shifts included."""
     (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), way, h=2e-3, integrator=ALPHA)
@@ -80,9 +91,11 @@ def test_generalized_alpha(monkeypatch, name, way):
     assert stats.iterations == dense.iterations
 
 
-@pytest.mark.parametrize("name", ["lattice", "combs"])
-def test_radau_iia(monkeypatch, name):
-    (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), "none", rtol=1e-6, integrator=RADAU)
+@pytest.mark.parametrize("way", ["none", "some", "all"])
+@pytest.mark.parametrize("name", MACHINES)
+def test_radau_iia(monkeypatch, name, way):
+    """The same steps, whatever holds the loops; the ends to what Newton's iteration leaves."""
+    (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), way, rtol=1e-6, integrator=RADAU)
     np.testing.assert_allclose(end, expected, atol=1e-9)
     assert stats.steps == dense.steps
 

@@ -56,7 +56,7 @@ def sparse(plan, state, cut=None, multipliers=NONE):
     for _ in range(2):  # nothing is left over
         residual(plan, work, x, v, a, multipliers, np.zeros(len(v)))
         assemble_sparse(plan, work, tw, to, x, v, a, multipliers, *WEIGHTS, values)
-        put_rows(plan, tw, to, np.tile(SLOPES, (len(plan.rows), 1)), values)
+        put_rows(plan, tw, to, tw.jacobian, np.tile(SLOPES, (len(plan.rows), 1)), 1.0, values)
     matrix = np.zeros((blocks.unknowns, blocks.unknowns))
     for (i, j), place, size in zip(pairs, places, sizes, strict=True):
         rows, columns = (slice(blocks.first[k], blocks.first[k] + blocks.size[k]) for k in (i, j))
