@@ -79,8 +79,7 @@ class MatrixChoice:
         many = f"{len(sizes)} blocks of up to " if len(sizes) > 1 else ""
         blocks = f"{many}{most} unknown{'' if most == 1 else 's'}"
         if self.sparse is None:
-            joined = couple_all(self.plan).any() and most > 1
-            return f"dense, {blocks}{_JOINED if joined else ""}"
+            return f"dense, {blocks}{_JOINED}" if couple_all(self.plan).any() else f"dense, {blocks}"
         found, pattern = self.sparse
         cut = f", {len(found.cuts)} bodies of the tree cut" if found.cuts else ""
         return (

@@ -86,10 +86,10 @@ def _turn_stiffness(plan, scratch):
     balls = loops.spins.shape[0] > 0
     if balls:
         to, pattern, move = scratch.sparse.to, scratch.sparse.pattern, scratch.displacement
-        turn_block_columns(plan, pattern, to, move, loops.stiffness[0])
+        turn_block_columns(plan, pattern, to, move, loops.stiffness)
         turn_path_columns(scratch.tangent, to, loops.spins, move, loops.rate_jacobian)
         for k in range(values.shape[0]):
-            loops.tree.values[k] = loops.stiffness[0, k] - values[k]
+            loops.tree.values[k] = loops.stiffness[k] - values[k]
     return balls
 
 
@@ -99,7 +99,7 @@ def linearise_loops(plan, work, state, scratch, per_x, per_v):
     sparse, loops, to = scratch.sparse, scratch.loops, scratch.sparse.to
     loops.per_v[0] = per_v
     assemble(plan, work, scratch, per_x, 0.0, 0.0)
-    _copy(sparse.matrix.values, loops.stiffness[0])
+    _copy(sparse.matrix.values, loops.stiffness)
     for i in range(loops.rate_jacobian.shape[0]):
         _copy(scratch.tangent.rate_jacobian[i], loops.rate_jacobian[i])
     turns = _turn_stiffness(plan, scratch)
@@ -209,7 +209,7 @@ def solve_loops(plan, scratch, rhs):
             rhs[q, nu + m :] = 0.0
             s[:] = 0.0
             continue
-        add_motions(pattern, loops.stiffness, loops.one, to, y)
+        add_motions(pattern, loops.stiffness, to, y)
         multiply_rows(tw, to, loops.rate_jacobian, y, loops.row)
         s[:] = 0.0
         for i in range(m):
@@ -221,7 +221,7 @@ def solve_loops(plan, scratch, rhs):
             rhs[q, nu + i] = y[nu + i] - s[nu + i]
             s[nu + i] = 0.0
         change[:] = 0.0
-        multiply(pattern, loops.stiffness, loops.one, to, s, change[:nu])
+        multiply(pattern, loops.stiffness, to, s, change[:nu])
         multiply_rows(tw, to, loops.jacobian, s, loops.row)
         for j in range(nu):
             change[j] = -change[j]
@@ -270,7 +270,7 @@ def remove_across_sparse(plan, scratch, vector):
     own[:] = 0.0
     for j in range(nu):
         own[j] = vector[j]
-    add_motions(scratch.sparse.pattern, loops.stiffness, loops.one, scratch.sparse.to, own)
+    add_motions(scratch.sparse.pattern, loops.stiffness, scratch.sparse.to, own)
     multiply_rows(scratch.tangent, scratch.sparse.to, loops.jacobian, own, loops.row)
     own[:] = 0.0
     for i in range(m):

@@ -17,7 +17,7 @@ import numpy as np
 from flexmbd.integrate.radau.coefficients import COMPLEX, REAL
 from flexmbd.integrate.radau.workspace import SPARSE_TANGENT
 from flexmbd.integrate.sparse_rows import tell_worthless
-from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, summing_kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
@@ -29,8 +29,7 @@ from flexmbd.multibody.kernels.tangent.sparse_parts import (
     MASS,
     N_PARTS,
     STIFFNESS,
-    put_weights,
-    set_shift,
+    combine,
 )
 from flexmbd.multibody.kernels.tangent.sparse_products import add_motions, multiply, multiply_rows
 
@@ -84,32 +83,41 @@ def _keep_rows(tw, shifted):
             shifted.rate_jacobian[r, j] = tw.rate_jacobian[r, j]
 
 
+@summing_kernel
+def _total(values):
+    total = 0.0
+    for k in range(values.shape[0]):
+        total += values[k]
+    return total
+
+
 @deferred_kernel(FLAG)
 def take_blocks(plan, work, scratch, i):
     """The tangent's parts at stage i, for sparse matrices; whether all is finite."""
     parts, to = scratch.shifted.parts, scratch.sparse.to
     put_slopes(plan, scratch, True)
     constant = plan.rows.shape[0] > 0 or to.starts[2] > to.starts[1]
-    total = 0.0
+    finite = True
     for part in range(CONSTANT if constant else STIFFNESS, N_PARTS):
         per_x, per_v = 1.0 if part == STIFFNESS else 0.0, 1.0 if part == DAMPING else 0.0
         per_a = 1.0 if part == MASS else 0.0
         assemble(plan, work, scratch, i, per_x, per_v, per_a, parts[part])
         if part == STIFFNESS:
             _keep_rows(scratch.tangent, scratch.shifted)
-        for k in range(parts.shape[1]):
-            if part != CONSTANT:
+        if constant and part != CONSTANT:
+            for k in range(parts.shape[1]):
                 parts[part, k] -= parts[CONSTANT, k]
-            total += parts[part, k]
-    return np.isfinite(total)
+        finite = finite and np.isfinite(_total(parts[part]))
+    return finite
 
 
 @deferred_kernel(FLAG)
 def factor_both(plan, state, scratch, h):
     """Factor both sparse iteration matrices; False if a pivot is worthless."""
     sparse, shifted, tw = scratch.sparse, scratch.shifted, scratch.tangent
-    set_shift(shifted.parts, h / REAL, sparse.matrix.values)
-    set_shift(shifted.parts, h / COMPLEX, shifted.factors.values)
+    s, z = h / REAL, h / COMPLEX
+    combine(shifted.parts, s * s, s, 1.0, sparse.matrix.values)
+    combine(shifted.parts, z * z, z, 1.0, shifted.factors.values)
     if plan.rows.shape[0] > 0:
         for k in range(shifted.tree.values.shape[0]):
             shifted.tree.values[k] = sparse.matrix.values[k]
@@ -140,11 +148,11 @@ def _begin(plan, scratch, matrix, right, shift, unknown):
 
 
 @kernel
-def _put_lacks(plan, scratch, right, shift, vector, weights, row):
+def _put_lacks(plan, scratch, right, shift, vector, row):
     """Write what p lacks of closing the rows, C p, into ``row``; whether there is a p."""
     nu, m, shifted, to = plan.free.shape[0], plan.rows.shape[0], scratch.shifted, scratch.sparse.to
-    put_weights(weights, 1.0, 0.0, 0.0)
-    add_motions(scratch.sparse.pattern, shifted.parts, weights, to, vector)
+    combine(shifted.parts, 1.0, 0.0, 0.0, shifted.product)
+    add_motions(scratch.sparse.pattern, shifted.product, to, vector)
     multiply_rows(scratch.tangent, to, shifted.rate_jacobian, vector, row)
     shifts = False
     for r in range(m):
@@ -155,11 +163,11 @@ def _put_lacks(plan, scratch, right, shift, vector, weights, row):
 
 
 @kernel
-def _end(plan, scratch, matrix, right, shift, unknown, moved, weights, row):
+def _end(plan, scratch, matrix, right, shift, unknown, moved, product, row):
     """Solve for y with p, which is ``moved``; leave a and nu in ``right``."""
     nu, m, y, shifted, to = plan.free.shape[0], plan.rows.shape[0], unknown[0], scratch.shifted, scratch.sparse.to
-    put_weights(weights, 0.0, shift, 1.0)
-    multiply(scratch.sparse.pattern, shifted.parts, weights, to, moved, y[:nu])
+    combine(shifted.parts, 0.0, shift, 1.0, product)
+    multiply(scratch.sparse.pattern, product, to, moved, y[:nu])
     multiply_rows(scratch.tangent, to, shifted.jacobian, moved, row)
     for j in range(nu):
         y[j] += right[j]
@@ -200,13 +208,13 @@ def solve_real_blocks(plan, scratch):
     _begin(plan, scratch, matrix, right, shift, shifted.unknown)
     if m > 0:
         scratch.push_real[:] = 0.0
-        if _put_lacks(plan, scratch, right, shift, shifted.unknown[0], shifted.weights, shifted.row):
+        if _put_lacks(plan, scratch, right, shift, shifted.unknown[0], shifted.row):
             push(scratch, shifted.row)
             shifted.moved[:] = 0.0
             for j in range(nu):
                 shifted.moved[j] = scratch.push_real[j] = scratch.sparse.rhs[0, j]
             _end(
-                plan, scratch, matrix, right, shift, shifted.unknown, shifted.moved, shifted.weights, shifted.row
+                plan, scratch, matrix, right, shift, shifted.unknown, shifted.moved, shifted.product, shifted.row
             )
     _leave(right, shifted.unknown[0][: nu + m])
 
@@ -216,11 +224,11 @@ def solve_complex_blocks(plan, scratch):
     """Likewise with the complex factors for ``s.rhs_complex``; ``s.push_complex``."""
     shifted, shift, right = scratch.shifted, scratch.memory.step_factored[0] / COMPLEX, scratch.rhs_complex[0]
     nu, m, matrix = plan.free.shape[0], plan.rows.shape[0], shifted.factors
-    unknown, weights, row = shifted.complex_unknown, shifted.complex_weights, shifted.complex_row
+    unknown, row = shifted.complex_unknown, shifted.complex_row
     _begin(plan, scratch, matrix, right, shift, unknown)
     if m > 0:
         scratch.push_complex[:] = 0.0
-        if _put_lacks(plan, scratch, right, shift, unknown[0], weights, row):
+        if _put_lacks(plan, scratch, right, shift, unknown[0], row):
             for r in range(m):
                 shifted.row[r] = row[r].real
             push(scratch, shifted.row)
@@ -234,7 +242,7 @@ def solve_complex_blocks(plan, scratch):
             shifted.complex_moved[:] = 0.0
             for j in range(nu):
                 shifted.complex_moved[j] = scratch.push_complex[j]
-            _end(plan, scratch, matrix, right, shift, unknown, shifted.complex_moved, weights, row)
+            _end(plan, scratch, matrix, right, shift, unknown, shifted.complex_moved, shifted.complex_product, row)
     _leave(right, unknown[0][: nu + m])
 
 
@@ -247,13 +255,13 @@ def put_block_imbalance(plan, scratch, step):
     moved[:] = 0.0
     for j in range(nu):
         moved[j] = scratch.error_v[j]
-    put_weights(shifted.weights, 0.0, 0.0, 1.0)
-    multiply(pattern, shifted.parts, shifted.weights, to, moved, out)
+    combine(shifted.parts, 0.0, 0.0, 1.0, shifted.product)
+    multiply(pattern, shifted.product, to, moved, out)
     for j in range(nu):
         right[j] = out[j]
         moved[j] = scratch.error_x[j]
-    put_weights(shifted.weights, 1.0, 0.0, 0.0)
-    multiply(pattern, shifted.parts, shifted.weights, to, moved, out)
+    combine(shifted.parts, 1.0, 0.0, 0.0, shifted.product)
+    multiply(pattern, shifted.product, to, moved, out)
     for j in range(nu):
         right[j] -= step * out[j]
     multiply_rows(scratch.tangent, to, shifted.jacobian, moved, shifted.row)

@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.sparse.block_lu import (
     BlockMatrix,
     ComplexBlockMatrix,
@@ -32,8 +32,7 @@ CONSTANT, STIFFNESS, DAMPING, MASS, N_PARTS = range(5)
 class LoopMatrices(ArrayStruct):
     """What an implicit step needs besides of a sparse matrix with constraint rows; empty without these.
 
-    tree: factors of the matrix without rows.  stiffness: (1, fill) the part by positions, not factored; one: (1,) its
-    weight.
+    tree: factors of the matrix without rows.  stiffness: (fill,) the part by positions.
     jacobian, rate_jacobian: (m, longest path) of the rows and, by positions, of their rates, as those of
     ``TangentWork``, but by the turns of balls within the step.  spins: (nv,) 1 where the velocities of a ball begin;
     (0,) without balls.
@@ -43,7 +42,6 @@ class LoopMatrices(ArrayStruct):
 
     tree: BlockMatrix
     stiffness: FloatArray
-    one: FloatArray
     jacobian: FloatArray
     rate_jacobian: FloatArray
     spins: IntArray
@@ -65,7 +63,7 @@ class ShiftedMatrix(ArrayStruct):
     needed, as what follows is without rows.
     jacobian, rate_jacobian: (m, longest path) of the rows where the parts were taken, and of their rates by positions.
     slopes: (m, 3) see ``put_rows``.  least_pivot: (1,) of the rows of ``end``.
-    weights, complex_weights: (N_PARTS,) of a product; unknown, complex_unknown: (1, unknowns), moved, complex_moved:
+    product, complex_product: (fill,) a sum of the parts; unknown, complex_unknown: (1, unknowns), moved, complex_moved:
     (unknowns,), row, complex_row: (m,) scratch.
     """
 
@@ -77,8 +75,8 @@ class ShiftedMatrix(ArrayStruct):
     rate_jacobian: FloatArray
     slopes: FloatArray
     least_pivot: FloatArray
-    weights: FloatArray
-    complex_weights: ComplexArray
+    product: FloatArray
+    complex_product: ComplexArray
     unknown: FloatArray
     complex_unknown: ComplexArray
     moved: FloatArray
@@ -102,8 +100,8 @@ def new_shifted_matrix(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | N
         rate_jacobian=zeros((m, longest)),
         slopes=zeros((m, 3)),
         least_pivot=np.ones(1),
-        weights=zeros(N_PARTS),
-        complex_weights=zeros(N_PARTS, np.complex128),
+        product=zeros(pattern.fill),
+        complex_product=zeros(pattern.fill if m else 0, np.complex128),
         unknown=zeros((1, n)),
         complex_unknown=zeros((1, n), np.complex128),
         moved=zeros(n),
@@ -114,17 +112,11 @@ def new_shifted_matrix(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | N
 
 
 @entry_kernel
-def set_shift(parts, shift, values):
-    """Set M + ``shift`` D + ``shift``^2 K up in real or complex ``values``."""
+def combine(parts, per_x, per_v, per_a, values):
+    """Set the matrix of these weights up in real or complex ``values``."""
     for k in range(values.shape[0]):
-        moved = parts[DAMPING, k] + shift * parts[STIFFNESS, k]
-        values[k] = parts[CONSTANT, k] + parts[MASS, k] + shift * moved
-
-
-@kernel
-def put_weights(weights, per_x, per_v, per_a):
-    """The weights (N_PARTS,) of K, D and M in a product."""
-    weights[CONSTANT], weights[STIFFNESS], weights[DAMPING], weights[MASS] = 1.0, per_x, per_v, per_a
+        moved = per_x * parts[STIFFNESS, k] + per_v * parts[DAMPING, k]
+        values[k] = parts[CONSTANT, k] + moved + per_a * parts[MASS, k]
 
 
 def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | None) -> LoopMatrices:
@@ -133,8 +125,7 @@ def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | No
         none, nothing, two = no_sparse_matrix().matrix, np.zeros(0), np.zeros((0, 0))
         return LoopMatrices(
             tree=none,
-            stiffness=np.zeros((1, 0)),
-            one=np.ones(1),
+            stiffness=nothing,
             jacobian=two,
             rate_jacobian=two,
             spins=np.zeros(0, np.int64),
@@ -152,8 +143,7 @@ def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | No
     spins[balls[:, at.JOINT_V] + balls[:, at.JOINT_ADDS]] = 1
     return LoopMatrices(
         tree=new_block_matrix(pattern),
-        stiffness=np.zeros((1, pattern.fill)),
-        one=np.ones(1),
+        stiffness=np.zeros(pattern.fill),
         jacobian=np.zeros((m, blocks.longest_path)),
         rate_jacobian=np.zeros((m, blocks.longest_path)),
         spins=spins,

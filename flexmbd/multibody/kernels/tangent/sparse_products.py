@@ -1,8 +1,7 @@
 """Products with parts of a sparse matrix: rows times motions, reactions on bodies, a stiffness times a motion.
 
-A matrix is the sum of ``parts`` (k, fill), not factored, times ``weights`` (k,), real or complex as the vectors are.
-Vectors (unknowns,) hold free velocities, multipliers and the unknowns of cut bodies, which follow from the others
-by their own equations.
+Vectors (unknowns,) hold free velocities, multipliers and the unknowns of cut bodies, which follow from the others by
+their own equations.  They may be complex, and so may a matrix.
 """
 
 from __future__ import annotations
@@ -14,19 +13,15 @@ from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, MOTION
 
 
 @kernel
-def _line(pattern, parts, weights, block, row, vector):
+def _line(pattern, values, block, row, vector):
     """Row ``row`` of a block times a vector."""
     total = 0.0
     for q in range(pattern.entry_at[block], pattern.entry_at[block + 1]):
         j = pattern.column[q]
         place = pattern.offset[q] + row * pattern.stride[q]
         begin = pattern.first[j]
-        for k in range(weights.shape[0]):
-            if weights[k] != 0.0:
-                own = 0.0
-                for c in range(pattern.first[j + 1] - begin):
-                    own += parts[k, place + c] * vector[begin + c]
-                total += weights[k] * own
+        for c in range(pattern.first[j + 1] - begin):
+            total += values[place + c] * vector[begin + c]
     return total
 
 
@@ -38,34 +33,34 @@ def _cuts(pattern, to):
 
 
 @deferred_kernel()
-def add_motions(pattern, parts, weights, to, vector):
+def add_motions(pattern, values, to, vector):
     """Put the motions of cut bodies that the rest of a vector causes into it, and zeros as their wrenches.
 
-    From the ground outwards.
+    By ``values`` of a matrix that is not factored: from the ground outwards.
     """
     count, begin, first = _cuts(pattern, to)
     for k in range(begin, vector.shape[0]):
         vector[k] = 0.0
     for q in range(count):
         for r in range(MOTION):
-            vector[begin + CUT * q + r] -= _line(pattern, parts, weights, first + q, r, vector)
+            vector[begin + CUT * q + r] -= _line(pattern, values, first + q, r, vector)
 
 
 @deferred_kernel()
-def multiply(pattern, parts, weights, to, vector, out):
-    """Write a matrix times free velocities into ``out`` (free,).
+def multiply(pattern, values, to, vector, out):
+    """Write a matrix without rows, not factored, times free velocities into ``out`` (free,).
 
     Multipliers in ``vector`` must be zero; unknowns of cut bodies are written there.
     """
-    add_motions(pattern, parts, weights, to, vector)
+    add_motions(pattern, values, to, vector)
     count, begin, first = _cuts(pattern, to)
     for q in range(count - 1, -1, -1):
         for r in range(MOTION, CUT):
-            vector[begin + CUT * q + r] -= _line(pattern, parts, weights, first + q, r, vector)
+            vector[begin + CUT * q + r] -= _line(pattern, values, first + q, r, vector)
     block = 0
     while block < first and pattern.first[block] < out.shape[0]:
         for r in range(pattern.first[block + 1] - pattern.first[block]):
-            out[pattern.first[block] + r] = _line(pattern, parts, weights, block, r, vector)
+            out[pattern.first[block] + r] = _line(pattern, values, block, r, vector)
         block += 1
 
 
