@@ -57,7 +57,6 @@ MACHINES = {
     "hammock": lambda: hammock(5),
     "bicycle": riding,
 }
-WITHOUT_BALLS = ("lattice", "ladder", "combs", "flexible loop")
 
 
 def forced(way):
@@ -83,7 +82,7 @@ def both(monkeypatch, scene, way, **how):
 
 
 @pytest.mark.parametrize("way", ["none", "some", "all"])
-@pytest.mark.parametrize("name", WITHOUT_BALLS)
+@pytest.mark.parametrize("name", MACHINES)
 def test_generalized_alpha(monkeypatch, name, way):
     """To round-off and in as many iterations: the same corrections, those of loops' shifts included."""
     (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), way, h=2e-3, integrator=ALPHA)
@@ -163,7 +162,7 @@ def correction(scene, choice, monkeypatch, *, h):
 
 
 @pytest.mark.parametrize("way", ["none", "some", "all"])
-@pytest.mark.parametrize("name", ["ladder", "flexible loop"])
+@pytest.mark.parametrize("name", ["ladder", "flexible loop", "hammock", "bicycle"])
 def test_corrections_of_loops(monkeypatch, name, way):
     """By a step of 5 ms, in which rows turn by 15 mrad and stiffness counts: all but products of the two."""
     scene = MACHINES[name]()

@@ -8,6 +8,9 @@ of reactions nu and of shifts s = B^-1 C^T kappa of positions:
 R the rates' derivatives by positions.  With y = a + s all follow from solutions with the saddle matrix of B and C: y by
 its positions, s by C s = r2 - r3 + R y, then what K s changes of y; R of that is small of higher order and left out.
 Rows that shift no positions stand in the saddle matrix by their own equation in place of C.
+
+Columns of balls are by the turns of a step where they say what displacements do: K and the C that moves positions, not
+that of velocities.  So there s follows from the rates' equation as a whole, C s = C y + R y - r3.
 """
 
 from __future__ import annotations
@@ -78,16 +81,19 @@ def _put_slopes(plan, scratch, per_x, per_v):
 
 @kernel
 def _turn_stiffness(plan, scratch):
-    """Let the stiffness and the rows' rates count turns of balls within the step; whether there are any.
+    """Let the stiffness count turns of balls within the step; whether there are any.
 
-    What that changes of the matrix is left in ``loops.tree``.
+    What that changes of the matrix is left in ``loops.tree``, and of the rows' rates in ``loops.rate_jacobian``.
     """
     loops, values = scratch.loops, scratch.sparse.matrix.values
-    balls = loops.spins.shape[0] > 0
+    balls, rates = loops.spins.shape[0] > 0, loops.rate_jacobian
     if balls:
         to, pattern, move = scratch.sparse.to, scratch.sparse.pattern, scratch.displacement
         turn_block_columns(plan, pattern, to, move, loops.stiffness)
-        turn_path_columns(scratch.tangent, to, loops.spins, move, loops.rate_jacobian)
+        turn_path_columns(scratch.tangent, to, loops.spins, move, rates)
+        for i in range(rates.shape[0]):
+            for j in range(rates.shape[1]):
+                rates[i, j] -= scratch.tangent.rate_jacobian[i, j]
         for k in range(values.shape[0]):
             loops.tree.values[k] = loops.stiffness[k] - values[k]
     return balls
@@ -110,6 +116,10 @@ def linearise_loops(plan, work, state, scratch, per_x, per_v):
         for k in range(loops.tree.values.shape[0]):
             sparse.matrix.values[k] += loops.tree.values[k]
         turn_path_columns(scratch.tangent, to, loops.spins, scratch.displacement, loops.jacobian)
+        _copy(sparse.matrix.values, loops.whole)
+        for i in range(loops.rate_jacobian.shape[0]):
+            for j in range(loops.rate_jacobian.shape[1]):
+                loops.rate_jacobian[i, j] += scratch.tangent.rate_jacobian[i, j]
     _copy(sparse.matrix.values, loops.tree.values)
     for i in range(plan.rows.shape[0]):
         k = to.starts[0] + i
@@ -209,12 +219,15 @@ def solve_loops(plan, scratch, rhs):
             rhs[q, nu + m :] = 0.0
             s[:] = 0.0
             continue
-        add_motions(pattern, loops.stiffness, to, y)
+        balls = loops.spins.shape[0] > 0
+        add_motions(pattern, loops.whole if balls else loops.stiffness, to, y)
         multiply_rows(tw, to, loops.rate_jacobian, y, loops.row)
         s[:] = 0.0
         for i in range(m):
             if not is_unshifted(plan, scratch, i):
-                s[nu + i] = rhs[q, nu + i] - rhs[q, nu + m + i] + loops.row[i] / per_v
+                s[nu + i] = loops.row[i] / per_v - rhs[q, nu + m + i]
+                if not balls:
+                    s[nu + i] += rhs[q, nu + i]
         _solve(scratch, sparse.matrix, s)
         for i in range(m):
             rhs[q, nu + m + i] = -s[nu + i]

@@ -35,7 +35,7 @@ class LoopMatrices(ArrayStruct):
     tree: factors of the matrix without rows.  stiffness: (fill,) the part by positions.
     jacobian, rate_jacobian: (m, longest path) of the rows and, by positions, of their rates, as those of
     ``TangentWork``, but by the turns of balls within the step.  spins: (nv,) 1 where the velocities of a ball begin;
-    (0,) without balls.
+    whole: (fill,) the matrix, of which rate_jacobian is then; both (0,) without balls.
     slopes: (m, 3) see ``put_rows``.  per_v: (1,) weight of the part by velocities.
     shifts: (m,) of positions, and shifted: (free,) what they move.  vectors: (3, unknowns) and row: (m,) scratch.
     """
@@ -45,6 +45,7 @@ class LoopMatrices(ArrayStruct):
     jacobian: FloatArray
     rate_jacobian: FloatArray
     spins: IntArray
+    whole: FloatArray
     slopes: FloatArray
     per_v: FloatArray
     shifts: FloatArray
@@ -129,6 +130,7 @@ def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | No
             jacobian=two,
             rate_jacobian=two,
             spins=np.zeros(0, np.int64),
+            whole=nothing,
             slopes=two,
             per_v=np.zeros(1),
             shifts=nothing,
@@ -147,6 +149,7 @@ def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | No
         jacobian=np.zeros((m, blocks.longest_path)),
         rate_jacobian=np.zeros((m, blocks.longest_path)),
         spins=spins,
+        whole=np.zeros(pattern.fill if len(balls) else 0),
         slopes=np.zeros((m, 3)),
         per_v=np.zeros(1),
         shifts=np.zeros(m),
