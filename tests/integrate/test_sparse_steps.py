@@ -235,7 +235,7 @@ def test_corrections_of_radau_stages(monkeypatch, name, way):
 
 @pytest.mark.parametrize("way", ["none", "some", "all"])
 def test_corrections_of_radau_stages_of_loops_that_turn(monkeypatch, way):
-    """What is left out of the accelerations, turns of rows times those of forces, over the shifts: as the step squared."""
+    """What is left out of the accelerations, turns of rows times those of forces, over the shifts: as h squared."""
     scene, left = hammock(5), []
     for h in (1e-3, 5e-4):
         found, expected = (
