@@ -93,7 +93,7 @@ def marbles(count, *, aside=0.0):
         ball = scene.add(fm.RigidBody(1.0, (4e-3, 4e-3, 4e-3)), name=f"marble {k}")
         free = scene.connect(fm.joint.Free(), scene.ground.frame(), ball.frame(), name=f"flight {k}")
         free.position = (0.1995 * k, aside * (k % 2), 0.0995, 1.0, 0.0, 0.0, 0.0)
-        free.velocity = (1.0 - 0.3 * k, 0.2, 0.0, 1.0, 5.0, -2.0)
+        free.velocity = (1.0 - 0.3 * (k % 3), 0.2, 0.0, 1.0, 5.0, -2.0)
         shapes.append(fm.contact.Sphere(ball.frame(), radius))
         scene.touch(floor, shapes[-1], law, friction=rough)
         if k > 0:
