@@ -76,7 +76,8 @@ def hammock(links):
     for k in range(links):
         link = scene.add(brick(), name=f"link {k}")
         joint = scene.connect(ball, end, link.frame(), name=f"ball {k}")
-        joint.velocity = (0.5, 0.3 * k, -1.0)
+        if k < 2:  # of as many as may be set
+            joint.velocity = (0.5, 0.3 * k, -1.0)
         end = link.frame(p=(0.5, 0.0, 0.1))
     scene.connect(ball, scene.ground.frame(p=(0.4 * links, 0.1, 0.0)), end, name="last ball")
     return scene
