@@ -17,6 +17,7 @@ from flexmbd.integrate.alpha.interiors import newton_iteration
 from flexmbd.integrate.alpha.relation import begin_stage, take_weights
 from flexmbd.integrate.alpha.workspace import new_workspace
 from flexmbd.integrate.matrix_choice import alpha_matrix, radau_matrix
+from flexmbd.integrate.predicted_cost import counts
 from flexmbd.integrate.radau import matrix as radau_steps
 from flexmbd.integrate.radau import workspace as radau_workspace
 from flexmbd.integrate.radau.stages import evaluate_stage_times, place_stages, predict_stages
@@ -250,3 +251,27 @@ def test_loops_of_radau_iia_grow_with_the_machine():
     few, many = (radau_matrix(plan_of(ladder(k))).sparse[1] for k in (60, 120))
     assert many.operations < 2.0**1.25 * few.operations
     assert "sparse" in radau_matrix(plan_of(marbles(40))).text()
+
+
+def cluster(count):
+    """Stars that attract each other."""
+    scene = fm.System()
+    stars = [scene.add(fm.PointMass(1.0)) for _ in range(count)]
+    for k, star in enumerate(stars):
+        scene.connect(fm.joint.Translation(), scene.ground.frame((float(k), 0.1 * k**2, 0.0)), star.frame())
+    scene.add_force(fm.force.Gravitation(stars, G=1.0))
+    return scene
+
+
+def test_groups_whose_pairs_attract_each_other_are_told():
+    told = "dense, 90 unknowns: a force may join any two of its coordinates"
+    for method in (ALPHA, RADAU):
+        assert told in cluster(30).explain(integrator=method)
+
+
+def test_the_cost_of_a_factorisation_is_that_of_the_matrix_it_has():
+    """Of loops and trees it grows with the machine, of dense matrices of some hundred unknowns with the cube."""
+    small, large = (counts(plan_of(ladder(k))).factor for k in (80, 160))
+    assert small < large < 2.0**1.25 * small
+    few, many = (counts(plan_of(cluster(k))).factor for k in (80, 160))
+    assert many == pytest.approx(8.0 * few)
