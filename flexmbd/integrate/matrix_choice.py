@@ -12,20 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
+from flexmbd.multibody.kernels.elements.table import couple_all
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks, unknown_bounds
 from flexmbd.multibody.kernels.tangent.sparse_matrix import (
     SparseMatrix,
-    has_balls,
+    factor_cost,
     is_augmented,
     new_sparse_matrix,
     no_sparse_matrix,
     sparse_blocks,
 )
 from flexmbd.multibody.kernels.tangent.tangent_layout import FloatArray, TangentWork, new_tangent_work
-from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion
+from flexmbd.multibody.kernels.tangent.tree_recursion import TreeRecursion, new_tree_recursion, recursion_cost
 from flexmbd.multibody.kernels.tangent.unknown_blocks import UnknownBlocks
 
+_JOINED = ": a force may join any two of its coordinates"
 
 @dataclass(frozen=True, eq=False)
 class MatrixChoice:
@@ -52,6 +54,14 @@ class MatrixChoice:
         """(c + 1,) of the blocks of a dense matrix with two unknowns of each row."""
         return unknown_bounds(self.side_by_side, 2)
 
+    @property
+    def orders(self) -> FloatArray:
+        """(k,) orders of dense matrices, one unknown for each row, of which factors take as many operations."""
+        if self.recurs or self.sparse is not None:
+            cost = recursion_cost(self.plan) if self.sparse is None else factor_cost(self.sparse[1])
+            return np.array([(1.5 * cost) ** (1.0 / 3.0)])
+        return np.diff(unknown_bounds(self.side_by_side, 1)).astype(float)
+
     def new_sparse(self) -> SparseMatrix:
         """Allocate the sparse matrix; an empty one where it is not chosen."""
         return no_sparse_matrix() if self.sparse is None else new_sparse_matrix(self.plan, *self.sparse)
@@ -69,7 +79,7 @@ class MatrixChoice:
         many = f"{len(sizes)} blocks of up to " if len(sizes) > 1 else ""
         blocks = f"{many}{most} unknown{'' if most == 1 else 's'}"
         if self.sparse is None:
-            return f"dense, {blocks}"
+            return f"dense, {blocks}{_JOINED}" if couple_all(self.plan).any() else f"dense, {blocks}"
         found, pattern = self.sparse
         cut = f", {len(found.cuts)} bodies of the tree cut" if found.cuts else ""
         return (
@@ -79,29 +89,28 @@ class MatrixChoice:
         )
 
 
-def choose_matrix(plan: Plan, *, dense: bool = False, serves: bool = True, cuts: bool = True) -> MatrixChoice:
+def choose_matrix(plan: Plan, *, dense: bool = False, serves: bool = True) -> MatrixChoice:
     """The choice for ``plan``: by counted operations.
 
-    ``dense``: nothing else.  ``serves``: whether the method has a sparse matrix for it, and with ``cuts``.
+    ``dense``: nothing else.  ``serves``: whether the method has a sparse matrix for it.
     """
     side_by_side = diagonal_blocks(plan)
     free = np.diff(side_by_side.free)
     recursion = new_tree_recursion(plan, free[:0] if dense else free)
     found = None
     if serves and not dense and len(recursion.number) == 0:
-        found = sparse_blocks(plan, np.diff(unknown_bounds(side_by_side, 2)), cuts=cuts)
+        found = sparse_blocks(plan, np.diff(unknown_bounds(side_by_side, 2)))
     return MatrixChoice(plan, side_by_side, recursion, found)
 
 
 def alpha_matrix(plan: Plan, *, dense: bool = False) -> MatrixChoice:
     """That of generalized-alpha.
 
-    Its loops stand in a sparse matrix but where an augmented Lagrangian enforces some, or where they hold balls, whose
-    turns within a step count.
+    Its loops stand in a sparse matrix but where an augmented Lagrangian enforces some.
     """
-    return choose_matrix(plan, dense=dense, serves=not (is_augmented(plan) or (len(plan.rows) > 0 and has_balls(plan))))
+    return choose_matrix(plan, dense=dense, serves=not is_augmented(plan))
 
 
 def radau_matrix(plan: Plan) -> MatrixChoice:
-    """That of Radau IIA: trees stand in a sparse matrix, of its joints' coordinates."""
-    return choose_matrix(plan, serves=len(plan.rows) == 0, cuts=False)
+    """That of Radau IIA."""
+    return choose_matrix(plan)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexmbd.integrate.machine_rates import MachineRates
+from flexmbd.integrate.matrix_choice import radau_matrix
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.reading.tree import modal_places, parents
 
@@ -61,30 +62,31 @@ RADAU = StepModel(5.0, 0.23, 0.35, 0.18, 1.0, np.inf, residuals=11.0, factors=0.
 #: Of rigid bodies with stops or friction, where factors serve few steps and corrections, and steps are taken again.
 RADAU_GRIPPED = replace(RADAU, residuals=30.0, factors=2.0)
 
+_CUBE = 3.3e-4  # microseconds of LAPACK's real and complex LU, over the order cubed: large ones
 
 @dataclass(frozen=True)
 class Counts:
     """What a machine is made of.
 
     Attributes:
-        bodies, modes, rows, velocities: how many there are; rows of closed loops.
+        bodies, modes, rows: how many there are; rows of closed loops.
         carrying: modes of bodies that carry others.
+        factor: microseconds of a factorisation by Radau IIA, see ``MatrixChoice``.
     """
 
     bodies: int
     modes: int
     carrying: int
     rows: int
-    velocities: int
+    factor: float
 
     def step(self, model: StepModel) -> float:
         """Microseconds of a step."""
         dynamics = 0.3 + 0.12 * self.bodies + 0.033 * self.modes + 0.08 * self.carrying
         closing = self.rows * (0.6 + 0.02 * self.modes)
         residual = 0.6 * dynamics + 0.2 * self.rows
-        factor = 0.036 * (self.velocities + self.rows) ** 2
         evaluations = model.dynamics * (dynamics + closing) + model.projections * closing
-        return evaluations + model.residuals * residual + model.factors * factor
+        return evaluations + model.residuals * residual + model.factors * self.factor
 
 
 def counts(plan: Plan) -> Counts:
@@ -92,4 +94,6 @@ def counts(plan: Plan) -> Counts:
     carriers = set(parents(plan))
     modes = {place.row: place.v.stop - place.v.start for place in modal_places(plan)}
     carrying = sum(n for row, n in modes.items() if row in carriers)
-    return Counts(len(plan.tree), sum(modes.values()), carrying, len(plan.rows), len(plan.free))
+    orders = radau_matrix(plan).orders
+    factor = float(np.maximum(0.036 * orders**2, _CUBE * orders**3).sum())
+    return Counts(len(plan.tree), sum(modes.values()), carrying, len(plan.rows), factor)

@@ -67,3 +67,36 @@ def combs(teeth):
     for one, other in zip(*chains, strict=True):
         scene.add_force(fm.force.SpringDamper(one.frame((0.2, 0.1, 0.0)), other.frame(), 300.0, 2.0, 0.9))
     return scene
+
+
+def hammock(links):
+    """A chain of balls between two points of the ground, which a further ball closes."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    end, ball = scene.ground.frame(), fm.joint.Spherical()
+    for k in range(links):
+        link = scene.add(brick(), name=f"link {k}")
+        joint = scene.connect(ball, end, link.frame(), name=f"ball {k}")
+        if k < 2:  # of as many as may be set
+            joint.velocity = (0.5, 0.3 * k, -1.0)
+        end = link.frame(p=(0.5, 0.0, 0.1))
+    scene.connect(ball, scene.ground.frame(p=(0.4 * links, 0.1, 0.0)), end, name="last ball")
+    return scene
+
+
+def marbles(count, *, aside=0.0):
+    """Balls in a row that touch the ground and each other with friction, pushed along the row and turning."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    radius, shapes = 0.1, []
+    law = fm.contact.PowerLaw(k=2e4, p=1.5, restitution=0.6)
+    rough = fm.contact.Friction(0.3, stiffness=1e4, damping=20.0, load=10.0)
+    floor = fm.contact.HalfSpace(scene.ground.frame())
+    for k in range(count):
+        ball = scene.add(fm.RigidBody(1.0, (4e-3, 4e-3, 4e-3)), name=f"marble {k}")
+        free = scene.connect(fm.joint.Free(), scene.ground.frame(), ball.frame(), name=f"flight {k}")
+        free.position = (0.1995 * k, aside * (k % 2), 0.0995, 1.0, 0.0, 0.0, 0.0)
+        free.velocity = (1.0 - 0.3 * (k % 3), 0.2, 0.0, 1.0, 5.0, -2.0)
+        shapes.append(fm.contact.Sphere(ball.frame(), radius))
+        scene.touch(floor, shapes[-1], law, friction=rough)
+        if k > 0:
+            scene.touch(shapes[-2], shapes[-1], law, friction=rough)
+    return scene

@@ -10,7 +10,6 @@ from flexmbd.integrate.alpha.sparse_loops import (
     is_sparse,
     linearise_loops,
     solve_loops,
-    tell_worthless,
 )
 from flexmbd.integrate.alpha.workspace import (
     coefficients,
@@ -18,6 +17,7 @@ from flexmbd.integrate.alpha.workspace import (
     is_unshifted,
 )
 from flexmbd.integrate.explicit.loop_dynamics import factor_rows, least_pivot
+from flexmbd.integrate.sparse_rows import tell_worthless
 from flexmbd.multibody.kernels.algebra.rank_revealing import RANK_FLOOR
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
@@ -259,10 +259,13 @@ def _solve_recursion(plan, scratch, rhs):
 
 
 @deferred_kernel(FLAG)
-def _linearise_sparse(plan, work, scratch, per_x, per_v):
+def _linearise_sparse(plan, work, state, scratch, per_x, per_v):
     """Build and factor the sparse matrix of a tree; False if a pivot is worthless."""
     assemble(plan, work, scratch, per_x, per_v, 1.0)
-    return factor_sparse(scratch.sparse.pattern, scratch.sparse.matrix)
+    if factor_sparse(scratch.sparse.pattern, scratch.sparse.matrix):
+        return True
+    tell_worthless(plan, state, scratch.tangent, scratch.sparse.to, scratch.sparse.matrix)
+    return False
 
 
 @deferred_kernel()
@@ -293,12 +296,8 @@ def linearise(plan, work, state, scratch, h):
     if is_sparse(scratch):
         scratch.pivot[0] = _OF_SPARSE
         if m > 0:
-            regular = linearise_loops(plan, work, state, scratch, per_x, per_v)
-        else:
-            regular = _linearise_sparse(plan, work, scratch, per_x, per_v)
-        if not regular:
-            tell_worthless(plan, state, scratch)
-        return regular
+            return linearise_loops(plan, work, state, scratch, per_x, per_v)
+        return _linearise_sparse(plan, work, state, scratch, per_x, per_v)
     _put_derivatives(plan, work, scratch, per_x, per_v)
     if m > 0 and not _put_shifts(plan, state, scratch, per_x, per_v):
         return False

@@ -8,14 +8,16 @@ of reactions nu and of shifts s = B^-1 C^T kappa of positions:
 R the rates' derivatives by positions.  With y = a + s all follow from solutions with the saddle matrix of B and C: y by
 its positions, s by C s = r2 - r3 + R y, then what K s changes of y; R of that is small of higher order and left out.
 Rows that shift no positions stand in the saddle matrix by their own equation in place of C.
+
+Columns of balls are by the turns of a step where they say what displacements do: K and the C that moves positions, not
+that of velocities.  So there s follows from the rates' equation as a whole, C s = C y + R y - r3.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
 from flexmbd.integrate import state as st
 from flexmbd.integrate.alpha.workspace import holds_position_alone, is_unshifted
+from flexmbd.integrate.sparse_rows import least_row_pivot, tell_worthless
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, TUPLE2, deferred_kernel
 from flexmbd.multibody.kernels.base.separate import call_separate
@@ -23,6 +25,7 @@ from flexmbd.multibody.kernels.reading.plan_entries import augmented_stiffness, 
 from flexmbd.multibody.kernels.sparse.block_lu import factor_sparse, solve_sparse
 from flexmbd.multibody.kernels.tangent.sparse_assembly import put_rows
 from flexmbd.multibody.kernels.tangent.sparse_products import add_motions, multiply, multiply_rows, put_reactions
+from flexmbd.multibody.kernels.tangent.sparse_turns import turn_block_columns, turn_path_columns
 
 
 @kernel
@@ -76,64 +79,64 @@ def _put_slopes(plan, scratch, per_x, per_v):
             slopes[i, 2] = -1.0 / total if augmented else 0.0
 
 
+@kernel
+def _turn_stiffness(plan, scratch):
+    """Let the stiffness count turns of balls within the step; whether there are any.
+
+    What that changes of the matrix is left in ``loops.tree``, and of the rows' rates in ``loops.rate_jacobian``.
+    """
+    loops, values = scratch.loops, scratch.sparse.matrix.values
+    balls, rates = loops.spins.shape[0] > 0, loops.rate_jacobian
+    if balls:
+        to, pattern, move = scratch.sparse.to, scratch.sparse.pattern, scratch.displacement
+        turn_block_columns(plan, pattern, to, move, loops.stiffness)
+        turn_path_columns(scratch.tangent, to, loops.spins, move, rates)
+        for i in range(rates.shape[0]):
+            for j in range(rates.shape[1]):
+                rates[i, j] -= scratch.tangent.rate_jacobian[i, j]
+        for k in range(values.shape[0]):
+            loops.tree.values[k] = loops.stiffness[k] - values[k]
+    return balls
+
+
 @deferred_kernel(FLAG)
 def linearise_loops(plan, work, state, scratch, per_x, per_v):
     """Build and factor the saddle matrix and the tree's; False if one is singular."""
     sparse, loops, to = scratch.sparse, scratch.loops, scratch.sparse.to
     loops.per_v[0] = per_v
     assemble(plan, work, scratch, per_x, 0.0, 0.0)
-    _copy(sparse.matrix.values, loops.stiffness.values)
+    _copy(sparse.matrix.values, loops.stiffness)
     for i in range(loops.rate_jacobian.shape[0]):
         _copy(scratch.tangent.rate_jacobian[i], loops.rate_jacobian[i])
+    turns = _turn_stiffness(plan, scratch)
     assemble(plan, work, scratch, per_x, per_v, 1.0)
+    for i in range(loops.jacobian.shape[0]):
+        _copy(scratch.tangent.jacobian[i], loops.jacobian[i])
+    if turns:
+        for k in range(loops.tree.values.shape[0]):
+            sparse.matrix.values[k] += loops.tree.values[k]
+        turn_path_columns(scratch.tangent, to, loops.spins, scratch.displacement, loops.jacobian)
+        _copy(sparse.matrix.values, loops.whole)
+        for i in range(loops.rate_jacobian.shape[0]):
+            for j in range(loops.rate_jacobian.shape[1]):
+                loops.rate_jacobian[i, j] += scratch.tangent.rate_jacobian[i, j]
     _copy(sparse.matrix.values, loops.tree.values)
     for i in range(plan.rows.shape[0]):
         k = to.starts[0] + i
         block = to.block[k]
         loops.tree.values[to.diagonal[block, 0] + to.diagonal[block, 1] * k + k] = 1.0
     if not factor_sparse(sparse.pattern, loops.tree):
+        tell_worthless(plan, state, scratch.tangent, to, loops.tree)
         return False
     _put_slopes(plan, scratch, per_x, per_v)
-    put_rows(plan, scratch.tangent, to, loops.slopes, sparse.matrix.values)
+    put_rows(plan, scratch.tangent, to, loops.jacobian, loops.slopes, 1.0, sparse.matrix.values)
     if not factor_sparse(sparse.pattern, sparse.matrix):
+        tell_worthless(plan, state, scratch.tangent, to, sparse.matrix)
         return False
-    _watch_rows(plan, state, scratch)
-    return True
-
-
-@deferred_kernel()
-def tell_worthless(plan, state, scratch):
-    """Name a coordinate whose pivot was worthless, or one that moves the frames of a row whose pivot was."""
-    tree, to = scratch.loops.tree, scratch.sparse.to
-    nu, m = plan.free.shape[0], plan.rows.shape[0]
-    unknown = tree.worthless[0] if m > 0 and tree.worthless[0] >= 0 else scratch.sparse.matrix.worthless[0]
-    if 0 <= unknown < nu:
-        state.counts[st.WORST] = plan.free[unknown]
-    for s in range(to.row_first.shape[0] - 1):
-        first = to.row_first[s]
-        if first <= unknown - nu < to.row_first[s + 1]:
-            for j in range(scratch.tangent.row_count[first]):
-                if scratch.tangent.row_unknown[first, j] < to.starts[0]:
-                    state.counts[st.WORST] = scratch.tangent.row_unknown[first, j]
-
-
-@kernel
-def _watch_rows(plan, state, scratch):
-    """Write the smallest pivot of the rows, over the largest that it had, into ``s.least_pivot``."""
-    pattern, values, longest = scratch.sparse.pattern, scratch.sparse.matrix.values, scratch.memory.row_length
-    nu, m = plan.free.shape[0], plan.rows.shape[0]
-    least = 1.0
-    for front in range(pattern.stack_at.shape[0]):
-        first, p = pattern.pivots[front], pattern.pivots[front + 1] - pattern.pivots[front]
-        width = p + pattern.at[front + 1] - pattern.at[front]
-        for k in range(p):
-            i = pattern.unknown[first + k] - nu
-            if 0 <= i < m:
-                pivot = abs(values[pattern.values_at[front] + k * width + k])
-                longest[i] = max(longest[i], np.sqrt(pivot))
-                least = min(least, pivot / longest[i] ** 2)
+    least = least_row_pivot(plan, sparse.pattern, sparse.matrix, scratch.memory.row_length)
     st.watch_pivot(state, least)
     scratch.least_pivot[0] = least
+    return True
 
 
 @kernel
@@ -216,12 +219,15 @@ def solve_loops(plan, scratch, rhs):
             rhs[q, nu + m :] = 0.0
             s[:] = 0.0
             continue
-        add_motions(pattern, loops.stiffness, to, y)
+        balls = loops.spins.shape[0] > 0
+        add_motions(pattern, loops.whole if balls else loops.stiffness, to, y)
         multiply_rows(tw, to, loops.rate_jacobian, y, loops.row)
         s[:] = 0.0
         for i in range(m):
             if not is_unshifted(plan, scratch, i):
-                s[nu + i] = rhs[q, nu + i] - rhs[q, nu + m + i] + loops.row[i] / per_v
+                s[nu + i] = loops.row[i] / per_v - rhs[q, nu + m + i]
+                if not balls:
+                    s[nu + i] += rhs[q, nu + i]
         _solve(scratch, sparse.matrix, s)
         for i in range(m):
             rhs[q, nu + m + i] = -s[nu + i]
@@ -229,7 +235,7 @@ def solve_loops(plan, scratch, rhs):
             s[nu + i] = 0.0
         change[:] = 0.0
         multiply(pattern, loops.stiffness, to, s, change[:nu])
-        multiply_rows(tw, to, tw.jacobian, s, loops.row)
+        multiply_rows(tw, to, loops.jacobian, s, loops.row)
         for j in range(nu):
             change[j] = -change[j]
         for i in range(m):
@@ -278,7 +284,7 @@ def remove_across_sparse(plan, scratch, vector):
     for j in range(nu):
         own[j] = vector[j]
     add_motions(scratch.sparse.pattern, loops.stiffness, scratch.sparse.to, own)
-    multiply_rows(scratch.tangent, scratch.sparse.to, scratch.tangent.jacobian, own, loops.row)
+    multiply_rows(scratch.tangent, scratch.sparse.to, loops.jacobian, own, loops.row)
     own[:] = 0.0
     for i in range(m):
         own[nu + i] = loops.row[i]

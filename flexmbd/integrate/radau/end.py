@@ -13,6 +13,8 @@ from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION, factor_rows, l
 from flexmbd.integrate.newton_control import CONVERGED, NOT_FINITE, judge
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
+from flexmbd.integrate.radau.sparse_end import balance_sparse, close_sparse, factor_sparse_end
+from flexmbd.integrate.radau.sparse_matrices import is_sparse
 from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -34,6 +36,8 @@ _STALLED = 0.5  # a slower contraction counts as none
 @kernel
 def _factor_end(plan, work, state, scratch):
     """Factor M and C M^-1 C^T at the last stage, which was evaluated last; whether M is regular."""
+    if is_sparse(scratch):
+        return factor_sparse_end(plan, work, state, scratch)
     derive(plan, work, scratch, _LAST, 0.0, 0.0, 1.0)
     least = 1.0
     for c in range(scratch.bounds.shape[0] - 1):
@@ -101,6 +105,8 @@ def _solve_reactions(scratch):
 @kernel
 def _least_pivot(scratch):
     """The smallest pivot of C M^-1 C^T above round-off, of rows of unit length."""
+    if is_sparse(scratch):
+        return scratch.shifted.least_pivot[0]
     least = 1.0
     for c in range(scratch.bounds.shape[0] - 1):
         if scratch.row_rank[c] > 0:
@@ -116,6 +122,8 @@ def _close(plan, scratch, what, scale, rows, velocities):
     Positions are held by some of the rows, ``velocities`` by all.
     The stages' iteration, with slopes of another stage, converges slowly on nearly dependent rows.
     """
+    if is_sparse(scratch):
+        return close_sparse(plan, scratch, what, scale, rows, velocities)
     m = plan.rows.shape[0]
     for r in range(m):
         scratch.row_residual[r] = rows[r] if velocities or holds_position(plan.rows[r]) else 0.0
@@ -139,6 +147,8 @@ def _balance(plan, state, scratch, h):
 
     Forces out of balance count by ``state.pushed``.
     """
+    if is_sparse(scratch):
+        return balance_sparse(plan, state, scratch, h)
     m = plan.rows.shape[0]
     for j in range(plan.free.shape[0]):
         scratch.rhs_end[0, j] = -scratch.equation[_LAST, j]

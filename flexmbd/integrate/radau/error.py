@@ -15,8 +15,6 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
-from flexmbd.multibody.kernels.reading.plan_entries import holds_position
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -35,7 +33,6 @@ def _estimate(plan, state, groups, scratch, h):
     """
     nu = plan.free.shape[0]
     m = plan.rows.shape[0]
-    blocks = scratch.tangent.blocks
     step = h / REAL
     for j in range(nu):
         k = plan.free[j]
@@ -53,25 +50,11 @@ def _estimate(plan, state, groups, scratch, h):
         # the frequency of a vibration with that curvature of its acceleration
         scratch.own_rate[k] = np.sqrt(abs(curve) / size) / h if size > 0.0 else 0.0
     put_imbalance(plan, scratch, step)
-    for c in range(blocks.velocity.shape[0]):
-        first, last = between(blocks.free, c)
-        for r in range(*between(blocks.rows, c)):
-            opening = 0.0
-            swing = 0.0
-            for j in range(first, last):
-                opening -= scratch.jacobian[r, j] * scratch.error_x[j]
-                swing -= scratch.rate_jacobian[r, j] * scratch.error_x[j]
-            holds = holds_position(plan.rows[r])
-            scratch.rhs_real[0, nu + r] = opening / step if holds else 0.0
-            scratch.rhs_real[0, nu + m + r] = swing
     solve_real(plan, scratch)
-    for c in range(blocks.velocity.shape[0]):
-        for j in range(*between(blocks.free, c)):
-            shift = 0.0
-            for r in range(*between(blocks.rows, c)):
-                shift += scratch.shift_direction[r, j] * scratch.rhs_real[0, nu + m + r]
-            scratch.error_v[j] = scratch.rhs_real[0, j]
-            scratch.error_x[j] += step * (scratch.rhs_real[0, j] + shift)
+    for j in range(nu):
+        shift = scratch.push_real[j] if m > 0 else 0.0
+        scratch.error_v[j] = scratch.rhs_real[0, j]
+        scratch.error_x[j] += step * (scratch.rhs_real[0, j] + shift)
 
 
 @kernel

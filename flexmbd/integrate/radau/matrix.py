@@ -6,6 +6,14 @@ import numpy as np
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import BASIS, BASIS_INVERSE, COMPLEX, REAL, STAGES
+from flexmbd.integrate.radau.recursion_matrices import (
+    factor_recursions,
+    put_tree_imbalance,
+    recurs,
+    solve_complex_recursion,
+    solve_real_recursion,
+    take_parts,
+)
 from flexmbd.integrate.radau.sparse_matrices import (
     factor_both,
     is_sparse,
@@ -14,7 +22,8 @@ from flexmbd.integrate.radau.sparse_matrices import (
     solve_real_blocks,
     take_blocks,
 )
-from flexmbd.integrate.radau.stages import TANGENT_AFTER_RESIDUAL, TREE_TANGENT, evaluate_stage
+from flexmbd.integrate.radau.stages import evaluate_stage
+from flexmbd.integrate.radau.workspace import TANGENT_AFTER_RESIDUAL
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
@@ -22,16 +31,6 @@ from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
-from flexmbd.multibody.kernels.tangent.recursion_parts import (
-    DAMPING,
-    MASS,
-    N_PARTS,
-    STIFFNESS,
-    add_product,
-    keep_part,
-    set_shift,
-)
-from flexmbd.multibody.kernels.tangent.tree_recursion import factor_recursion, solve_recursion
 
 
 @kernel
@@ -83,7 +82,7 @@ def take_tangent(plan, work, state, scratch, stage):
     scratch.memory.tangent_serves[0] = 1
     scratch.memory.step_factored[0] = 0.0
     if recurs(scratch):
-        return _take_parts(plan, work, scratch, stage)
+        return take_parts(plan, work, scratch, stage)
     if is_sparse(scratch):
         return take_blocks(plan, work, scratch, stage)
     derive(plan, work, scratch, stage, 1.0, 0.0, 0.0)
@@ -105,71 +104,13 @@ def take_tangent(plan, work, state, scratch, stage):
 
 
 @kernel
-def recurs(scratch):
-    """Whether the matrices are factored by the recursion over the tree."""
-    return scratch.recursion.number.shape[0] > 0
-
-
-@deferred_kernel(FLAG)
-def _take_parts(plan, work, scratch, i):
-    """The tangent's parts at stage i, for the recursion; whether all is finite."""
-    finite = True
-    for part in range(N_PARTS):
-        per_x, per_v = 1.0 if part == STIFFNESS else 0.0, 1.0 if part == DAMPING else 0.0
-        per_a = 1.0 if part == MASS else 0.0
-        call_separate(
-            scratch.kernels[TREE_TANGENT],
-            (
-                plan,
-                work,
-                scratch.tangent,
-                scratch.recursion,
-                scratch.x[i],
-                scratch.v[i],
-                scratch.a[i],
-                per_x,
-                per_v,
-                per_a,
-            ),
-        )
-        finite = keep_part(scratch.recursion, scratch.parts, part) and finite
-    return finite
-
-
-@deferred_kernel(FLAG)
-def _factor_recursions(plan, scratch, h):
-    """Factor both iteration matrices by the recursion; False if a pivot is too small."""
-    set_shift(scratch.parts, h / REAL, scratch.recursion)
-    set_shift(scratch.parts, h / COMPLEX, scratch.complex_recursion)
-    return factor_recursion(plan, scratch.recursion) and factor_recursion(plan, scratch.complex_recursion)
-
-
-@deferred_kernel()
-def _solve_real_recursion(plan, scratch):
-    solve_recursion(plan, scratch.recursion, scratch.rhs_real)
-
-
-@deferred_kernel()
-def _solve_complex_recursion(plan, scratch):
-    solve_recursion(plan, scratch.complex_recursion, scratch.rhs_complex)
-
-
-@deferred_kernel()
-def _put_tree_imbalance(plan, scratch, step):
-    scratch.rhs_real[0, :] = 0.0
-    parts, recursion, out = scratch.parts, scratch.recursion, scratch.rhs_real[0]
-    add_product(plan, parts, MASS, recursion, 1.0, scratch.error_v, out)
-    add_product(plan, parts, STIFFNESS, recursion, -step, scratch.error_x, out)
-
-
-@kernel
 def put_imbalance(plan, scratch, step):
-    """Write M ``s.error_v`` - ``step`` K ``s.error_x`` into the coordinates' part of ``s.rhs_real``."""
+    """Write M ``s.error_v`` - ``step`` K ``s.error_x``, and what ``s.error_x`` opens of rows, into ``s.rhs_real``."""
     if recurs(scratch):
-        _put_tree_imbalance(plan, scratch, step)
+        put_tree_imbalance(plan, scratch, step)
         return
     if is_sparse(scratch):
-        put_block_imbalance(scratch, step)
+        put_block_imbalance(plan, scratch, step)
         return
     blocks = scratch.tangent.blocks
     for c in range(blocks.velocity.shape[0]):
@@ -180,6 +121,24 @@ def put_imbalance(plan, scratch, step):
                 k = j - first
                 total += scratch.mass[i, k] * scratch.error_v[j] - step * scratch.stiffness[i, k] * scratch.error_x[j]
             scratch.rhs_real[0, i] = total
+    _put_openings(plan, scratch, step)
+
+
+@kernel
+def _put_openings(plan, scratch, step):
+    """What ``s.error_x`` opens of the rows: of positions over the step, and of rates."""
+    nu, m, blocks = plan.free.shape[0], plan.rows.shape[0], scratch.tangent.blocks
+    for c in range(blocks.velocity.shape[0]):
+        first, last = between(blocks.free, c)
+        for r in range(*between(blocks.rows, c)):
+            opening = 0.0
+            swing = 0.0
+            for j in range(first, last):
+                opening -= scratch.jacobian[r, j] * scratch.error_x[j]
+                swing -= scratch.rate_jacobian[r, j] * scratch.error_x[j]
+            holds = holds_position(plan.rows[r])
+            scratch.rhs_real[0, nu + r] = opening / step if holds else 0.0
+            scratch.rhs_real[0, nu + m + r] = swing
 
 
 @kernel
@@ -277,9 +236,9 @@ def factor_step(plan, state, scratch, h):
     state.counts[st.FACTORISATIONS] += 1
     scratch.memory.step_factored[0] = h
     if recurs(scratch):
-        return _factor_recursions(plan, scratch, h)
+        return factor_recursions(plan, scratch, h)
     if is_sparse(scratch):
-        return factor_both(scratch, h)
+        return factor_both(plan, state, scratch, h)
     if plan.rows.shape[0] > 0 and not _shift_directions(plan, scratch, h):
         return False
     _fill_matrix(plan, scratch, h / REAL + 0.0, scratch.real_matrix)
@@ -291,38 +250,66 @@ def factor_step(plan, state, scratch, h):
 
 
 @kernel
+def _put_push(scratch, rhs, push):
+    """Write D times kappa, the last of a solution (n,), into ``push`` (nu,)."""
+    blocks, direction = scratch.tangent.blocks, scratch.shift_direction
+    begin = rhs.shape[0] - direction.shape[0]
+    for c in range(blocks.velocity.shape[0]):
+        first, last = between(blocks.free, c)
+        for j in range(first, last):
+            push[j] = 0.0
+        for r in range(*between(blocks.rows, c)):
+            kappa = rhs[begin + r]
+            for j in range(first, last):
+                push[j] += direction[r, j] * kappa
+
+
+@kernel
 def solve_real(plan, scratch):
-    """Solve with the real iteration matrix for ``s.rhs_real``, in place."""
+    """Solve with the real iteration matrix for ``s.rhs_real``, in place; where there are rows, ``s.push_real``."""
     if recurs(scratch):
-        _solve_real_recursion(plan, scratch)
+        solve_real_recursion(plan, scratch)
         return
     if is_sparse(scratch):
-        solve_real_blocks(scratch)
+        solve_real_blocks(plan, scratch)
         return
     if scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.real_matrix, scratch.pivot_real, scratch.sizes, scratch.rhs_real)
-        return
-    blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
-    rhs, sorted_rhs = scratch.rhs_real, scratch.sorted_real
-    solve_sorted(plan.lapack, scratch.real_matrix, blocks, bounds, scratch.pivot_real, sizes, rhs, sorted_rhs)
+    else:
+        blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
+        rhs, sorted_rhs = scratch.rhs_real, scratch.sorted_real
+        solve_sorted(plan.lapack, scratch.real_matrix, blocks, bounds, scratch.pivot_real, sizes, rhs, sorted_rhs)
+    if plan.rows.shape[0] > 0:
+        _put_push(scratch, scratch.rhs_real[0], scratch.push_real)
 
 
 @kernel
 def _solve_complex(plan, scratch):
     if recurs(scratch):
-        _solve_complex_recursion(plan, scratch)
+        solve_complex_recursion(plan, scratch)
         return
     if is_sparse(scratch):
-        solve_complex_blocks(scratch)
+        solve_complex_blocks(plan, scratch)
         return
     if scratch.bounds.shape[0] == 2:
         matrix, pivot = scratch.complex_matrix, scratch.pivot_complex
         solve(scratch.lapack_complex, matrix, pivot, scratch.sizes, scratch.rhs_complex)
-        return
-    blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
-    rhs, sorted_rhs = scratch.rhs_complex, scratch.sorted_complex
-    matrix, pivot = scratch.complex_matrix, scratch.pivot_complex
-    solve_sorted(scratch.lapack_complex, matrix, blocks, bounds, pivot, sizes, rhs, sorted_rhs)
+    else:
+        blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
+        rhs, sorted_rhs = scratch.rhs_complex, scratch.sorted_complex
+        matrix, pivot = scratch.complex_matrix, scratch.pivot_complex
+        solve_sorted(scratch.lapack_complex, matrix, blocks, bounds, pivot, sizes, rhs, sorted_rhs)
+    if plan.rows.shape[0] > 0:
+        _put_push(scratch, scratch.rhs_complex[0], scratch.push_complex)
+
+
+@kernel
+def _add_pushes(scratch):
+    """Add the corrections' pushes to those of the stages."""
+    for j in range(scratch.push_real.shape[0]):
+        w0, w1, w2 = scratch.push_real[j], scratch.push_complex[j].real, scratch.push_complex[j].imag
+        for i in range(STAGES):
+            scratch.pushed[i, j] += BASIS[i, 0] * w0 + BASIS[i, 1] * w1 + BASIS[i, 2] * w2
 
 
 @kernel
@@ -390,3 +377,5 @@ def correct_stages(plan, scratch, h):
                         scratch.multipliers[i, r] += scratch.row_transform[i, j - nu, r] * change
             else:
                 scratch.shift[i, j - nu - m] += change
+    if m > 0:
+        _add_pushes(scratch)

@@ -17,6 +17,7 @@ from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.end import close_end, place_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
 from flexmbd.integrate.radau.row_transforms import choose_stage, transform_stage_rows
+from flexmbd.integrate.radau.sparse_matrices import is_sparse
 from flexmbd.integrate.radau.stages import (
     evaluate_stage,
     place_stages,
@@ -88,7 +89,8 @@ def solve_step(plan, work, state, scratch, h, tolerance):
     """
     known = scratch.memory.polynomial_known[0] == 1
     renew = scratch.memory.renewals[0] > 0
-    for attempt in range(_TRANSFORMED + 2 if plan.rows.shape[0] > 0 else _TRANSFORMED):
+    transforms = plan.rows.shape[0] > 0 and not is_sparse(scratch)
+    for attempt in range(_TRANSFORMED + 2 if transforms else _TRANSFORMED):
         new_factors = scratch.memory.step_factored[0] != h
         if attempt == 0 and (scratch.memory.tangent_serves[0] == 0 or (new_factors and renew)):
             continue

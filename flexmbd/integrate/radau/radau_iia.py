@@ -16,11 +16,8 @@ from flexmbd.integrate.jumps import put_widest, take_jump
 from flexmbd.integrate.radau.coefficients import ORDER, STAGES
 from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_vibration_scales
 from flexmbd.integrate.radau.newton import solve_step
-from flexmbd.integrate.radau.stages import (
-    RadauWorkspace,
-    evaluate_stage_times,
-    new_workspace,
-)
+from flexmbd.integrate.radau.stages import evaluate_stage_times
+from flexmbd.integrate.radau.workspace import RadauWorkspace, new_workspace
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel

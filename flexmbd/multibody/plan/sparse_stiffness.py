@@ -125,7 +125,7 @@ class SparseStiffness:
         assemble_sparse(plan, self.work, self.tangents, sparse.to, x, v, a, multipliers, *weights, values)
         if len(plan.rows):
             slopes = np.tile((1.0, 0.0, 0.0), (len(plan.rows), 1))
-            put_rows(plan, self.tangents, sparse.to, slopes, values)
+            put_rows(plan, self.tangents, sparse.to, self.tangents.jacobian, slopes, 1.0, values)
 
     def factor(self, terms: FloatArray) -> bool:
         """Factor what was assembled, what nothing resists being held; False if rows have no pivots.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from large_machines import brick, lattice
+from large_machines import brick, lattice, marbles
 from mixed_machine import mixed_scene
 from particles import particle_body
 from random_trees import random_tree
@@ -56,7 +56,7 @@ def sparse(plan, state, cut=None, multipliers=NONE):
     for _ in range(2):  # nothing is left over
         residual(plan, work, x, v, a, multipliers, np.zeros(len(v)))
         assemble_sparse(plan, work, tw, to, x, v, a, multipliers, *WEIGHTS, values)
-        put_rows(plan, tw, to, np.tile(SLOPES, (len(plan.rows), 1)), values)
+        put_rows(plan, tw, to, tw.jacobian, np.tile(SLOPES, (len(plan.rows), 1)), 1.0, values)
     matrix = np.zeros((blocks.unknowns, blocks.unknowns))
     for (i, j), place, size in zip(pairs, places, sizes, strict=True):
         rows, columns = (slice(blocks.first[k], blocks.first[k] + blocks.size[k]) for k in (i, j))
@@ -73,9 +73,9 @@ def without_cuts(matrix, count):
     return matrix[:count, :count] - matrix[:count, count:] @ np.linalg.solve(cut, matrix[count:, :count])
 
 
-def compare(compiled, seed, cut=None):
+def compare(compiled, seed, cut=None, spread=0.3):
     plan = compiled.plan
-    state = state_of(compiled, seed)
+    state = state_of(compiled, seed, spread)
     multipliers = np.random.default_rng(seed + 1).standard_normal(len(plan.rows))
     expected = dense(plan, state, multipliers)
     found, count = sparse(plan, state, cut, multipliers)
@@ -140,6 +140,14 @@ def test_springs_between_branches():
     compiled = limbs().compile().scene
     compare(compiled, 5)
     compare(compiled, 5, np.ones(len(compiled.plan.tree), bool))
+
+
+def test_contacts_with_friction():
+    """Their states, and the rates of these by all that moves the two frames."""
+    compiled = marbles(3).compile().scene
+    assert (compiled.plan.elements[:, at.EL_V] >= 0).all()
+    compare(compiled, 6, spread=1e-4)
+    compare(compiled, 6, np.ones(len(compiled.plan.tree), bool), spread=1e-4)
 
 
 def test_a_lattice_has_as_many_entries_as_neighbours():

@@ -163,7 +163,7 @@ def _variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step
 
 @kernel
 def wrench_by_state(plan, work, row, d, R, rate, spin, i, size_v):
-    """Change of force and torque by the velocity of state i's link, whose size is given; rates: `add_rates`."""
+    """Change of force and torque by the velocity of state i's link, whose size is given; rates: `put_rates`."""
     n, _, _, answer = _sizes(plan, row)
     o = row[at.EL_DATA]
     scale = plan.data[o + _HEAD + i]
@@ -186,13 +186,13 @@ def load_states(plan, work, row):
 
 
 @kernel
-def add_rates(plan, work, row, column, factor, matrix):
-    """Subtract ``factor`` times the rates' change that was found last from a column of the matrix."""
+def put_rates(plan, work, row, column, factor, rates):
+    """Store in a column what the rates that were found last subtract, times ``factor``, on states' links."""
     n, _, _, answer = _sizes(plan, row)
     o = row[at.EL_DATA]
     for i in range(n):
         change = work.generalized[answer + _WRENCH + i]
-        matrix[row[at.EL_V] + i, column] -= factor * change / plan.data[o + _HEAD + i]
+        rates[i, column] = -factor * change / plan.data[o + _HEAD + i]
 
 
 FRAME_STATES = FrameElement(

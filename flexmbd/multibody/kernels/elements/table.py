@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.base.by_kind import by_kind
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT
@@ -74,16 +74,14 @@ def stores(plan: Plan) -> NDArray[np.bool_]:
 def couple_all(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether the tangent of each element of a plan may join any two coordinates.
 
-    Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole; states are
-    joined with the frames that they follow; and so are the frames of a group.
+    Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole; and so are the
+    frames of a group.
     """
     kinds = (ELEMENTS[kind] for kind in plan.elements[:, at.EL_KIND])
     return np.array(
         [
             one is INTERIOR_WRENCH
             or isinstance(one, PairsElement)
-            or one is FRAME_STATES
-            or one is ROUGH_CONTACT
             or (isinstance(one, GeneralisedForce) and one.subtract_tangent is not None and one.couples)
             for one in kinds
         ],
@@ -94,6 +92,14 @@ def couple_all(plan: Plan) -> NDArray[np.bool_]:
 def act_between_frames(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan acts between two frames."""
     return np.array([isinstance(ELEMENTS[kind], FrameElement) for kind in plan.elements[:, at.EL_KIND]], bool)
+
+
+def own_links(plan: Plan, row: IntArray) -> range:
+    """The links, rows of ``Plan.tree``, of the states that a force between frames has of its own; mostly none."""
+    if row[at.EL_V] < 0:
+        return range(0)
+    first = int(plan.data[row[at.EL_DATA] + 2])
+    return range(first, first + int(plan.data[row[at.EL_DATA]]))
 
 
 def of_pairs(plan: Plan) -> NDArray[np.bool_]:

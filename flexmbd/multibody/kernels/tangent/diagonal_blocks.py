@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
 from flexmbd.multibody.kernels.base.row_blocks import body_velocities, moving_branches, root_of, row_bodies
-from flexmbd.multibody.kernels.elements.table import act_between_frames, couple_all
+from flexmbd.multibody.kernels.elements.table import act_between_frames, couple_all, own_links
 
 _PLACES = 2**31 - 1
 
@@ -73,7 +73,7 @@ def _coupled(plan: Plan) -> Iterator[tuple[int, int, int, int]]:
     branch = moving_branches(plan, velocities)
     ends = [row_bodies(plan, row) for row in plan.rows]
     acting = [
-        (int(plan.frame_of[row[at.EL_F], at.FRAME_BODY]), int(plan.frame_of[row[at.EL_G], at.FRAME_BODY]))
+        (*plan.frame_of[row[[at.EL_F, at.EL_G]], at.FRAME_BODY].tolist(), *own_links(plan, row))
         for row in plan.elements[act_between_frames(plan)]
     ]
     joined = {i: i for i in branch if i >= 0}

@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.differences import difference_step
-from flexmbd.multibody.kernels.elements.frame_states import add_rates, state_count, wrench_by_state
+from flexmbd.multibody.kernels.elements.frame_states import put_rates, state_count, wrench_by_state
 from flexmbd.multibody.kernels.elements.table import (
     element_wrench,
     element_wrench_variation,
@@ -217,8 +217,8 @@ def load_edges(plan, work, tw, f, g, force, torque, x, v, a, per_x, per_v, per_a
 def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """Store what the unknowns change of a force between frames, which is applied, so subtracted.
 
-    ``at_f`` and ``at_g`` have the entries of the modes that move the frames, and of states.  Returns how many unknowns
-    move one of the frames and how many of these, the first of the path, move them apart.
+    ``at_f`` and ``at_g`` have the entries of the modes that move the frames.  Returns how many unknowns move one of the
+    frames and how many of these, the first of the path, move them apart; the states of the force are among both.
     """
     f, g = row[at.EL_F], row[at.EL_G]
     d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
@@ -240,17 +240,17 @@ def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
         step = difference_step(per_x, per_v, tw.size_x[sized], tw.size_v[sized])
         dforce, dtorque = element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step)
         if row[at.EL_V] >= 0:
-            add_rates(plan, work, row, k, 1.0, at_g)
+            put_rates(plan, work, row, k, 1.0, tw.path_rates)
         dforce, dtorque = scale3(-1.0, dforce), scale3(-1.0, dtorque)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
     if row[at.EL_V] >= 0:
-        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v, at_g)
+        count, moved = _put_states(plan, work, tw, row, (d, R, rate, spin), (c_F, R_F), count, moved, per_v)
     return count, moved
 
 
 @kernel
-def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v, matrix):
+def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v):
     """Store what an element's own states change of its force and of their rates, as unknowns that move no frame."""
     d, R, rate, spin = motion
     c_F, R_F = of_F
@@ -258,7 +258,7 @@ def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v, matrix):
     for i in range(state_count(plan, row)):
         k = row[at.EL_V] + i
         force, torque = wrench_by_state(plan, work, row, d, R, rate, spin, i, tw.size_v[k])
-        add_rates(plan, work, row, k, per_v, matrix)
+        put_rates(plan, work, row, k, per_v, tw.path_rates)
         tw.path_mark[k] = 1
         for t in range(18):
             tw.path_twist[t, k] = 0.0
@@ -289,6 +289,14 @@ def _put_frame_load(plan, work, tw, row, count):
         load[tw.path[j]] = dot3(away, pull) + dot3(apart, moment)
 
 
+@kernel
+def _add_rates(plan, tw, row, moved, matrix):
+    """Add the stored changes of the rates of a force's own states."""
+    for i in range(state_count(plan, row)):
+        for j in range(moved):
+            matrix[row[at.EL_V] + i, tw.path[j]] += tw.path_rates[i, tw.path[j]]
+
+
 @deferred_kernel()
 def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames."""
@@ -297,6 +305,8 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
         if is_between_frames(row[at.EL_KIND]) and not is_of_pairs(row[at.EL_KIND]):
             count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
             add_changes(tw, count, moved, matrix)
+            if row[at.EL_V] >= 0:
+                _add_rates(plan, tw, row, moved, matrix)
             if row[at.EL_X] >= 0:
                 _put_frame_load(plan, work, tw, row, count)
             clear_path(tw, count)

@@ -15,6 +15,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import block_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.elements.frame_states import state_count
 from flexmbd.multibody.kernels.elements.table import (
     coordinate_law,
     is_between_frames,
@@ -231,6 +232,19 @@ def _add_changes(tw, to, e, count, moved, values):
     clear_path(tw, count)
 
 
+@deferred_kernel()
+def _add_rates(plan, tw, to, e, moved, values):
+    """Add the stored changes of the rates of a force element's own states, after ``_add_changes``."""
+    row, blocks = plan.elements[e], to.element_first[e + 1] - to.element_first[e]
+    for i in range(state_count(plan, row)):
+        r = row[at.EL_V] + i
+        line = to.base_first[e] + blocks * to.local[to.block[r]]
+        for j in range(moved):
+            k = tw.path[j]
+            place = line + to.local[to.block[k]]
+            values[to.bases[place, 0] + to.bases[place, 1] * r + k] += tw.path_rates[i, k]
+
+
 @kernel
 def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     """Add stiffness and damping of a force between frames."""
@@ -239,6 +253,8 @@ def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     at_f, at_g = block_view(values, f[0], f[1], n), block_view(values, g[0], g[1], n)
     count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
     _add_changes(tw, to, e, count, moved, values)
+    if row[at.EL_V] >= 0:
+        _add_rates(plan, tw, to, e, moved, values)
 
 
 @deferred_kernel()
@@ -294,10 +310,11 @@ def _put_coupling(plan, tw, to, i, per_v):
 
 
 @entry_kernel
-def put_rows(plan, tw, to, slopes, values):
-    """Write rows and columns of the multipliers, after ``assemble_sparse``: C^T, and of row i below ``slopes`` (m, 3).
+def put_rows(plan, tw, to, jacobian, slopes, push, values):
+    """Write rows and columns of the multipliers, after ``assemble_sparse``: ``push`` C^T, and by ``slopes`` (m, 3).
 
-    That is slopes[i, 0] C_i + slopes[i, 1] (the derivative of its rate), and slopes[i, 2] on the diagonal.
+    Row i is slopes[i, 0] C_i + slopes[i, 1] (the derivative of its rate), and slopes[i, 2] on the diagonal, with this
+    C_i of ``jacobian``, which is ``tw.jacobian`` where turns within a step do not count.
     """
     begin = to.element_first[plan.elements.shape[0]]
     for s in range(to.row_first.shape[0] - 1):
@@ -312,10 +329,10 @@ def put_rows(plan, tw, to, slopes, values):
                 k = tw.row_unknown[first, j]
                 r, sign = row_of(to, k)
                 place = to.element_first[e] - begin + to.local[to.block[k]]
-                slope = slopes[i, 0] * tw.jacobian[i, j] + slopes[i, 1] * tw.rate_jacobian[i, j]
+                slope = slopes[i, 0] * jacobian[i, j] + slopes[i, 1] * tw.rate_jacobian[i, j]
                 values[to.row_bases[place, 0] + to.row_bases[place, 1] * nu + k] = slope
                 if r >= 0:
-                    values[to.row_bases[place, 2] + to.row_bases[place, 3] * r + nu] = sign * tw.jacobian[i, j]
+                    values[to.row_bases[place, 2] + to.row_bases[place, 3] * r + nu] = push * sign * tw.jacobian[i, j]
 
 
 @entry_kernel

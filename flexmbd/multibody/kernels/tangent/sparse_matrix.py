@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
@@ -64,14 +63,14 @@ def sparse_blocks(
     for k in np.argsort(counts, kind="stable")[:2]:
         blocks = unknown_blocks(plan, ways[k])
         pattern = new_pattern(blocks)
-        found.append((_OPERATION * pattern.operations + _ENTRY * pattern.fill, blocks, pattern))
+        found.append((factor_cost(pattern), blocks, pattern))
     cost, blocks, pattern = min(found, key=lambda one: one[0])
     return (blocks, pattern) if cost < dense else None
 
 
-def has_balls(plan: Plan) -> bool:
-    """Whether a joint turns like a ball, so that its turns do not add."""
-    return bool((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).any())
+def factor_cost(pattern: BlockPattern) -> float:
+    """What assembly and factors of a sparse matrix take, in operations of LAPACK's LU."""
+    return _OPERATION * pattern.operations + _ENTRY * pattern.fill
 
 
 def is_augmented(plan: Plan) -> bool:

@@ -1,7 +1,7 @@
 """Products with parts of a sparse matrix: rows times motions, reactions on bodies, a stiffness times a motion.
 
 Vectors (unknowns,) hold free velocities, multipliers and the unknowns of cut bodies, which follow from the others by
-their own equations.
+their own equations.  They may be complex, and so may a matrix.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, MOTION
 
 
 @kernel
-def _line(pattern, matrix, block, row, vector):
+def _line(pattern, values, block, row, vector):
     """Row ``row`` of a block times a vector."""
     total = 0.0
     for q in range(pattern.entry_at[block], pattern.entry_at[block + 1]):
@@ -21,7 +21,7 @@ def _line(pattern, matrix, block, row, vector):
         place = pattern.offset[q] + row * pattern.stride[q]
         begin = pattern.first[j]
         for c in range(pattern.first[j + 1] - begin):
-            total += matrix.values[place + c] * vector[begin + c]
+            total += values[place + c] * vector[begin + c]
     return total
 
 
@@ -33,34 +33,34 @@ def _cuts(pattern, to):
 
 
 @deferred_kernel()
-def add_motions(pattern, matrix, to, vector):
+def add_motions(pattern, values, to, vector):
     """Put the motions of cut bodies that the rest of a vector causes into it, and zeros as their wrenches.
 
-    By a ``matrix`` that is not factored: from the ground outwards.
+    By ``values`` of a matrix that is not factored: from the ground outwards.
     """
     count, begin, first = _cuts(pattern, to)
     for k in range(begin, vector.shape[0]):
         vector[k] = 0.0
     for q in range(count):
         for r in range(MOTION):
-            vector[begin + CUT * q + r] -= _line(pattern, matrix, first + q, r, vector)
+            vector[begin + CUT * q + r] -= _line(pattern, values, first + q, r, vector)
 
 
 @deferred_kernel()
-def multiply(pattern, matrix, to, vector, out):
+def multiply(pattern, values, to, vector, out):
     """Write a matrix without rows, not factored, times free velocities into ``out`` (free,).
 
     Multipliers in ``vector`` must be zero; unknowns of cut bodies are written there.
     """
-    add_motions(pattern, matrix, to, vector)
+    add_motions(pattern, values, to, vector)
     count, begin, first = _cuts(pattern, to)
     for q in range(count - 1, -1, -1):
         for r in range(MOTION, CUT):
-            vector[begin + CUT * q + r] -= _line(pattern, matrix, first + q, r, vector)
+            vector[begin + CUT * q + r] -= _line(pattern, values, first + q, r, vector)
     block = 0
     while block < first and pattern.first[block] < out.shape[0]:
         for r in range(pattern.first[block + 1] - pattern.first[block]):
-            out[pattern.first[block] + r] = _line(pattern, matrix, block, r, vector)
+            out[pattern.first[block] + r] = _line(pattern, values, block, r, vector)
         block += 1
 
 

@@ -16,7 +16,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, memories_end, sides_end
-from flexmbd.multibody.kernels.elements.table import act_between_frames
+from flexmbd.multibody.kernels.elements.table import act_between_frames, own_links
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, diagonal_blocks
 from flexmbd.multibody.kernels.tangent.unknown_blocks import UnknownBlocks
 
@@ -51,6 +51,7 @@ class TangentWork(ArrayStruct):
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
     path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
     path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
+    path_rates: (most, nv) change of what the states of a force between frames require, of its own most states.
     jacobian: (rows, nv) rates of the constraint rows per unit velocity.  For a sparse matrix (rows, longest path), and
     ``row_unknown`` has the unknowns of its columns, ``row_count`` many, in the first of rows that join the same frames.
     rate_jacobian: likewise, derivative of the rows' rates, per_x by x and per_v by v.
@@ -77,6 +78,7 @@ class TangentWork(ArrayStruct):
     path_mark: IntArray
     path_twist: FloatArray
     path_wrench: FloatArray
+    path_rates: FloatArray
     jacobian: FloatArray
     rate_jacobian: FloatArray
     row_unknown: IntArray
@@ -105,6 +107,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownB
     polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
     loaded = _frame_load_times(plan)
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
+    states = max((len(own_links(plan, row)) for row in plan.elements[act_between_frames(plan)]), default=0)
     zeros = np.zeros
     n, longest, m = nv, nv, len(plan.rows)
     cut_of = np.full(len(plan.tree), -1, np.int64)
@@ -131,6 +134,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownB
         path_mark=marks,
         path_twist=zeros((18, n)),
         path_wrench=zeros((12, n)),
+        path_rates=zeros((states, n)),
         jacobian=zeros((m, longest)),
         rate_jacobian=zeros((m, longest)),
         row_unknown=zeros((m if blocks is not None else 0, longest), np.int64),

@@ -94,6 +94,11 @@ def new_tree_recursion(plan: Plan, sizes: IntArray) -> TreeRecursion:
     )
 
 
+def recursion_cost(plan: Plan) -> float:
+    """What a factorisation takes where the recursion serves, in operations of LAPACK's LU."""
+    return _DENSE_GAIN * _operations(plan, _motion_entries(plan))
+
+
 def _operations(plan: Plan, entries: int) -> float:
     """Multiplications and additions of a factorisation."""
     d = plan.tree[:, at.JOINT_SIZE].astype(float)
@@ -103,13 +108,15 @@ def _operations(plan: Plan, entries: int) -> float:
 def _motion_entries(plan: Plan) -> int:
     """How many numbers of bodies' motions matter; 0 where the recursion does not serve.
 
-    There must be rigid bodies alone, no rows, and forces on coordinates, across single joints, or from the ground.  Of
-    these, users' laws may have to be differenced, along unknowns whose sizes are known.
+    There must be rigid bodies alone, no rows, and forces on coordinates, across single joints, or from the ground,
+    without states.  Of these, users' laws may have to be differenced, along unknowns whose sizes are known.
     """
     if len(plan.rows) or len(plan.flex) or couple_all(plan).any():
         return 0
     entries = MOTION
     between = act_between_frames(plan)
+    if (plan.elements[between, at.EL_V] >= 0).any():
+        return 0
     for row, calls in zip(plan.elements[between], call_users(plan)[between], strict=True):
         ends = [int(plan.frame_of[row[k], at.FRAME_BODY]) for k in (at.EL_F, at.EL_G)]
         if _joints_between(plan, *ends) > 1:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
-from flexmbd.multibody.kernels.elements.table import act_between_frames
+from flexmbd.multibody.kernels.elements.table import act_between_frames, own_links
 
 #: Entries of a cut body's motion (phi', phi'', alpha, r', r, phi; see ``tangent_columns``), and then of its wrench.
 MOTION, WRENCH = 18, 6
@@ -125,10 +125,14 @@ class UnknownBlocks:
 
     @cached_property
     def elements(self) -> list[list[int]]:
-        """Of each force element the blocks that it joins."""
-        between: Any = act_between_frames(self.plan).tolist()
+        """Of each force element the blocks that it joins, those of its own states included."""
+        between: Any = act_between_frames(self.plan)
         rows: Any = self.plan.elements[:, [at.EL_F, at.EL_G]].tolist()
-        return [self.of_path(ends) if acts else [] for ends, acts in zip(rows, between, strict=True)]
+        found = [self.of_path(ends) if acts else [] for ends, acts in zip(rows, between, strict=True)]
+        for e in np.flatnonzero(between & (self.plan.elements[:, at.EL_V] >= 0)):
+            links = own_links(self.plan, self.plan.elements[e])
+            found[e] += [int(self.of[self.plan.tree[link, at.JOINT_V]]) for link in links]
+        return found
 
     @cached_property
     def closures(self) -> list[list[int]]:
