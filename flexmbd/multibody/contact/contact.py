@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
-from flexmbd.multibody.contact.shapes import TouchedShape
+from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
 
 
@@ -45,18 +46,22 @@ class Contact(BetweenFrames, WithStates):
         return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}"
 
     def check(self) -> None:
-        """Raise SceneError for a law that is none, or does not know the shapes."""
+        """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would have to turn."""
+        if not isinstance(self.shape, (Sphere, HollowSphere)):
+            refuse_turn(self.frame_F, f"{self.what}: a {type(self.shape).__name__} turns with its frame")
+        if any(self.centre):
+            refuse_turn(self.frame_G, f"{self.what}: it turns with its frame")
         self.law.check(self.what)
         self.law.stiffness(self.shape, self.radius, self.what)
         if self.friction is not None:
             self.friction.check(self.what)
 
     def assemble(self, table: ElementTable) -> None:
-        """One row; with friction that slides, three states of its bristle."""
+        """One row; with friction three states, how far it has slid."""
         rough = None if self.friction is None or self.friction.stretch() == 0.0 else self.friction
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
-        friction = [0.0] * 6 if rough is None else rough.numbers()
+        friction = [0.0] * 5 if rough is None else rough.numbers()
         numbers = np.array([*self.shape.numbers(), *normal, *friction, *self.centre])
         bristle = None if rough is None else rough.stretch()
         table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)
