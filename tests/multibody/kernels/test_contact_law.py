@@ -7,8 +7,9 @@ import pytest
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
-from flexmbd.multibody.kernels.contact.bristle import follow
+from flexmbd.multibody.kernels.contact.bristle import stretch
 from flexmbd.multibody.kernels.contact.contact_law import contact, contact_energy, contact_variation
+from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS
 
 SHAPES = {
     "sphere": ([kinds.SPHERE, 0.5, 0.0, 0.0], (0.3, -0.2, 0.4)),
@@ -53,12 +54,13 @@ def stored(data, memory, d, out):
 
 
 @entry_kernel
-def lead(begin, path, longest, out):
-    end, _ = follow(
-        (begin[0], begin[1], begin[2]),
-        ((path[0, 0], path[0, 1], path[0, 2]), (path[1, 0], path[1, 1], path[1, 2]), (path[2, 0], path[2, 1], path[2, 2])),
-        (longest[0], longest[1]), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (0.0, 0.0),
-    )  # fmt: skip
+def lead(memory, data, path, depth, out):
+    """The stretch after a second on a way in the xy plane; 1 m/N is how far it goes before it slides."""
+    zero = 0.0, 0.0, 0.0
+    way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
+    end, _ = stretch(
+        memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), (data, 0, 1.0, 0.0), (depth[0], depth[1]), (0.0, 0.0)
+    )
     out[0], out[1], out[2] = end
 
 
@@ -79,9 +81,9 @@ def numbers(shape, *, D=0.05, mu=0.4, static=0.6):
     return np.array([*shape, RADIUS, 1e4, 1.5, D, mu, static, 0.7, BRISTLE, DAMPING, 0.0, 0.0, 0.0])
 
 
-def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), load=0.0):
+def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), depth=(0.0, 0.0)):
     """Of time 0, where nothing had slid yet."""
-    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, load])
+    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, *depth])
 
 
 def wrench(data, motion, memory=None):
@@ -104,7 +106,7 @@ def test_variations_are_those_of_differences(name, slid):
         n = wrench(data, motion)[:3]
         n /= np.linalg.norm(n)
         slide = np.cross(n, [0.6, -0.5, 0.4])
-        memory = remembered(1e-6 * np.cross(n, slide), slid / STEP * slide, 20.0)
+        memory = remembered(1e-6 * np.cross(n, slide), slid / STEP * slide, (0.03, 0.2))
         motion[9:] = slid * (slide + 0.3 * np.cross(n, slide))
         sliding = slid / STEP * (slide + 0.6 * np.cross(n, slide))  # as of a way that bends by as much
         motion[3:6] = sliding + 0.3 * n + np.cross(motion[6:9], RADIUS * n)
@@ -144,7 +146,7 @@ def test_friction_never_exceeds_coulomb_s():
     for _ in range(200):
         motion = np.concatenate([place, rng.normal(size=9) * 10.0 ** rng.uniform(-4, 1)])
         z = rng.normal(size=3) * 10.0 ** rng.uniform(-6, 0)
-        force = wrench(data, motion, remembered(z, rng.normal(size=3), 10.0 ** rng.uniform(-3, 3)))[:3]
+        force = wrench(data, motion, remembered(z, rng.normal(size=3), 0.1 * rng.normal(size=2)))[:3]
         normal = force @ n
         assert np.linalg.norm(force - normal * n) <= 0.6 * normal * (1.0 + 1e-12)
 
@@ -166,12 +168,16 @@ def test_a_way_takes_the_bristle_where_a_million_pieces_do(seed, size):
     path[:, :2] = size * rng.normal(size=(3, 2))
     if seed >= 3:  # to and fro along a line
         path = np.outer([0.3, 2.0, -1.0] if seed < 5 else [1e-7, 1.0, -1.0], size * rng.normal(size=3))
-    longest = np.array([1.0, 0.5 + rng.uniform()])
+        path[:, 2] = 0.0
+    z = np.array([0.3, -0.2, 0.0])
+    deep = np.array([1.0, 0.5 + rng.uniform()]), np.array([0.5, -0.4])  # at both ends, and the rates
     found = np.zeros(3)
-    lead(np.array([0.3, -0.2, 0.0]), path, longest, found)
+    law = np.zeros(20)
+    law[[STIFFNESS, EXPONENT]] = 1.0
+    lead(remembered(z, path[1], (deep[0][0], deep[1][0])), law, path, np.array([deep[0][1], deep[1][1]]), found)
     ends = np.linspace(0.0, 1.0, 400001)
     ends = np.concatenate([ends, 1.0 - np.geomspace(1e-5, 1e-14, 100000)]) if size > 1.0 else ends
     ends = np.sort(ends)
-    z = np.array([0.3, -0.2, 0.0])
-    march(z, np.diff(cubic(path, ends), axis=0), longest[0] + ends[1:] * (longest[1] - longest[0]))
+    rise = np.array([[deep[0][1] - deep[0][0], 0.0, 0.0], [deep[1][0], 0.0, 0.0], [deep[1][1], 0.0, 0.0]])
+    march(z, np.diff(cubic(path, ends), axis=0), deep[0][0] + cubic(rise, ends[1:])[:, 0])
     assert found == pytest.approx(z, abs=0.05 if size == 1.0 else 2e-4)

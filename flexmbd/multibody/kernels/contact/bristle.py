@@ -8,7 +8,7 @@ a contact begins while it slides, for s grows from nothing; and what sticks does
 
 Within a step the way is the cubic that has both ends' places and rates.  Its pieces end where it turns back, and then
 get shorter, each an eighth of what is left, until what is left is as long as a stretch: the direction of a long slide
-is that of its velocity, and not of the way's chord.  s is taken to change in proportion to time.
+is that of its velocity, and not of the way's chord.  The depth, of which the normal force follows, is such a cubic too.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.normal_force import normal_force
 
 #: What is kept of the last step's end, behind the head of a memory: the stretch (3, m); the way (3, m) and its rate
-#: (3, m/s); the normal force (N).
-STRETCH, WAY, RATE, LOAD, N_KEPT = 0, 3, 6, 9, 10
+#: (3, m/s); how deep it is pressed in (m), and its rate (m/s).
+STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, N_KEPT = 0, 3, 6, 9, 10, 11
 
 _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
@@ -67,11 +68,25 @@ def _shorten(z, dz, s, ds):
 
 
 @kernel
-def follow(z, way, longest, dway, dlongest):
+def _longest(law, depth, e):
+    """s, and its variation, where the share e of the time is left; 0 where nothing touches."""
+    data, o, per, dper = law
+    duration, last, (first, second, third), dlast, (dfirst, dsecond, dthird) = depth
+    deep, ddeep = last[0] + e * (first + e * (second + e * third)), dlast[0] + e * (dfirst + e * (dsecond + e * dthird))
+    rate, drate = last[1], dlast[1]
+    if duration > 0.0:
+        rate = -(first + e * (2.0 * second + e * 3.0 * third)) / duration
+        drate = -(dfirst + e * (2.0 * dsecond + e * 3.0 * dthird)) / duration
+    N, by_depth, by_rate = normal_force(data, o, deep, rate)
+    return per * N, dper * N + per * (by_depth * ddeep + by_rate * drate)
+
+
+@kernel
+def follow(z, way, dway, law, depth):
     """The stretch at the end of a way that begins with z, and its variation.
 
-    ``way``: from begin to end, and the rates there times the duration (m); ``longest``: s at both ends.  ``dway``: of
-    the way and of the last rate; ``dlongest``: of s at both ends.
+    ``way``: from begin to end, and the rates there times the duration (m); ``dway``: of the way and of the last rate.
+    ``law``, ``depth``: see ``stretch``.
     """
     whole, before, behind = way
     dwhole, dbehind = dway
@@ -82,7 +97,7 @@ def follow(z, way, longest, dway, dlongest):
     dsecond = sub3(scale3(2.0, dbehind), scale3(3.0, dwhole))
     dthird = sub3(scale3(2.0, dwhole), dbehind)
     place, dplace, left, dz = scale3(-1.0, whole), scale3(-1.0, dwhole), 1.0, _ZERO
-    s, ds = longest[1], dlongest[1]
+    s, ds = _longest(law, depth, 0.0)
     turns = _turns(first, second, third)
     for piece in range(2 + _PIECES):
         if piece < 2:
@@ -95,40 +110,43 @@ def follow(z, way, longest, dway, dlongest):
                 break
             end = _SHORTER * left
         there, dthere = _from_end(first, second, third, end), _from_end(dfirst, dsecond, dthird, end)
-        most, dmost = s + end * (longest[0] - s), ds + end * (dlongest[0] - ds)
+        most, dmost = _longest(law, depth, end)
         z, dz = _shorten(add3(z, sub3(there, place)), add3(dz, sub3(dthere, dplace)), most, dmost)
         place, dplace, left = there, dthere, end
     return _shorten(sub3(z, place), sub3(dz, dplace), s, ds)
 
 
 @kernel
-def stretch(memory, m, t, n, y, v, dy, dv, loads):
-    """The stretch at t (s) and its variation across n, of the memory at m, where the way has come to y at the rate v.
+def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
+    """The stretch at t (s) and its variation across n, of the memory at m.
 
-    ``loads``: the length at which the bristle slides under 1 N (m/N), and its variation; N and its variation.
+    ``way``: to where it has come, and its rate; ``depth``: likewise; then the variations of both.  ``law``: where the
+    normal force's numbers are, and the length at which the bristle slides under 1 N (m/N), with its variation.
     """
     duration = t - memory[m + at.MEMORY_TIME]
     duration = duration if duration > 0.0 else 0.0  # before a start has written it: straight on
     o = m + at.N_MEMORY_HEAD
-    per, dper, N, dN = loads
-    N_before = memory[o + LOAD]
-    whole = flat(n, sub3(y, load3(memory, o + WAY)))
+    whole = flat(n, sub3(way[0], load3(memory, o + WAY)))
     before = scale3(duration, flat(n, load3(memory, o + RATE)))
     z = flat(n, load3(memory, o + STRETCH))
+    grown, first, last = depth[0] - memory[o + DEPTH], duration * memory[o + DEPTH_RATE], duration * depth[1]
+    dlast = duration * ddepth[1]
+    cubic = -last, 2.0 * last + first - 3.0 * grown, 2.0 * grown - first - last
+    dcubic = -dlast, 2.0 * dlast - 3.0 * ddepth[0], 2.0 * ddepth[0] - dlast
     return follow(
-        z, (whole, before, scale3(duration, v)), (per * N_before, per * N),
-        (flat(n, dy), scale3(duration, flat(n, dv))), (dper * N_before, dper * N + per * dN),
+        z, (whole, before, scale3(duration, way[1])), (flat(n, dway[0]), scale3(duration, flat(n, dway[1]))),
+        law, (duration, depth, cubic, ddepth, dcubic),
     )  # fmt: skip
 
 
 @kernel
-def keep(x, m, t, z, y, v, N):
-    """Write into the configuration x what a bristle remembers."""
+def keep(x, m, t, z, way, depth):
+    """Write into the configuration x what a bristle remembers: its stretch, the way and the depth with their rates."""
     x[m + at.MEMORY_TIME] = t
     x[m + at.MEMORY_DEFORMATION] = math.sqrt(dot3(z, z))
-    x[m + at.MEMORY_RATE] = math.sqrt(dot3(v, v))
+    x[m + at.MEMORY_RATE] = math.sqrt(dot3(way[1], way[1]))
     o = m + at.N_MEMORY_HEAD
     store3(x, o + STRETCH, z)
-    store3(x, o + WAY, y)
-    store3(x, o + RATE, v)
-    x[o + LOAD] = N
+    store3(x, o + WAY, way[0])
+    store3(x, o + RATE, way[1])
+    x[o + DEPTH], x[o + DEPTH_RATE] = depth

@@ -12,7 +12,7 @@ Coulomb's friction with true stick,
 at the sliding velocity v, which is also the rate of the state that the bristle has: how far the surfaces have slid.
 mu falls from its static value with the sliding speed (Stribeck).  All vectors are in the axes of the shape's frame F.
 
-Numbers: the shape's (``signed_distance``), then those whose places have names below.
+Numbers: the shape's (``signed_distance``), then those that ``normal_force`` names.
 """
 
 from __future__ import annotations
@@ -23,36 +23,27 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, sca
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.bristle import STRETCH, flat, keep, stretch
+from flexmbd.multibody.kernels.contact.normal_force import (
+    BRISTLE,
+    BRISTLE_DAMPING,
+    EXPONENT,
+    FRICTION,
+    RADIUS,
+    STATIC,
+    STIFFNESS,
+    STRIBECK,
+    normal_force,
+)
 from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
     CYLINDER,
-    SHAPE_NUMBERS,
     SPHERE,
     distance,
     gradient_variation,
 )
 
-#: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m); mu, the static mu, the speed (m/s) over
-#: which it falls; k_t (N/m), c_t (N s/m); the sphere's centre in the axes of its own frame G (3, m).
-RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, CENTRE = range(
-    SHAPE_NUMBERS, SHAPE_NUMBERS + 10
-)
-
 _ZERO = (0.0, 0.0, 0.0)
-
-
-@kernel
-def _normal_force(data, o, depth, rate):
-    """N, its derivatives by the depth and by the depth's rate."""
-    if not depth > 0.0:
-        return 0.0, 0.0, 0.0
-    p = data[o + EXPONENT]
-    elastic = data[o + STIFFNESS] * depth**p
-    factor = 1.0 + data[o + DISSIPATION] * rate
-    if not factor > 0.0:
-        return 0.0, 0.0, 0.0
-    return elastic * factor, p * elastic / depth * factor, elastic * data[o + DISSIPATION]
 
 
 @kernel
@@ -67,33 +58,34 @@ def _coefficient(data, o, v):
 
 
 @kernel
-def _stretch(data, o, way, n, N, v, dway, dN, dv):
+def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
     """The bristle's stretch and its variation; mu N and its variation.
 
     ``way``: the memory, where in it the bristle's begins, the time (s), and how far the surfaces have slid (m).
+    ``depth``: how deep they are pressed into each other (m), and its rate (m/s).
     """
     memory, m, t, y = way
     mu, slope = _coefficient(data, o, v)
     dmu = slope * dot3(v, dv)
     k = data[o + BRISTLE]
-    loads = mu / k, dmu / k, N, dN
-    z, dz = stretch(memory, m, t, n, y, v, dway, dv, loads)
-    return z, dz, mu * N, dmu * N + mu * dN
+    z, dz = stretch(memory, m, t, n, (y, v), (dway, dv), (data, o, mu / k, dmu / k), depth, ddepth)
+    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    return z, dz, mu * N, dmu * N + mu * (by_depth * ddepth[0] + by_rate * ddepth[1])
 
 
 @kernel
-def _friction(data, o, way, n, N, v):
+def _friction(data, o, way, n, depth, v):
     """Friction on the sphere (N) at the sliding velocity v."""
-    z, _, most, _ = _stretch(data, o, way, n, N, v, _ZERO, 0.0, _ZERO)
+    z, _, most, _ = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
     size = math.sqrt(dot3(pull, pull))
     return scale3(-1.0 if size <= most else -most / size, pull)
 
 
 @kernel
-def _friction_variation(data, o, way, n, N, v, dway, dn, dN, dv):
-    """Its variation for a way that is longer by dway, n + dn, N + dN, v + dv."""
-    z, dz, most, dmost = _stretch(data, o, way, n, N, v, dway, dN, dv)
+def _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv):
+    """Its variation for a way that is longer by dway, n + dn, v + dv, and that of the depth and its rate."""
+    z, dz, most, dmost = _stretch(data, o, way, n, depth, v, dway, ddepth, dv)
     dz = sub3(dz, scale3(dot3(dn, z), n))  # it stays in the tangent plane
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
     dpull = add3(scale3(data[o + BRISTLE], dz), scale3(data[o + BRISTLE_DAMPING], dv))
@@ -144,13 +136,13 @@ def contact(data, o, rough, way, d, rate, spin, out):
     """
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
-    N = _normal_force(data, o, -gap, -dot3(n, rate))[0]
-    force, torque = scale3(N, n), _ZERO
+    depth = -gap, -dot3(n, rate)
+    force, torque = scale3(normal_force(data, o, depth[0], depth[1])[0], n), _ZERO
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
     if rough:
         arm, _, sliding = _slides(data, o, n, rate, spin)
         if touches:
-            friction = _friction(data, o, way, n, N, sliding)
+            friction = _friction(data, o, way, n, depth, sliding)
             force, torque = add3(force, friction), cross3(arm, friction)
         store3(out, 6, sliding)
     if gap != gap:
@@ -174,8 +166,9 @@ def contact_variation(data, o, rough, way, d, rate, spin, dd, drate, dspin, dway
     if not (touches or rough):
         return
     dn = gradient_variation(data, o, d, dd)
-    N, by_depth, by_rate = _normal_force(data, o, -gap, -dot3(n, rate))
-    dN = -by_depth * dot3(n, dd) - by_rate * (dot3(dn, rate) + dot3(n, drate))
+    depth, ddepth = (-gap, -dot3(n, rate)), (-dot3(n, dd), -dot3(dn, rate) - dot3(n, drate))
+    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    dN = by_depth * ddepth[0] + by_rate * ddepth[1]
     dforce, dtorque = add3(scale3(dN, n), scale3(N, dn)), _ZERO
     if rough:
         arm, whole, v = _slides(data, o, n, rate, spin)
@@ -183,8 +176,8 @@ def contact_variation(data, o, rough, way, d, rate, spin, dd, drate, dspin, dway
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
         if touches:
-            friction = _friction(data, o, way, n, N, v)
-            dfriction = _friction_variation(data, o, way, n, N, v, dway, dn, dN, dv)
+            friction = _friction(data, o, way, n, depth, v)
+            dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
             dforce = add3(dforce, dfriction)
             dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
         store3(out, 6, dv)
@@ -198,12 +191,12 @@ def remember_contact(data, o, way, d, rate, spin, x):
     memory, m, t, y = way
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
-    N = _normal_force(data, o, -gap, -dot3(n, rate))[0]
+    depth = -gap, -dot3(n, rate)
     _, _, v = _slides(data, o, n, rate, spin)
     z = _ZERO
-    if N > 0.0:
-        z, _, _, _ = _stretch(data, o, way, n, N, v, _ZERO, 0.0, _ZERO)
-    keep(x, m, t, z, y, v, N)
+    if gap < 0.0:
+        z, _, _, _ = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
+    keep(x, m, t, z, (y, v), depth)
 
 
 @kernel

@@ -13,13 +13,12 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.contact_law import (
-    CENTRE,
-    DISSIPATION,
     contact,
     contact_energy,
     contact_variation,
     remember_contact,
 )
+from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
 
 HEAD = 3  #: Numbers before the scales.

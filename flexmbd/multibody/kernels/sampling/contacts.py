@@ -5,7 +5,8 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
-from flexmbd.multibody.kernels.contact.contact_law import RADIUS, way_to_middle
+from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
+from flexmbd.multibody.kernels.contact.normal_force import RADIUS
 from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.contact_wrench import centre_motion, law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
