@@ -58,7 +58,7 @@ def lead(memory, data, path, depth, out):
     """The stretch after a second on a way in the xy plane; 1 m/N is how far it goes before it slides."""
     zero = 0.0, 0.0, 0.0
     way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
-    end, _ = stretch(
+    end, _, _ = stretch(
         memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), (data, 0, 1.0, 0.0), (depth[0], depth[1]), (0.0, 0.0)
     )
     out[0], out[1], out[2] = end

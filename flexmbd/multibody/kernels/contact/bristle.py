@@ -6,8 +6,8 @@ in series with Coulomb's friction, as in perfect plasticity (Simo & Hughes 1998,
 z to z + dy, shortened to s there.  So no rate of the stretch stands in the equations of motion, which has no bound where
 a contact begins while it slides, for s grows from nothing; and what sticks does not creep.
 
-Within a step the way is the cubic that has both ends' places and rates.  Its pieces end where it turns back, and then
-get shorter, each an eighth of what is left, until what is left is as long as a stretch: the direction of a long slide
+Within a step the way is the cubic that has both ends' places and rates.  Its pieces begin where the surfaces touch, end
+where it turns back and where s, as it grows, leaves the stretch behind, which sticks from there on, and then get shorter, each an eighth of what is left, until what is left is as long as a stretch: the direction of a long slide
 is that of its velocity, and not of the way's chord.  The depth, of which the normal force follows, is such a cubic too.
 """
 
@@ -26,6 +26,9 @@ STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, N_KEPT = 0, 3, 6, 9, 10, 11
 
 _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
+_HALVINGS = 52
+_SECTIONS = 32  # golden: 2e-7 of a piece, about a maximum
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -57,14 +60,14 @@ def _turns(first, second, third):
 
 @kernel
 def _shorten(z, dz, s, ds):
-    """A stretch no longer than s, and its variation."""
+    """A stretch no longer than s, its variation, and whether it was longer."""
     square = dot3(z, z)
     if square <= s * s:
-        return z, dz
+        return z, dz, False
     size = math.sqrt(square)
     e = scale3(1.0 / size, z)
     across = sub3(dz, scale3(dot3(e, dz), e))
-    return scale3(s, e), add3(scale3(s / size, across), scale3(ds, e))
+    return scale3(s, e), add3(scale3(s / size, across), scale3(ds, e)), True
 
 
 @kernel
@@ -82,43 +85,94 @@ def _longest(law, depth, e):
 
 
 @kernel
-def follow(z, way, dway, law, depth):
-    """The stretch at the end of a way that begins with z, and its variation.
+def _touches_at(depth):
+    """The share of the time that is left where the surfaces touch; 1 where they do from the begin."""
+    _, last, (first, second, third), _, _ = depth
+    if last[0] + first + second + third >= 0.0:
+        return 1.0
+    inside, outside = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        e = 0.5 * (inside + outside)
+        if last[0] + e * (first + e * (second + e * third)) > 0.0:
+            inside = e
+        else:
+            outside = e
+    return inside
 
-    ``way``: from begin to end, and the rates there times the duration (m); ``dway``: of the way and of the last rate.
-    ``law``, ``depth``: see ``stretch``.
+
+@kernel
+def _beyond(law, depth, way, z, place, e):
+    """How much the stretch would be longer than s where the share e is left, from z at ``place``."""
+    reached = add3(z, sub3(_from_end(way[0], way[1], way[2], e), place))
+    return math.sqrt(dot3(reached, reached)) - _longest(law, depth, e)[0]
+
+
+@kernel
+def _farthest(law, depth, way, z, place, left, end):
+    """Where on a piece, which ends sticking, the stretch would be longest beyond s; its begin where it never is."""
+    whole = left - end
+    slides = False
+    for share in (1e-3, 0.1, 0.5):
+        slides = slides or _beyond(law, depth, way, z, place, left - share * whole) > 0.0
+    if not slides:
+        return left
+    low, high = end, left
+    for _ in range(_SECTIONS):
+        a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        if _beyond(law, depth, way, z, place, a) > _beyond(law, depth, way, z, place, b):
+            high = b
+        else:
+            low = a
+    return 0.5 * (low + high)
+
+
+@kernel
+def _lead(law, depth, way, dway, begin, end):
+    """Lead (z, dz) from where a share is left, ``begin`` with it, to where ``end`` is left; whether it slides there."""
+    z, dz, left = begin
+    place, there = _from_end(way[0], way[1], way[2], left), _from_end(way[0], way[1], way[2], end)
+    dplace, dthere = _from_end(dway[0], dway[1], dway[2], left), _from_end(dway[0], dway[1], dway[2], end)
+    s, ds = _longest(law, depth, end)
+    return _shorten(add3(z, sub3(there, place)), add3(dz, sub3(dthere, dplace)), s, ds)
+
+
+@kernel
+def follow(z, way, dway, law, depth):
+    """The stretch at the end of a way that begins with z, its variation, and whether it slides on the way and then sticks.
+
+    ``way``, ``dway``: the cubic by its coefficients, from its end back; ``law``, ``depth``: see ``stretch``.
     """
-    whole, before, behind = way
-    dwhole, dbehind = dway
-    first = scale3(-1.0, behind)
-    second = sub3(add3(scale3(2.0, behind), before), scale3(3.0, whole))
-    third = sub3(scale3(2.0, whole), add3(before, behind))
-    dfirst = scale3(-1.0, dbehind)
-    dsecond = sub3(scale3(2.0, dbehind), scale3(3.0, dwhole))
-    dthird = sub3(scale3(2.0, dwhole), dbehind)
-    place, dplace, left, dz = scale3(-1.0, whole), scale3(-1.0, dwhole), 1.0, _ZERO
-    s, ds = _longest(law, depth, 0.0)
-    turns = _turns(first, second, third)
+    dz, slid = _ZERO, False
+    left = _touches_at(depth)
+    if left < 1.0:
+        z = _ZERO
+    turns = _turns(way[0], way[1], way[2])
+    s = _longest(law, depth, 0.0)[0]
     for piece in range(2 + _PIECES):
         if piece < 2:
             end = turns[piece]
-            if end != end:
+            if not end < left:
                 continue
         else:
+            place = _from_end(way[0], way[1], way[2], left)
             reached = sub3(z, place)
-            if not dot3(reached, reached) > s * s or not dot3(place, place) > s * s:
-                break
-            end = _SHORTER * left
-        there, dthere = _from_end(first, second, third, end), _from_end(dfirst, dsecond, dthird, end)
-        most, dmost = _longest(law, depth, end)
-        z, dz = _shorten(add3(z, sub3(there, place)), add3(dz, sub3(dthere, dplace)), most, dmost)
-        place, dplace, left = there, dthere, end
-    return _shorten(sub3(z, place), sub3(dz, dplace), s, ds)
+            if dot3(reached, reached) > s * s:
+                if not dot3(place, place) > s * s:
+                    break
+                end = _SHORTER * left
+            else:
+                end = _farthest(law, depth, way, z, place, left, 0.0)
+                if not end < left:
+                    break
+        z, dz, longer = _lead(law, depth, way, dway, (z, dz, left), end)
+        slid, left = slid or longer, end
+    z, dz, slides = _lead(law, depth, way, dway, (z, dz, left), 0.0)
+    return z, dz, slid and not slides
 
 
 @kernel
 def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
-    """The stretch at t (s) and its variation across n, of the memory at m.
+    """The stretch at t (s), its variation across n, and whether it comes to stick, of the memory at m.
 
     ``way``: to where it has come, and its rate; ``depth``: likewise; then the variations of both.  ``law``: where the
     normal force's numbers are, and the length at which the bristle slides under 1 N (m/N), with its variation.
@@ -133,10 +187,16 @@ def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
     dlast = duration * ddepth[1]
     cubic = -last, 2.0 * last + first - 3.0 * grown, 2.0 * grown - first - last
     dcubic = -dlast, 2.0 * dlast - 3.0 * ddepth[0], 2.0 * ddepth[0] - dlast
-    return follow(
-        z, (whole, before, scale3(duration, way[1])), (flat(n, dway[0]), scale3(duration, flat(n, dway[1]))),
-        law, (duration, depth, cubic, ddepth, dcubic),
+    end, dend = scale3(duration, way[1]), scale3(duration, flat(n, dway[1]))
+    dwhole = flat(n, dway[0])
+    back = (
+        scale3(-1.0, end), sub3(add3(scale3(2.0, end), before), scale3(3.0, whole)),
+        sub3(scale3(2.0, whole), add3(before, end)),
     )  # fmt: skip
+    dback = (
+        scale3(-1.0, dend), sub3(scale3(2.0, dend), scale3(3.0, dwhole)), sub3(scale3(2.0, dwhole), dend),
+    )  # fmt: skip
+    return follow(z, back, dback, law, (duration, depth, cubic, ddepth, dcubic))
 
 
 @kernel

@@ -75,10 +75,12 @@ def _wrench(plan, work, row, d, R, rate, spin):
     numbers = law_numbers(plan, row)
     rough, way = _way(plan, work, row)
     arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
-    longest = contact(plan.data, numbers, rough, way, place, speed, spin, out)
+    longest, settles = contact(plan.data, numbers, rough, way, place, speed, spin, out)
     force = load3(out, 0)
     torque = add3(load3(out, 3), cross3(arm, force))
     plan.horizon[0] = min(plan.horizon[0], longest)
+    if settles:
+        plan.horizon[1] = 1.0
     total, given = force[0] + force[1] + force[2] + torque[0] + torque[1] + torque[2], 0.0
     for k in range(3):
         given += place[k] + speed[k] + spin[k] + way[3][k]
