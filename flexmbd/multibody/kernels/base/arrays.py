@@ -28,7 +28,7 @@ class Plan(ArrayStruct):
     (N m) on each frame in inertial axes.  ``Interiors.apply_wrenches`` writes it; copies of the plan by ``replace``
     share it.  ``horizon`` (2,) is the longest next step (s) in which what is about to touch cannot pass through:
     contacts lower it as they are evaluated, the step-size controller takes it and puts it back to infinity; and whether
-    a contact that slides comes to stick within the step, as the last evaluation of forces found.  Python
+    friction of a contact bends within the step, to stick or to slide, as the last evaluation of forces found.  Python
     code cannot write to ``data``.
     """
 

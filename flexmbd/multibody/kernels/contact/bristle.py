@@ -7,7 +7,7 @@ z to z + dy, shortened to s there.  So no rate of the stretch stands in the equa
 a contact begins while it slides, for s grows from nothing; and what sticks does not creep.
 
 Within a step the way is the cubic that has both ends' places and rates.  Its pieces begin where the surfaces touch, end
-where it turns back and where s, as it grows, leaves the stretch behind, which sticks from there on, and then get shorter, each an eighth of what is left, until what is left is as long as a stretch: the direction of a long slide
+where it turns back and where s, as it grows, leaves the stretch behind, which sticks from there on, and then get shorter, each an eighth of what is left, until what is left turns the bristle no farther: the direction of a long slide
 is that of its velocity, and not of the way's chord.  The depth, of which the normal force follows, is such a cubic too.
 """
 
@@ -26,6 +26,8 @@ STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, N_KEPT = 0, 3, 6, 9, 10, 11
 
 _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
+_PARTS = 4  # of a way that bends
+_TURNED = 8.0  # stretches after which nothing is left of the direction before
 _HALVINGS = 52
 _SECTIONS = 32  # golden: 2e-7 of a piece, about a maximum
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -59,15 +61,44 @@ def _turns(first, second, third):
 
 
 @kernel
-def _shorten(z, dz, s, ds):
-    """A stretch no longer than s, its variation, and whether it was longer."""
-    square = dot3(z, z)
+def _slide(z, dz, move, dmove, before, s, ds):
+    """The stretch after a straight piece on which s goes from ``before``, its variation, and whether it slides there.
+
+    It sticks up to where it is as long as s.  From there on it turns towards the piece's direction, by tan(angle / 2) of
+    which e^-1 is left after each length s: the solution of z' = move' less what is across the circle.  The variation is
+    that of a stretch that is shortened to s, which is next to it.
+    """
+    whole, dz = add3(z, move), add3(dz, dmove)
+    square = dot3(whole, whole)
     if square <= s * s:
-        return z, dz, False
-    size = math.sqrt(square)
-    e = scale3(1.0 / size, z)
+        return whole, dz, False
+    if s == 0.0:
+        return _ZERO, _ZERO, True
+    length = math.sqrt(dot3(move, move))
+    e = scale3(1.0 / math.sqrt(square), whole)
+    if length > 0.0:
+        grown = s - before
+        a, b, c = length * length - grown * grown, dot3(z, move) - before * grown, dot3(z, z) - before * before
+        root = math.sqrt(max(b * b - a * c, 0.0))
+        share = 0.0
+        if b > 0.0 and c < 0.0:
+            share = -c / (b + root)
+        elif c < 0.0 and a != 0.0:
+            share = (root - b) / a
+        share = min(max(share, 0.0), 1.0)
+        met = add3(z, scale3(share, move))
+        radius = math.sqrt(dot3(met, met))
+        if radius > 0.0:
+            u = scale3(1.0 / length, move)
+            cosine = dot3(u, met) / radius
+            left = math.exp(-2.0 * (1.0 - share) * length / (radius + s))
+            far = left * left * (1.0 - cosine)
+            over = 1.0 + cosine + far
+            if over > 0.0:
+                across = scale3(2.0 * left, sub3(scale3(1.0 / radius, met), scale3(cosine, u)))
+                e = scale3(1.0 / over, add3(scale3(1.0 + cosine - far, u), across))
     across = sub3(dz, scale3(dot3(e, dz), e))
-    return scale3(s, e), add3(scale3(s / size, across), scale3(ds, e)), True
+    return scale3(s, e), add3(scale3(s / math.sqrt(square), across), scale3(ds, e)), True
 
 
 @kernel
@@ -128,17 +159,32 @@ def _farthest(law, depth, way, z, place, left, end):
 
 @kernel
 def _lead(law, depth, way, dway, begin, end):
-    """Lead (z, dz) from where a share is left, ``begin`` with it, to where ``end`` is left; whether it slides there."""
+    """Lead (z, dz) from where a share is left, ``begin`` with it, to where ``end`` is left; whether it slides there.
+
+    In several parts where it slides no farther than turns the bristle, for they bend.
+    """
     z, dz, left = begin
     place, there = _from_end(way[0], way[1], way[2], left), _from_end(way[0], way[1], way[2], end)
-    dplace, dthere = _from_end(dway[0], dway[1], dway[2], left), _from_end(dway[0], dway[1], dway[2], end)
-    s, ds = _longest(law, depth, end)
-    return _shorten(add3(z, sub3(there, place)), add3(dz, sub3(dthere, dplace)), s, ds)
+    s = _longest(law, depth, end)[0]
+    move = sub3(there, place)
+    reached = add3(z, move)
+    bends = dot3(reached, reached) > s * s and dot3(move, move) < _TURNED * _TURNED * s * s
+    parts = _PARTS if bends else 1
+    step = (left - end) / parts
+    dplace, slides = _from_end(dway[0], dway[1], dway[2], left), False
+    before, _ = _longest(law, depth, left)
+    for part in range(parts):
+        here = end + (parts - 1 - part) * step
+        there, dthere = _from_end(way[0], way[1], way[2], here), _from_end(dway[0], dway[1], dway[2], here)
+        s, ds = _longest(law, depth, here)
+        z, dz, slides = _slide(z, dz, sub3(there, place), sub3(dthere, dplace), before, s, ds)
+        place, dplace, before = there, dthere, s
+    return z, dz, slides
 
 
 @kernel
 def follow(z, way, dway, law, depth):
-    """The stretch at the end of a way that begins with z, its variation, and whether it slides on the way and then sticks.
+    """The stretch at the end of a way that begins with z, its variation, whether it slides there, and whether before.
 
     ``way``, ``dway``: the cubic by its coefficients, from its end back; ``law``, ``depth``: see ``stretch``.
     """
@@ -157,7 +203,7 @@ def follow(z, way, dway, law, depth):
             place = _from_end(way[0], way[1], way[2], left)
             reached = sub3(z, place)
             if dot3(reached, reached) > s * s:
-                if not dot3(place, place) > s * s:
+                if not dot3(place, place) > _TURNED * _TURNED * s * s:
                     break
                 end = _SHORTER * left
             else:
@@ -167,12 +213,12 @@ def follow(z, way, dway, law, depth):
         z, dz, longer = _lead(law, depth, way, dway, (z, dz, left), end)
         slid, left = slid or longer, end
     z, dz, slides = _lead(law, depth, way, dway, (z, dz, left), 0.0)
-    return z, dz, slid and not slides
+    return z, dz, slides, slid
 
 
 @kernel
 def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
-    """The stretch at t (s), its variation across n, and whether it comes to stick, of the memory at m.
+    """The stretch at t (s), its variation across n, whether it slides there and whether before, of the memory at m.
 
     ``way``: to where it has come, and its rate; ``depth``: likewise; then the variations of both.  ``law``: where the
     normal force's numbers are, and the length at which the bristle slides under 1 N (m/N), with its variation.
@@ -200,9 +246,10 @@ def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
 
 
 @kernel
-def keep(x, m, t, z, way, depth):
+def keep(x, m, t, piece, z, way, depth):
     """Write into the configuration x what a bristle remembers: its stretch, the way and the depth with their rates."""
     x[m + at.MEMORY_TIME] = t
+    x[m + at.MEMORY_PIECE] = piece
     x[m + at.MEMORY_DEFORMATION] = math.sqrt(dot3(z, z))
     x[m + at.MEMORY_RATE] = math.sqrt(dot3(way[1], way[1]))
     o = m + at.N_MEMORY_HEAD

@@ -44,6 +44,7 @@ from flexmbd.multibody.kernels.contact.signed_distance import (
 )
 
 _ZERO = (0.0, 0.0, 0.0)
+_FREE, _STICKS = 0.0, 1.0  # pieces of friction's law; one more where the bristle slides, two where it bears mu N
 
 
 @kernel
@@ -59,7 +60,7 @@ def _coefficient(data, o, v):
 
 @kernel
 def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
-    """The bristle's stretch and its variation; mu N and its variation; whether it comes to stick in this step.
+    """The bristle's stretch and its variation; mu N and its variation; whether it slides, and whether before.
 
     ``way``: the memory, where in it the bristle's begins, the time (s), and how far the surfaces have slid (m).
     ``depth``: how deep they are pressed into each other (m), and its rate (m/s).
@@ -68,18 +69,25 @@ def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
     mu, slope = _coefficient(data, o, v)
     dmu = slope * dot3(v, dv)
     k = data[o + BRISTLE]
-    z, dz, settles = stretch(memory, m, t, n, (y, v), (dway, dv), (data, o, mu / k, dmu / k), depth, ddepth)
+    z, dz, slides, slid = stretch(memory, m, t, n, (y, v), (dway, dv), (data, o, mu / k, dmu / k), depth, ddepth)
     N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
-    return z, dz, mu * N, dmu * N + mu * (by_depth * ddepth[0] + by_rate * ddepth[1]), settles
+    return z, dz, mu * N, dmu * N + mu * (by_depth * ddepth[0] + by_rate * ddepth[1]), (slides, slid)
 
 
 @kernel
 def _friction(data, o, way, n, depth, v):
-    """Friction on the sphere (N) at the sliding velocity v, and whether it comes to stick in this step."""
-    z, _, most, _, settles = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
+    """Friction on the sphere (N) at the sliding velocity v; the bristle's stretch (m); the piece of the law that it is on.
+
+    And whether there is a bend between that piece and where the step began.
+    """
+    z, _, most, _, (slides, slid) = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
     size = math.sqrt(dot3(pull, pull))
-    return scale3(-1.0 if size <= most else -most / size, pull), settles
+    full = size > most
+    piece = _STICKS + (1.0 if slides else 0.0) + (2.0 if full else 0.0)
+    before = way[0][way[1] + at.MEMORY_PIECE]
+    bends = (slid and not slides) or (before != _FREE and before != piece)
+    return scale3(-most / size if full else -1.0, pull), z, piece, bends
 
 
 @kernel
@@ -132,25 +140,25 @@ def _slides(data, o, n, rate, spin):
 def contact(data, o, rough, way, d, rate, spin, out):
     """Force on the sphere, torque about its centre and, where it is ``rough``, its sliding velocity into ``out``.
 
-    ``way``: as of ``_stretch``.  Returns the longest step (s) in which it cannot pass through, and whether it comes to stick in this one.
+    ``way``: as of ``_stretch``.  Returns the longest step (s) in which it cannot pass through, and whether friction bends in this one.
     """
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
     force, torque = scale3(normal_force(data, o, depth[0], depth[1])[0], n), _ZERO
-    settles = False
+    bends = False
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
     if rough:
         arm, _, sliding = _slides(data, o, n, rate, spin)
         if touches:
-            friction, settles = _friction(data, o, way, n, depth, sliding)
+            friction, _, _, bends = _friction(data, o, way, n, depth, sliding)
             force, torque = add3(force, friction), cross3(arm, friction)
         store3(out, 6, sliding)
     if gap != gap:
         force = (gap, gap, gap)
     store3(out, 0, force)
     store3(out, 3, torque)
-    return time_to_pass(data, o, gap, n, rate), settles
+    return time_to_pass(data, o, gap, n, rate), bends
 
 
 @kernel
@@ -177,7 +185,7 @@ def contact_variation(data, o, rough, way, d, rate, spin, dd, drate, dspin, dway
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
         if touches:
-            friction, _ = _friction(data, o, way, n, depth, v)
+            friction, _, _, _ = _friction(data, o, way, n, depth, v)
             dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
             dforce = add3(dforce, dfriction)
             dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
@@ -194,10 +202,10 @@ def remember_contact(data, o, way, d, rate, spin, x):
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
     _, _, v = _slides(data, o, n, rate, spin)
-    z = _ZERO
+    z, piece = _ZERO, _FREE
     if gap < 0.0:
-        z, _, _, _, _ = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
-    keep(x, m, t, z, (y, v), depth)
+        _, z, piece, _ = _friction(data, o, way, n, depth, v)
+    keep(x, m, t, piece, z, (y, v), depth)
 
 
 @kernel

@@ -75,11 +75,11 @@ def _wrench(plan, work, row, d, R, rate, spin):
     numbers = law_numbers(plan, row)
     rough, way = _way(plan, work, row)
     arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
-    longest, settles = contact(plan.data, numbers, rough, way, place, speed, spin, out)
+    longest, bends = contact(plan.data, numbers, rough, way, place, speed, spin, out)
     force = load3(out, 0)
     torque = add3(load3(out, 3), cross3(arm, force))
     plan.horizon[0] = min(plan.horizon[0], longest)
-    if settles:
+    if bends:
         plan.horizon[1] = 1.0
     total, given = force[0] + force[1] + force[2] + torque[0] + torque[1] + torque[2], 0.0
     for k in range(3):
