@@ -46,7 +46,7 @@ class Contact(BetweenFrames, WithStates):
         return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}"
 
     def check(self) -> None:
-        """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would have to turn."""
+        """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would turn."""
         if not isinstance(self.shape, (Sphere, HollowSphere)):
             refuse_turn(self.frame_F, f"{self.what}: a {type(self.shape).__name__} turns with its frame")
         if any(self.centre):

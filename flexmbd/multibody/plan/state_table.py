@@ -73,7 +73,7 @@ class StateTable(ABC):
 
     @abstractmethod
     def late_memory(self, names: Sequence[str]) -> int:
-        """Place in x of a memory of zeros of the row that comes next, -1 where it is not known before all states are."""
+        """Place in x of a memory of zeros of the row that comes next; -1: not known before all states are."""
 
     @abstractmethod
     def element(self, *given: Any, **named: Any) -> None:

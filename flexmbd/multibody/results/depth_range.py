@@ -1,4 +1,4 @@
-"""Limits of contacts: what is pressed half-way to the middle of a sphere, a rod or a box may leave it on the other side."""
+"""Limits of contacts: what is pressed far into a sphere, a rod or a box may leave it on the other side."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class _Depths:
         row, which = beyond[0]
         what = self.contacts[which].what
         warn(
-            f"{what}: at t = {rows.t[row]:.6g} s it is pressed in by {100.0 * shares[row, which]:.2g} % of the way to the "
-            "middle, from where it is pushed out on the other side: the law is too soft for what meets there, take a "
-            "stiffer one, or shapes that are thicker",
+            f"{what}: at t = {rows.t[row]:.6g} s it is pressed in by {100.0 * shares[row, which]:.2g} % of the way to "
+            "the middle, from where it is pushed out on the other side: the law is too soft for what meets there, take "
+            "a stiffer one, or shapes that are thicker",
             RangeWarning,
             subject=f"depth of {what}",
         )

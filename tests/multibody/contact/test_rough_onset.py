@@ -1,4 +1,4 @@
-"""Rough contacts that begin while they slide, that turn as they slide, on point masses; and what is pressed in too deep."""
+"""Rough contacts that begin while they slide, that turn as they slide, on point masses; what is pressed in too deep."""
 
 from __future__ import annotations
 

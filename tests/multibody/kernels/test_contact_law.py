@@ -90,8 +90,8 @@ def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), depth=(0.0, 0.0)):
 def wrench(data, motion, memory=None):
     rough = memory is not None
     out = np.zeros(9 if rough else 6)
-    parts = [np.array(part) for part in (motion[9:], motion[:3], motion[3:6], motion[6:9])]
-    ask(data, rough, memory if rough else np.zeros(0), *parts, out)
+    kept = np.zeros(0) if memory is None else memory
+    ask(data, rough, kept, motion[9:].copy(), motion[:3].copy(), motion[3:6].copy(), motion[6:9].copy(), out)
     return out
 
 

@@ -2,13 +2,14 @@
 
 The way y (m), how far the surfaces have slid on each other, is a state; its rate is the sliding velocity, whether they
 touch or not.  The stretch z (m) goes with it, and is never longer than s = mu N / k_t, at which it bears mu N: a spring
-in series with Coulomb's friction, as in perfect plasticity (Simo & Hughes 1998, section 1.4).  A piece of the way takes
-z to z + dy, shortened to s there.  So no rate of the stretch stands in the equations of motion, which has no bound where
-a contact begins while it slides, for s grows from nothing; and what sticks does not creep.
+in series with Coulomb's friction, as in perfect plasticity (Simo & Hughes 1998, section 1.4).  The stretch follows from
+the way and from what is remembered of the last step's end.  So no rate of it stands in the equations of motion, which
+would be without bound where a contact begins while it slides, for s grows from nothing; and what sticks does not creep.
 
-Within a step the way is the cubic that has both ends' places and rates.  Its pieces begin where the surfaces touch, end
-where it turns back and where s, as it grows, leaves the stretch behind, which sticks from there on, and then get shorter, each an eighth of what is left, until what is left turns the bristle no farther: the direction of a long slide
-is that of its velocity, and not of the way's chord.  The depth, of which the normal force follows, is such a cubic too.
+Within a step the way, and the depth of which N follows, are the cubics that have both ends' values and rates.  Pieces
+of the way begin where the surfaces touch, and end where it turns back and where s, as it grows, leaves the stretch
+behind, which sticks from there on.  Then they get shorter, each an eighth of what is left, until what is left turns the
+bristle no farther: the direction of a long slide is that of its velocity, and not of the way's chord.
 """
 
 from __future__ import annotations
@@ -64,9 +65,9 @@ def _turns(first, second, third):
 def _slide(z, dz, move, dmove, before, s, ds):
     """The stretch after a straight piece on which s goes from ``before``, its variation, and whether it slides there.
 
-    It sticks up to where it is as long as s.  From there on it turns towards the piece's direction, by tan(angle / 2) of
-    which e^-1 is left after each length s: the solution of z' = move' less what is across the circle.  The variation is
-    that of a stretch that is shortened to s, which is next to it.
+    It sticks up to where it is as long as s.  From there on it turns towards the piece's direction: of tan(angle / 2)
+    e^-1 is left after each length s, the solution of z' = y' less its part along z.  The variation is that of a stretch
+    that is shortened to s, which is next to it.
     """
     whole, dz = add3(z, move), add3(dz, dmove)
     square = dot3(whole, whole)

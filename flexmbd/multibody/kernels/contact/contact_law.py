@@ -76,9 +76,9 @@ def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
 
 @kernel
 def _friction(data, o, way, n, depth, v):
-    """Friction on the sphere (N) at the sliding velocity v; the bristle's stretch (m); the piece of the law that it is on.
+    """Friction on the sphere (N) at the sliding velocity v; the bristle's stretch (m); the piece of the law.
 
-    And whether there is a bend between that piece and where the step began.
+    And whether the law bends between there and where the step began.
     """
     z, _, most, _, (slides, slid) = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
@@ -107,7 +107,7 @@ def _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv):
 
 @kernel
 def way_to_middle(data, o):
-    """From where the sphere touches the shape to where it is in the shape's middle (m); infinite where that has none."""
+    """How far the sphere moves from where it touches the shape to the shape's middle (m); infinite where none is."""
     kind = data[o]
     if not (kind == SPHERE or kind == CAPSULE or kind == CYLINDER or kind == BOX):
         return math.inf
@@ -140,7 +140,8 @@ def _slides(data, o, n, rate, spin):
 def contact(data, o, rough, way, d, rate, spin, out):
     """Force on the sphere, torque about its centre and, where it is ``rough``, its sliding velocity into ``out``.
 
-    ``way``: as of ``_stretch``.  Returns the longest step (s) in which it cannot pass through, and whether friction bends in this one.
+    ``way``: as of ``_stretch``.  Returns the longest step (s) in which it cannot pass through, and whether friction
+    bends in this one.
     """
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
@@ -197,7 +198,7 @@ def contact_variation(data, o, rough, way, d, rate, spin, dd, drate, dspin, dway
 @kernel
 def remember_contact(data, o, way, d, rate, spin, x):
     """Write into the configuration x what the bristle remembers of where it is."""
-    memory, m, t, y = way
+    _, m, t, y = way
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)

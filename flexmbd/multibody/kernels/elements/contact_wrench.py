@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate, scale3, store3
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
