@@ -162,3 +162,20 @@ def test_a_law_too_soft_for_a_thin_box_is_told(k, told, recwarn):
     assert (run.position(ball.frame())[-1, 2] < 0.0) == told
     found = [one for one in recwarn if issubclass(one.category, RangeWarning)]
     assert [("the law is too soft" in str(one.message)) for one in found] == [True] * told
+
+
+def test_what_does_not_touch_leaves_a_steady_motion_and_an_equilibrium_as_they_are():
+    scene = fm.System(gravity=(0.0, 0.0, -10.0))
+    rotor = scene.add(fm.RigidBody(1.0, (1e-2, 1e-2, 2e-2)), name="rotor")
+    turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), rotor.frame())
+    mass = scene.add(fm.RigidBody(1.0, (1e-2, 1e-2, 1e-2)), name="mass")
+    slide = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), mass.frame())
+    scene.add_force(fm.force.JointSpring(slide, stiffness=100.0, damping=1.0))
+    floor = contact.HalfSpace(scene.ground.frame(p=(0.0, 0.0, -1.0)))
+    rough = contact.Friction(0.3, stiffness=1e6, damping=50.0, load=10.0)
+    spheres = [contact.Sphere(body.frame(p=(0.1, 0.0, 0.0)), 0.05) for body in (rotor, mass)]
+    scene.touch(floor, spheres, contact.PowerLaw(k=1e6), friction=rough)
+    assert scene.equilibrium().position(mass.frame())[2] == pytest.approx(-0.1, rel=1e-9)
+    turn.velocity, slide.position = 10.0, -0.1
+    swings = scene.linearize().eigenvalues()
+    assert np.sort_complex(swings[np.abs(swings) > 1.0]) == pytest.approx(-0.5 + np.array([-1j, 1j]) * np.sqrt(99.75))
