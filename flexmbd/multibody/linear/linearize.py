@@ -108,10 +108,9 @@ def _without_untouched(point: WorkingPoint, work: Work) -> WorkingPoint:
     """The point of the machine without rough contacts that do not touch there, whose ways go on without effect."""
     plan = point.scene.plan
     kept, out = np.ones(len(plan.elements), bool), np.zeros((1, at.N_CONTACT))
-    motion = (part[None] for part in (point.x, point.v, point.a))
-    rows = (work.time[-1:, 0].copy(), *map(np.ascontiguousarray, motion))
+    t = work.time[-1:, 0].copy()
     for i in rough_contacts(plan):
-        at.contact_series(plan, work, i, *rows, out)
+        at.contact_series(plan, work, int(i), t, point.x[None].copy(), point.v[None].copy(), point.a[None].copy(), out)
         kept[i] = out[0, at.GAP] < 0.0
     if kept.all():
         return point
