@@ -44,8 +44,8 @@ def vary(data, rough, memory, motion, change, out):
     m, c = motion, change
     way = memory, 0, STEP, (m[9], m[10], m[11])
     contact_variation(
-        data, 0, rough, way, (m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8]),
-        (c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]), (c[9], c[10], c[11]), out,
+        data, 0, rough, way, ((m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8])),
+        ((c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]), (c[9], c[10], c[11])), out,
     )  # fmt: skip
 
 

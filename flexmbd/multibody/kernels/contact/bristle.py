@@ -29,6 +29,7 @@ _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
 _PARTS = 4  # of a way that bends
 _TURNED = 8.0  # stretches after which nothing is left of the direction before
+_FAR = 0.5  # of s at both ends: a stretch and a way that are shorter together slide nowhere
 _HALVINGS = 52
 _SECTIONS = 32  # golden: 2e-7 of a piece, about a maximum
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -39,6 +40,11 @@ _ZERO = (0.0, 0.0, 0.0)
 def flat(n, v):
     """A vector's part across the unit vector n."""
     return sub3(v, scale3(dot3(n, v), n))
+
+
+@kernel
+def _length(v):
+    return math.sqrt(dot3(v, v))
 
 
 @kernel
@@ -191,10 +197,13 @@ def follow(z, way, dway, law, depth):
     """
     dz, slid = _ZERO, False
     left = _touches_at(depth)
+    s = _longest(law, depth, 0.0)[0]
     if left < 1.0:
         z = _ZERO
+    elif _length(z) + _length(way[0]) + _length(way[1]) + _length(way[2]) < _FAR * min(s, _longest(law, depth, 1.0)[0]):
+        whole, dwhole = _from_end(way[0], way[1], way[2], 1.0), _from_end(dway[0], dway[1], dway[2], 1.0)
+        return sub3(z, whole), scale3(-1.0, dwhole), False, False  # it sticks, far from sliding
     turns = _turns(way[0], way[1], way[2])
-    s = _longest(law, depth, 0.0)[0]
     for piece in range(2 + _PIECES):
         if piece < 2:
             end = turns[piece]

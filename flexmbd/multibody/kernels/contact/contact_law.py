@@ -92,17 +92,17 @@ def _friction(data, o, way, n, depth, v):
 
 @kernel
 def _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv):
-    """Its variation for a way that is longer by dway, n + dn, v + dv, and that of the depth and its rate."""
+    """Friction, and its variation for a way longer by dway, n + dn, v + dv, and that of the depth and its rate."""
     z, dz, most, dmost, _ = _stretch(data, o, way, n, depth, v, dway, ddepth, dv)
     dz = sub3(dz, scale3(dot3(dn, z), n))  # it stays in the tangent plane
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
     dpull = add3(scale3(data[o + BRISTLE], dz), scale3(data[o + BRISTLE_DAMPING], dv))
     size = math.sqrt(dot3(pull, pull))
     if size <= most:
-        return scale3(-1.0, dpull)
+        return scale3(-1.0, pull), scale3(-1.0, dpull)
     share = most / size
     dshare = dmost / size - share * dot3(pull, dpull) / (size * size)
-    return scale3(-1.0, add3(scale3(dshare, pull), scale3(share, dpull)))
+    return scale3(-share, pull), scale3(-1.0, add3(scale3(dshare, pull), scale3(share, dpull)))
 
 
 @kernel
@@ -163,36 +163,38 @@ def contact(data, o, rough, way, d, rate, spin, out):
 
 
 @kernel
-def contact_variation(data, o, rough, way, d, rate, spin, dd, drate, dspin, dway, out):
+def contact_variation(data, o, rough, way, motion, change, out):
     """The variation of all that ``contact`` writes, for d + dd, rate + drate, spin + dspin, a way longer by dway.
 
-    Turns change nothing.
+    Turns change nothing.  Returns the force itself.
     """
+    d, rate, spin = motion
+    dd, drate, dspin, dway = change
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     touches = gap < 0.0
     for k in range(9 if rough else 6):
         out[k] = 0.0
     if not (touches or rough):
-        return
+        return _ZERO
     dn = gradient_variation(data, o, d, dd)
     depth, ddepth = (-gap, -dot3(n, rate)), (-dot3(n, dd), -dot3(dn, rate) - dot3(n, drate))
     N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
     dN = by_depth * ddepth[0] + by_rate * ddepth[1]
-    dforce, dtorque = add3(scale3(dN, n), scale3(N, dn)), _ZERO
+    force, dforce, dtorque = scale3(N, n), add3(scale3(dN, n), scale3(N, dn)), _ZERO
     if rough:
         arm, whole, v = _slides(data, o, n, rate, spin)
         darm = scale3(-data[o + RADIUS], dn)
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
         if touches:
-            friction, _, _, _ = _friction(data, o, way, n, depth, v)
-            dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
-            dforce = add3(dforce, dfriction)
+            friction, dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
+            force, dforce = add3(force, friction), add3(dforce, dfriction)
             dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
         store3(out, 6, dv)
     store3(out, 0, dforce)
     store3(out, 3, dtorque)
+    return force
 
 
 @kernel

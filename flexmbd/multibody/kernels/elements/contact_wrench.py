@@ -98,10 +98,9 @@ def _vary(plan, work, row, motion, change, dway):
     rough, way = _way(plan, work, row)
     arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
     turned = cross3(dtheta, arm)
-    contact(plan.data, numbers, rough, way, place, speed, spin, out)
-    force = load3(out, 0)
     quicker = add3(drate, add3(cross3(dspin, arm), cross3(spin, turned)))
-    contact_variation(plan.data, numbers, rough, way, place, speed, spin, add3(dd, turned), quicker, dspin, dway, out)
+    change = add3(dd, turned), quicker, dspin, dway
+    force = contact_variation(plan.data, numbers, rough, way, (place, speed, spin), change, out)
     dforce = load3(out, 0)
     return dforce, add3(load3(out, 3), add3(cross3(turned, force), cross3(arm, dforce)))
 
