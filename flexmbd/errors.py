@@ -205,7 +205,10 @@ class MeshWarning(UserWarning):
 class RangeWarning(UserWarning):
     """A reduced body is used beyond the range of its shapes: bent further than compared, or spun without modes.
 
-    Remedy: reduce it for the range of loads that it sees, cut it in several pieces, or give it a mode or more.
+    Or a contact beyond that of its law: pressed half-way to the middle of a shape.
+
+    Remedy: reduce it for the range of loads that it sees, cut it in several pieces, or give it a mode or more; of a
+    contact a stiffer law, or a thicker shape.
     """
 
 

@@ -208,7 +208,8 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
     ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
-    if ratio <= 1.0 and scratch.tangent_stiffness.shape[0] > 0 and _changes_piece(plan, work, state, scratch):
+    may_change = scratch.tangent_stiffness.shape[0] > 0 or plan.horizon[1] > 0.0
+    if ratio <= 1.0 and may_change and _changes_piece(plan, work, state, scratch):
         ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate))
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.shape_table import TableShape
-from flexmbd.multibody.contact.shapes import TouchedShape
+from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
 from flexmbd.multibody.kernels.contact.signed_distance import TABLE
@@ -48,7 +49,11 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}"
 
     def check(self) -> None:
-        """Raise SceneError for a law that is none, or does not know the shapes."""
+        """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would turn."""
+        if not isinstance(self.shape, (Sphere, HollowSphere)):
+            refuse_turn(self.frame_F, f"{self.what}: a {type(self.shape).__name__} turns with its frame")
+        if any(self.centre):
+            refuse_turn(self.frame_G, f"{self.what}: it turns with its frame")
         self.law.check(self.what)
         self.law.stiffness(self.shape, self.radius, self.what)
         if self.friction is not None:
@@ -60,11 +65,11 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         return (self.shape.table,) if isinstance(self.shape, TableShape) else ()
 
     def assemble(self, table: ElementTable) -> None:
-        """One row; with friction that slides, three states of its bristle."""
+        """One row; with friction three states, how far it has slid."""
         rough = None if self.friction is None or self.friction.stretch() == 0.0 else self.friction
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
-        friction = [0.0] * 6 if rough is None else rough.numbers()
+        friction = [0.0] * 5 if rough is None else rough.numbers()
         shape = self.shape.numbers()
         if isinstance(self.shape, TableShape):
             shape[TABLE] = table.shared(self.shape.table)

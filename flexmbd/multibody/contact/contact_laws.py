@@ -12,7 +12,6 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.force.protocol import check_numbers
 
-_FLOOR = 1e-3  # of the bristle's stretch under the typical load: below it the bristle is not told from none
 _NEXT_TO_ONE = 1e-4  # of 1 - restitution: there the equation for D is round-off, and its series has eight digits
 _NO_ROUND = "Hertz's law is of round surfaces: a point has none; take PowerLaw"
 
@@ -194,7 +193,7 @@ class PowerLaw(_Impact):
 
 @dataclass(frozen=True)
 class Friction:
-    """Coulomb's friction with true stick: a bristle that yields where it would bear more than mu N.
+    """Coulomb's friction with true stick: a bristle that slides where it would bear more than mu N.
 
     Below that the contact sticks on a spring, and a load that comes and goes does not make it creep.
 
@@ -235,8 +234,7 @@ class Friction:
     def numbers(self) -> list[float]:
         """Of the law (``kernels.contact.contact_law``), from FRICTION on."""
         static = self.mu if self.static is None else self.static
-        floor = _FLOOR * self.stretch()
-        return [self.mu, static, self.stribeck or 1.0, self.stiffness, self.damping, floor]
+        return [self.mu, static, self.stribeck or 1.0, self.stiffness, self.damping]
 
     def stretch(self) -> float:
         """Of the bristle under the typical load (m)."""

@@ -17,6 +17,8 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.reading.constraint_tables import driven_coordinates
+from flexmbd.multibody.kernels.reading.force_tables import keep_forces, rough_contacts, slid_ways
+from flexmbd.multibody.kernels.sampling import contacts as at
 from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.interior_balance import InteriorEquations, linearize_interiors
@@ -70,6 +72,7 @@ def linearize(
     Raises:
         SceneError: the motion is not steady, the constraints are singular, or an output does not fit.
     """
+    point = _without_untouched(point, work)
     scene = point.scene
     wider = linearize_interiors(scene, work, point.x, point.v, modes=modes)
     motion, changes, own = steady_motion(scene, work, point.x, point.v, point.multipliers)
@@ -99,6 +102,20 @@ def linearize(
     refuse_not_finite("the linear machine", M, C, K, F)
     slopes = tuple(slope.extended(wider.added) for slope in slopes)
     return LinearEquations(M, C, K, F, by, slopes, wider.coordinates, motion, rate if turns else 0.0)
+
+
+def _without_untouched(point: WorkingPoint, work: Work) -> WorkingPoint:
+    """The point of the machine without rough contacts that do not touch there, whose ways go on without effect."""
+    plan = point.scene.plan
+    kept, out = np.ones(len(plan.elements), bool), np.zeros((1, at.N_CONTACT))
+    t = work.time[-1:, 0].copy()
+    for i in rough_contacts(plan):
+        at.contact_series(plan, work, int(i), t, point.x[None].copy(), point.v[None].copy(), point.a[None].copy(), out)
+        kept[i] = out[0, at.GAP] < 0.0
+    if kept.all():
+        return point
+    plan = keep_forces(plan, range(len(plan.forces)), kept)
+    return replace(point, scene=replace(point.scene, plan=plan))
 
 
 def _reduce(of: Derivatives, by: Elimination, ports: Ports) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -157,6 +174,7 @@ def _refuse_unbalanced(
     states = wider.coordinates.states
     stiff = np.abs(of.stiffness) @ size + np.abs(of.damping[:, states]) @ np.maximum(1.0, np.abs(point.v[states]))
     lacking = by.Vz.T @ left
+    lacking[np.isin(by.z, slid_ways(scene.plan))] = 0.0  # nothing follows from how far they have come
     # what little the forces on the bodies that it carries leave along a coordinate is balanced
     scale = np.abs(by.Vz).T @ (parts + stiff + energies / size)
     worst = int(np.argmax(np.abs(lacking) - STEADY * scale)) if len(lacking) else 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from flexmbd.multibody.kane.bearing import Bearing, Bearings
 from flexmbd.multibody.kane.inertia import KaneInertia, UserBody
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
+from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
 from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
@@ -47,6 +48,7 @@ FloatArray = NDArray[np.float64]
 #: What may act on a point mass; where it could turn the point the force's own ``check`` has seen to it.
 _AT_POINTS = (
     DISTANCE_SPRING, GIVEN_ON_LINE, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_IN_F, GIVEN_IN_G, BUSHING, PENALTY,
+    CONTACT, ROUGH_CONTACT,
 )  # fmt: skip
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
 
@@ -107,6 +109,7 @@ class ForceTable(StateTable):
         self._waiting: list[Callable[[Machine], None]] = []
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
+        self._late: list[tuple[int, Force, tuple[str, ...]]] = []
         self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
 
     def assemble(self, force: Force) -> None:
@@ -121,7 +124,11 @@ class ForceTable(StateTable):
         data, times = range(first_number, self._numbering.data_size), range(first_time, len(self._numbering.times))
         places = tuple(place for place, _ in self._memories)
         self.spans[force] = ForceSpan(data, times, tuple(self._asked), places, tuple(self._links))
-        remembered = [(first, names) for first, names in self._memories if names]
+        self._name_memories(force, self._memories)
+
+    def _name_memories(self, force: Force, memories: Iterable[tuple[int, tuple[str, ...]]]) -> None:
+        """Keep where in x what a force remembers stands, by name."""
+        remembered = [(first, names) for first, names in memories if names]
         if remembered:
             self._numbering.index.memories[force] = {
                 name: place for first, names in remembered for name, place in memory_places(first, names).items()
@@ -276,6 +283,20 @@ class ForceTable(StateTable):
         self._memories.append((place, tuple(names)))
         return place
 
+    def late_memory(self, names: Sequence[str]) -> int:
+        """-1: it gets its place when all states have theirs."""
+        if names and self._force is not None:
+            self._late.append((len(self.elements), self._force, tuple(names)))
+        return -1
+
+    def _place_late_memories(self) -> None:
+        """Give the memories of forces with states their places."""
+        for row, force, names in self._late:
+            place = self._numbering.add_memory(dict.fromkeys(names, 0.0))
+            self.elements[row][at.EL_MEMORY] = place
+            self.spans[force] = replace(self.spans[force], memories=(place,))
+            self._name_memories(force, [(place, names)])
+
     def memory_law(
         self,
         law: Compiled,
@@ -391,6 +412,7 @@ class ForceTable(StateTable):
             SceneError: friction that follows reactions, together with forces whose effect on reactions is unknown.
         """
         self._finish_states()
+        self._place_late_memories()
         if self._given_bodies:
             inertia = KaneInertia(self._given_bodies)
             self._solve_together(inertia, "; ".join(body.what for body in self._given_bodies), ())

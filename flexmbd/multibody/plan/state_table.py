@@ -18,12 +18,9 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.elements.frame_states import (
-    CONTACT,
-    FRAME_STATES,
-    ROUGH_CONTACT,
-    frame_states_scratch,
-)
+from flexmbd.multibody.kernels.contact.bristle import N_KEPT
+from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
+from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES, frame_states_scratch
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.state_loads import (
@@ -37,6 +34,9 @@ from flexmbd.multibody.plan.state_loads import (
 from flexmbd.multibody.scene_index import StatePlaces
 
 FloatArray = NDArray[np.float64]
+
+# what a rough contact remembers (``kernels.contact.bristle``); names with an underscore are not told
+_KEPT = ("stretch x", "stretch y", "stretch z", *(f"_{k}" for k in range(3, N_KEPT)))
 
 
 class StateTable(ABC):
@@ -70,6 +70,10 @@ class StateTable(ABC):
     @abstractmethod
     def side(self, *given: Any, **named: Any) -> int:
         """Place in x of the side of a switch."""
+
+    @abstractmethod
+    def late_memory(self, names: Sequence[str]) -> int:
+        """Place in x of a memory of zeros of the row that comes next; -1: not known before all states are."""
 
     @abstractmethod
     def element(self, *given: Any, **named: Any) -> None:
@@ -106,14 +110,15 @@ class StateTable(ABC):
     ) -> None:
         """Let a shape on F and a sphere that G carries touch."""
         values = flat(numbers)
-        names = () if bristle is None else ("bristle x", "bristle y", "bristle z")
+        names = () if bristle is None else ("slid x", "slid y", "slid z")
         sizes, initial = state_sizes(bristle or 1.0, dict.fromkeys(names, 0.0), what)
         first, link = self._add_links(what, names, initial, sizes)
         n = len(initial)
         data = self.numbers([n, 0, link, *sizes, len(values), *values])
         kind = CONTACT if bristle is None else ROUGH_CONTACT
         f, g = self.frame(frame_F), self.frame(frame_G)
-        self.element(kind, what, f=f, g=g, v=first, data=data, count=frame_states_scratch(n, 0))
+        kept = () if bristle is None else _KEPT
+        self.element(kind, what, f=f, g=g, v=first, data=data, count=N_KEPT, memory=self.late_memory(kept))
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

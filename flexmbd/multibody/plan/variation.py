@@ -280,6 +280,10 @@ class _Replay(ForceTable):
         same = place >= 0 and self._start[first : first + len(names)].tolist() == [*names.values()]
         return place if same else -1
 
+    def late_memory(self, names: Sequence[str]) -> int:
+        """The place that it got before."""
+        return next(self._places, -1) if names else -1
+
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """The places that its states got before, if they have the same values at the start and the same sizes."""
         first, link = next(self._old_links, (-1, -1))

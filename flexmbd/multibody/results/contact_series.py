@@ -46,8 +46,10 @@ class ContactSeries:
         return self.force - self.normal_force[:, None] * self.normal
 
 
-def contact_rows(scene: CompiledScene, contact: Contact, x: FloatArray, v: FloatArray, a: FloatArray) -> ContactSeries:
-    """The series of a contact at rows x (nt, nx), v, a (nt, nv).
+def contact_rows(
+    scene: CompiledScene, contact: Contact, t: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray
+) -> ContactSeries:
+    """The series of a contact at rows t (nt,), x (nt, nx), v, a (nt, nv).
 
     Raises:
         SceneError: it is no contact, or of another scene.
@@ -57,6 +59,6 @@ def contact_rows(scene: CompiledScene, contact: Contact, x: FloatArray, v: Float
     if rows is None or not rows.elements:
         raise SceneError(f"{contact.what} is not in this trajectory's scene")
     out = np.zeros((len(x), at.N_CONTACT))
-    at.contact_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, out)
+    at.contact_series(scene.plan, new_work(scene.plan), rows.elements.start, t, x, v, a, out)
     parts = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
     return ContactSeries(parts[0][:, 0], *parts[1:])

@@ -1,8 +1,8 @@
 """One watch of the rows of a run against what the records of its bodies know, and what its elements can measure.
 
-Each kind of limit is a file of its own: `compared_range`, `spin_range`, `bend_range`, `turn_range`.  It is told once
-a run, with body, time, what is missing and about how much, and a remedy; of an ensemble once of each subject
-(`told_once`).
+Each kind of limit is a file of its own: `compared_range`, `spin_range`, `bend_range`, `turn_range`,
+`depth_range`.  It is told once a run, with body, time, what is missing and about how much, and a remedy; of an
+ensemble once of each subject (`told_once`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.bend_range import bend_limits
 from flexmbd.multibody.results.compared_range import compared_limits
+from flexmbd.multibody.results.depth_range import depth_limits
 from flexmbd.multibody.results.spin_range import spin_limits
 from flexmbd.multibody.results.state_rows import Before, Limit, StateRows
 from flexmbd.multibody.results.stretch_watch import StoredRows
@@ -34,7 +35,7 @@ class RangeWatch:
 
     def __init__(self, scene: CompiledScene, bodies: Iterable[Body]) -> None:
         self._scene, watched = scene, tuple(bodies)
-        made = (compared_limits, spin_limits, bend_limits, turn_limits)
+        made = (compared_limits, spin_limits, bend_limits, turn_limits, depth_limits)
         self._limits: tuple[Limit, ...] = tuple(chain.from_iterable(make(scene, watched) for make in made))
         self._open = self._limits
         self._rows = 0

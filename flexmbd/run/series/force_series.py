@@ -196,7 +196,8 @@ class ForceSeries(MotionSeries):
         """
         some = [touching] if isinstance(touching, Contact) else [*touching]
         series = (self.x, self.v, self.a) if t is None else self.motion(t)
-        return tuple(contact_rows(self.scene, one, *series) for one in some)
+        times = self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))
+        return tuple(contact_rows(self.scene, one, times, *series) for one in some)
 
     def _interior(self, body: ContinuumBody) -> int:
         """Which of the interiors is the body's."""

@@ -1,4 +1,4 @@
-"""The variation of a contact's wrench and of its bristle's rates against differences, shape by shape."""
+"""The variation of a contact's wrench and of how it slides against differences; the bristle's return mapping."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import pytest
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
+from flexmbd.multibody.kernels.contact.bristle import stretch
 from flexmbd.multibody.kernels.contact.contact_law import contact, contact_energy, contact_variation
+from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS
 
 SHAPES = {
     "sphere": ([kinds.SPHERE, 0.5, 0.0, 0.0], (0.3, -0.2, 0.4)),
@@ -24,62 +26,114 @@ SHAPES = {
 RADIUS = 0.1
 
 
-@entry_kernel
-def ask(data, z, d, rate, spin, out):
-    contact(data, 0, z, (d[0], d[1], d[2]), (rate[0], rate[1], rate[2]), (spin[0], spin[1], spin[2]), out)
+SLIDING = 0.2  # where it slides they are those of a stretch that is shortened: for Newton's iteration, not for results
+STEP = 1e-2  # s, from what is remembered to now
+BRISTLE, DAMPING = 3e4, 40.0
 
 
 @entry_kernel
-def vary(data, z, motion, change, out):
-    m, c = motion, change
-    contact_variation(
-        data, 0, z, (m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8]),
-        (c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]), out,
+def ask(data, rough, memory, y, d, rate, spin, out):
+    way = memory, 0, STEP, (y[0], y[1], y[2])
+    contact(
+        data, 0, rough, way, (d[0], d[1], d[2]), (rate[0], rate[1], rate[2]), (spin[0], spin[1], spin[2]), out
     )  # fmt: skip
 
 
 @entry_kernel
-def stored(data, z, d, out):
-    out[0] = contact_energy(data, 0, z, (d[0], d[1], d[2]))
+def vary(data, rough, memory, motion, change, out):
+    m, c = motion, change
+    way = memory, 0, STEP, (m[9], m[10], m[11])
+    contact_variation(
+        data, 0, rough, way, ((m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8])),
+        ((c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]), (c[9], c[10], c[11])), out,
+    )  # fmt: skip
+
+
+@entry_kernel
+def stored(data, memory, d, out):
+    out[0] = contact_energy(data, 0, False, (memory, 0, 0.0, (0.0, 0.0, 0.0)), (d[0], d[1], d[2]))
+
+
+@entry_kernel
+def lead(memory, data, path, depth, out):
+    """The stretch after a second on a way in the xy plane; 1 m/N is how far it goes before it slides."""
+    zero = 0.0, 0.0, 0.0
+    way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
+    end, _, _, _ = stretch(
+        memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), (data, 0, 1.0, 0.0), (depth[0], depth[1]), (0.0, 0.0)
+    )
+    out[0], out[1], out[2] = end
+
+
+@entry_kernel
+def march(z, moves, limits):
+    for k in range(moves.shape[0]):
+        length = 0.0
+        for c in range(3):
+            z[c] += moves[k, c]
+            length += z[c] * z[c]
+        length = length**0.5
+        if length > limits[k]:
+            for c in range(3):
+                z[c] *= limits[k] / length
 
 
 def numbers(shape, *, D=0.05, mu=0.4, static=0.6):
-    return np.array([*shape, RADIUS, 1e4, 1.5, D, mu, static, 0.7, 3e4, 40.0, 1e-5])
+    return np.array([*shape, RADIUS, 1e4, 1.5, D, mu, static, 0.7, BRISTLE, DAMPING, 0.0, 0.0, 0.0])
 
 
-def wrench(data, z, motion):
-    out = np.zeros(6 + len(z))
-    ask(data, z, motion[:3].copy(), motion[3:6].copy(), motion[6:].copy(), out)
+def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), depth=(0.0, 0.0)):
+    """Of time 0, where nothing had slid yet."""
+    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, *depth])
+
+
+def wrench(data, motion, memory=None):
+    rough = memory is not None
+    out = np.zeros(9 if rough else 6)
+    kept = np.zeros(0) if memory is None else memory
+    ask(data, rough, kept, motion[9:].copy(), motion[:3].copy(), motion[3:6].copy(), motion[6:9].copy(), out)
     return out
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("bristle", [None, 1e-4, 2.9e-3, 5e-2])  # smooth; it sticks; it yields; it slides
-def test_variations_are_those_of_differences(name, bristle):
+@pytest.mark.parametrize("slid", [None, 1e-7, 1e-5, 3e-3, 5e-2])  # smooth; it sticks; it slides, ever farther
+def test_variations_are_those_of_differences(name, slid):
     shape, place = SHAPES[name]
     data = numbers(shape)
     rng = np.random.default_rng(7)
-    motion = np.concatenate([place, rng.normal(size=6)])
-    z = np.zeros(0) if bristle is None else bristle * np.array([0.6, -0.5, 0.4])
-    assert np.abs(wrench(data, z, motion)[:3]).max() > 1.0  # it touches
+    motion = np.concatenate([place, rng.normal(size=6), np.zeros(3)])
+    memory = None
+    if slid is not None:
+        n = wrench(data, motion)[:3]
+        n /= np.linalg.norm(n)
+        slide = np.cross(n, [0.6, -0.5, 0.4])
+        memory = remembered(1e-6 * np.cross(n, slide), slid / STEP * slide, (0.03, 0.2))
+        motion[9:] = slid * (slide + 0.3 * np.cross(n, slide))
+        sliding = slid / STEP * (slide + 0.6 * np.cross(n, slide))  # as of a way that bends by as much
+        motion[3:6] = sliding + 0.3 * n + np.cross(motion[6:9], RADIUS * n)
+    assert np.abs(wrench(data, motion, memory)[:3]).max() > 1.0  # it touches
     for _ in range(4):
-        change = rng.normal(size=9)
-        h = 1e-6
-        found = np.zeros(6 + len(z))
-        vary(data, z, motion, change, found)
-        expected = (wrench(data, z, motion + h * change) - wrench(data, z, motion - h * change)) / (2.0 * h)
-        assert found == pytest.approx(expected, rel=2e-6, abs=2e-6 * np.abs(expected).max())
+        change = rng.normal(size=12)
+        if slid is not None:
+            change[9:] -= (n @ change[9:]) * n
+            change[9:] *= min(1.0, 30.0 * slid)
+        h = 1e-6 if slid is None else min(1e-6, 1e-2 * slid)
+        found = np.zeros(6 if slid is None else 9)
+        vary(data, slid is not None, np.zeros(0) if memory is None else memory, motion, change, found)
+        expected = (wrench(data, motion + h * change, memory) - wrench(data, motion - h * change, memory)) / (2.0 * h)
+        near = 2e-5 if slid is None or slid < 1e-3 else SLIDING
+        assert found == pytest.approx(expected, rel=near, abs=near * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_force_at_rest_is_the_derivative_of_the_energy(name):
     shape, place = SHAPES[name]
-    data, none = numbers(shape, D=0.0), np.zeros(0)
-    force = wrench(data, none, np.array([*place, *np.zeros(6)]))[:3]
+    data = numbers(shape, D=0.0)
+    force = wrench(data, np.array([*place, *np.zeros(9)]))[:3]
 
     def energy(p):
         out = np.zeros(1)
-        stored(data, none, p, out)
+        stored(data, np.zeros(0), p, out)
         return out[0]
 
     slope = [(energy(np.array(place) + 1e-6 * e) - energy(np.array(place) - 1e-6 * e)) / 2e-6 for e in np.eye(3)]
@@ -92,8 +146,40 @@ def test_friction_never_exceeds_coulomb_s():
     n = np.array(shape[1:])
     rng = np.random.default_rng(3)
     for _ in range(200):
-        motion = np.concatenate([place, rng.normal(size=6) * 10.0 ** rng.uniform(-4, 1)])
+        motion = np.concatenate([place, rng.normal(size=9) * 10.0 ** rng.uniform(-4, 1)])
         z = rng.normal(size=3) * 10.0 ** rng.uniform(-6, 0)
-        force = wrench(data, z, motion)[:3]
+        force = wrench(data, motion, remembered(z, rng.normal(size=3), 0.1 * rng.normal(size=2)))[:3]
         normal = force @ n
         assert np.linalg.norm(force - normal * n) <= 0.6 * normal * (1.0 + 1e-12)
+
+
+def cubic(path, t):
+    """The place at a share t of the way, from its begin; rows of ``path``: its end, the rates at both ends."""
+    whole, first, last = path
+    return np.outer(t, first) + np.outer(t**2, 3.0 * whole - 2.0 * first - last) + np.outer(
+        t**3, first + last - 2.0 * whole
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])  # of the way, over the stretch
+@pytest.mark.parametrize("seed", range(6))
+def test_a_way_takes_the_bristle_where_a_million_pieces_do(seed, size):
+    """Ways that bend, and that turn back within the step."""
+    rng = np.random.default_rng(seed)
+    path = np.zeros((3, 3))
+    path[:, :2] = size * rng.normal(size=(3, 2))
+    if seed >= 3:  # to and fro along a line
+        path = np.outer([0.3, 2.0, -1.0] if seed < 5 else [1e-7, 1.0, -1.0], size * rng.normal(size=3))
+        path[:, 2] = 0.0
+    z = np.array([0.3, -0.2, 0.0])
+    deep = np.array([1.0, 0.5 + rng.uniform()]), np.array([0.5, -0.4])  # at both ends, and the rates
+    found = np.zeros(3)
+    law = np.zeros(20)
+    law[[STIFFNESS, EXPONENT]] = 1.0
+    lead(remembered(z, path[1], (deep[0][0], deep[1][0])), law, path, np.array([deep[0][1], deep[1][1]]), found)
+    ends = np.linspace(0.0, 1.0, 400001)
+    ends = np.concatenate([ends, 1.0 - np.geomspace(1e-5, 1e-14, 100000)]) if size > 1.0 else ends
+    ends = np.sort(ends)
+    rise = np.array([[deep[0][1] - deep[0][0], 0.0, 0.0], [deep[1][0], 0.0, 0.0], [deep[1][1], 0.0, 0.0]])
+    march(z, np.diff(cubic(path, ends), axis=0), deep[0][0] + cubic(rise, ends[1:])[:, 0])
+    assert found == pytest.approx(z, abs=2e-2 if size == 1.0 else 2e-4)

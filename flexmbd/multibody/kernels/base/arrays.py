@@ -26,8 +26,9 @@ class Plan(ArrayStruct):
     ``Callbacks`` keeps; FLAG_ELEMENT + i or FLAG_TIME - i: no finite number from that row's compiled function.
     ``wrenches`` (k, 6) is what the interiors of bodies with history exert on their k frames now: force (N) and moment
     (N m) on each frame in inertial axes.  ``Interiors.apply_wrenches`` writes it; copies of the plan by ``replace``
-    share it.  ``horizon`` (1,) is the longest next step (s) in which what is about to touch cannot pass through:
-    contacts lower it as they are evaluated, the step-size controller takes it and puts it back to infinity.  Python
+    share it.  ``horizon`` (2,) is the longest next step (s) in which what is about to touch cannot pass through:
+    contacts lower it as they are evaluated, the step-size controller takes it and puts it back to infinity; and whether
+    friction of a contact bends within the step, to stick or to slide, as the last evaluation of forces found.  Python
     code cannot write to ``data``.
     """
 
@@ -60,7 +61,7 @@ class Plan(ArrayStruct):
 
 def open_horizon() -> FloatArray:
     """A ``Plan.horizon`` that bounds no step."""
-    return np.full(1, np.inf)
+    return np.array([np.inf, 0.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,7 +69,8 @@ EL_NUMBER, EL_MEMORY, EL_SIDE, N_ELEMENT = 10, 11, 12, 13
 # EL_SIDE: where in x it stands on which side (1, -1) of its switch a user's function is, -1 where it has none; on the
 # negative side the second address is that of the function.
 # EL_MEMORY: where its memory begins in the configuration x, -1 where it has none: when it was written (s), at which
-# deformation (m or rad) and rate, on which piece of the law; then as many numbers of the law as EL_COUNT says.
+# deformation (m or rad) and rate, on which piece of the law; then as many numbers of the law as EL_COUNT says
+# (of a rough contact ``contact.bristle``).
 MEMORY_TIME, MEMORY_DEFORMATION, MEMORY_RATE, MEMORY_PIECE, N_MEMORY_HEAD = range(5)
 # Of such an element, in Plan.data: where the deformation is zero, how many numbers its law has, and these.
 MEMORY_LAW_NUMBERS = 2

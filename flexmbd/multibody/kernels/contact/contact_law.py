@@ -1,22 +1,18 @@
-"""The wrench between a shape and a sphere or a point that touches it, the rates of its bristle, and their variation.
+"""The wrench between a shape and a sphere or a point that touches it, how they slide, and the variation of both.
 
 Normal force, of the depth delta and its rate (Hunt & Crossley 1975):
 
     N = k delta^p (1 + D delta'),  never a pull.
 
-Friction: a bristle z (m) in the tangent plane, which sticks elastically and slides where k_t |z| = mu N (Dupont,
-Hayward, Armstrong & Altpeter 2002: the share alpha of the sliding is zero up to `_STICKS` of that stretch, so that a
-load which oscillates below it does not creep):
+Friction: a bristle between the surfaces, whose stretch z (m) in the tangent plane ``bristle`` gives by return mapping:
+Coulomb's friction with true stick,
 
-    u = v_t - alpha (v_t . e)+ e - (k_t / c_t) (|z| - s)+ e,    e = z / |z|,  s = mu N / k_t + floor
-    z' = w u - (1 - w) (k_t / c_t) z,    w = min(1, mu N / (k_t floor))
-    T = k_t z + c_t u,  at most mu N in size.
+    T = k_t z + c_t v,  at most mu N in size,
 
-Where nothing touches, w = 0: the bristle springs back against its damper.  The floor, far less than a typical stretch,
-makes z' continuous where N vanishes; it changes no force.  mu falls from its static value with the sliding speed
-(Stribeck).  All vectors are in the axes of the shape's frame F.
+at the sliding velocity v, which is also the rate of the state that the bristle has: how far the surfaces have slid.
+mu falls from its static value with the sliding speed (Stribeck).  All vectors are in the axes of the shape's frame F.
 
-Numbers: the shape's (``signed_distance``), then those whose places have names below.
+Numbers: the shape's (``signed_distance``), then those that ``normal_force`` names.
 """
 
 from __future__ import annotations
@@ -24,41 +20,34 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3, sub3
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.bristle import STRETCH, flat, keep, stretch
+from flexmbd.multibody.kernels.contact.normal_force import (
+    BRISTLE,
+    BRISTLE_DAMPING,
+    EXPONENT,
+    FRICTION,
+    RADIUS,
+    STATIC,
+    STIFFNESS,
+    STRIBECK,
+    normal_force,
+)
 from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
     CYLINDER,
     HALF_THICKNESS,
     PROFILE,
-    SHAPE_NUMBERS,
     SPHERE,
     TRIANGLES,
     distance,
     gradient_variation,
 )
 
-#: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m); mu, the static mu, the speed (m/s) over
-#: which it falls; k_t (N/m), c_t (N s/m), the floor (m); the sphere's centre in the axes of its own frame G (3, m).
-RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, FLOOR, CENTRE = range(
-    SHAPE_NUMBERS, SHAPE_NUMBERS + 11
-)
-
-_STICKS = 0.8  # of the stretch at which it slides; none of the sliding below it
 _ZERO = (0.0, 0.0, 0.0)
-
-
-@kernel
-def _normal_force(data, o, depth, rate):
-    """N, its derivatives by the depth and by the depth's rate."""
-    if not depth > 0.0:
-        return 0.0, 0.0, 0.0
-    p = data[o + EXPONENT]
-    elastic = data[o + STIFFNESS] * depth**p
-    factor = 1.0 + data[o + DISSIPATION] * rate
-    if not factor > 0.0:
-        return 0.0, 0.0, 0.0
-    return elastic * factor, p * elastic / depth * factor, elastic * data[o + DISSIPATION]
+_FREE, _STICKS = 0.0, 1.0  # pieces of friction's law; one more where the bristle slides, two where it bears mu N
 
 
 @kernel
@@ -73,165 +62,171 @@ def _coefficient(data, o, v):
 
 
 @kernel
-def _share_of_sliding(ratio):
-    """Alpha at |z| over the stretch at which it slides, and its derivative by that ratio."""
-    if ratio >= 1.0:
-        return 1.0, 0.0
-    if ratio <= _STICKS:
-        return 0.0, 0.0
-    w = (ratio - _STICKS) / (1.0 - _STICKS)
-    return w * w * (3.0 - 2.0 * w), 6.0 * w * (1.0 - w) / (1.0 - _STICKS)
+def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
+    """The bristle's stretch and its variation; mu N and its variation; whether it slides, and whether before.
 
-
-@kernel
-def _bristle(data, o, n, N, v, z):
-    """Friction on the sphere (N) and the bristle's rate (m/s), at the sliding velocity v."""
-    k, back = data[o + BRISTLE], data[o + BRISTLE] / data[o + BRISTLE_DAMPING]
-    most = _coefficient(data, o, v)[0] * N
-    slides = most / k + data[o + FLOOR]
-    lifted = scale3(dot3(n, z), n)
-    flat = sub3(z, lifted)
-    s = math.sqrt(dot3(flat, flat))
-    stretch = v
-    if s > 0.0:
-        e = scale3(1.0 / s, flat)
-        lost = _share_of_sliding(s / slides)[0] * max(dot3(v, e), 0.0) + back * max(s - slides, 0.0)
-        stretch = sub3(v, scale3(lost, e))
-    pull = add3(scale3(k, flat), scale3(data[o + BRISTLE_DAMPING], stretch))
-    size = math.sqrt(dot3(pull, pull))
-    w = min(1.0, most / (k * data[o + FLOOR]))
-    rate = sub3(scale3(w, sub3(stretch, scale3(back, lifted))), scale3((1.0 - w) * back, z))
-    return scale3(-1.0 if size <= most else -most / size, pull), rate
-
-
-@kernel
-def _bristle_variation(data, o, n, N, v, z, dn, dN, dv):
-    """Their variation for n + dn, N + dN, v + dv."""
-    k, back = data[o + BRISTLE], data[o + BRISTLE] / data[o + BRISTLE_DAMPING]
+    ``way``: the memory, where in it the bristle's begins, the time (s), and how far the surfaces have slid (m).
+    ``depth``: how deep they are pressed into each other (m), and its rate (m/s).
+    """
+    memory, m, t, y = way
     mu, slope = _coefficient(data, o, v)
-    most, dmost = mu * N, slope * dot3(v, dv) * N + mu * dN
-    slides, dslides = most / k + data[o + FLOOR], dmost / k
-    up, dup = dot3(n, z), dot3(dn, z)
-    flat = sub3(z, scale3(up, n))
-    dflat = scale3(-1.0, add3(scale3(dup, n), scale3(up, dn)))
-    s = math.sqrt(dot3(flat, flat))
-    stretch, dstretch = v, dv
-    if s > 0.0:
-        e = scale3(1.0 / s, flat)
-        ds = dot3(e, dflat)
-        de = scale3(1.0 / s, sub3(dflat, scale3(ds, e)))
-        alpha, by_ratio = _share_of_sliding(s / slides)
-        dalpha = by_ratio * (ds - s * dslides / slides) / slides
-        along = dot3(v, e)
-        lost, dlost = 0.0, 0.0
-        if along > 0.0:
-            lost, dlost = alpha * along, dalpha * along + alpha * (dot3(dv, e) + dot3(v, de))
-        if s > slides:
-            lost, dlost = lost + back * (s - slides), dlost + back * (ds - dslides)
-        stretch = sub3(v, scale3(lost, e))
-        dstretch = sub3(dv, add3(scale3(dlost, e), scale3(lost, de)))
-    pull = add3(scale3(k, flat), scale3(data[o + BRISTLE_DAMPING], stretch))
-    dpull = add3(scale3(k, dflat), scale3(data[o + BRISTLE_DAMPING], dstretch))
-    w, dw = most / (k * data[o + FLOOR]), dmost / (k * data[o + FLOOR])
-    if w >= 1.0:
-        w, dw = 1.0, 0.0
-    held = sub3(stretch, scale3(back * up, n))
-    drate = add3(scale3(w, add3(dstretch, scale3(back, dflat))), scale3(dw, add3(held, scale3(back, z))))
+    dmu = slope * dot3(v, dv)
+    k = data[o + BRISTLE]
+    z, dz, slides, slid = stretch(memory, m, t, n, (y, v), (dway, dv), (data, o, mu / k, dmu / k), depth, ddepth)
+    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    return z, dz, mu * N, dmu * N + mu * (by_depth * ddepth[0] + by_rate * ddepth[1]), (slides, slid)
+
+
+@kernel
+def _friction(data, o, way, n, depth, v):
+    """Friction on the sphere (N) at the sliding velocity v; the bristle's stretch (m); the piece of the law.
+
+    And whether the law bends between there and where the step began.
+    """
+    z, _, most, _, (slides, slid) = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
+    pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
+    size = math.sqrt(dot3(pull, pull))
+    full = size > most
+    piece = _STICKS + (1.0 if slides else 0.0) + (2.0 if full else 0.0)
+    before = way[0][way[1] + at.MEMORY_PIECE]
+    bends = (slid and not slides) or (before != _FREE and before != piece)
+    return scale3(-most / size if full else -1.0, pull), z, piece, bends
+
+
+@kernel
+def _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv):
+    """Friction, and its variation for a way longer by dway, n + dn, v + dv, and that of the depth and its rate."""
+    z, dz, most, dmost, _ = _stretch(data, o, way, n, depth, v, dway, ddepth, dv)
+    dz = sub3(dz, scale3(dot3(dn, z), n))  # it stays in the tangent plane
+    pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
+    dpull = add3(scale3(data[o + BRISTLE], dz), scale3(data[o + BRISTLE_DAMPING], dv))
     size = math.sqrt(dot3(pull, pull))
     if size <= most:
-        return scale3(-1.0, dpull), drate
+        return scale3(-1.0, pull), scale3(-1.0, dpull)
     share = most / size
     dshare = dmost / size - share * dot3(pull, dpull) / (size * size)
-    return scale3(-1.0, add3(scale3(dshare, pull), scale3(share, dpull))), drate
+    return scale3(-share, pull), scale3(-1.0, add3(scale3(dshare, pull), scale3(share, dpull)))
 
 
 @kernel
-def time_to_pass(data, o, gap, n, rate):
-    """The longest step (s) whose end cannot be beyond what the sphere is about to meet; infinite where none is.
-
-    The gap and half of what overlaps while it passes through the middle, at the speed it has.
-    """
+def way_to_middle(data, o):
+    """How far the sphere moves from where it touches the shape to the shape's middle (m); infinite where none is."""
     kind = data[o]
     solid = kind == SPHERE or kind == CAPSULE or kind == CYLINDER or kind == BOX
     size = data[o + 1]
     if kind == PROFILE or kind == TRIANGLES:
         size = data[o + HALF_THICKNESS]
         solid = size > 0.0
-    if not solid or not gap > 0.0 or dot3(n, rate) >= 0.0:
+    if not solid:
         return math.inf
     if kind == BOX:
         size = min(size, data[o + 2], data[o + 3])
-    return (gap + 0.5 * (size + data[o + RADIUS])) / math.sqrt(dot3(rate, rate))
+    return size + data[o + RADIUS]
 
 
 @kernel
-def contact(data, o, z, d, rate, spin, out):
-    """Force on the sphere, torque about its centre and, where z (3,) is there, its rates into ``out`` (6 + 3,).
+def time_to_pass(data, o, gap, n, rate):
+    """The longest step (s) whose end cannot be beyond what the sphere is about to meet; infinite where none is.
 
-    Returns the longest step (s) in which it cannot pass through.
+    The gap and half of the way to the middle, at the speed it has.
+    """
+    if not gap > 0.0 or dot3(n, rate) >= 0.0:
+        return math.inf
+    return (gap + 0.5 * way_to_middle(data, o)) / math.sqrt(dot3(rate, rate))
+
+
+@kernel
+def _slides(data, o, n, rate, spin):
+    """The arm from the sphere's centre to where it touches, and the velocity there, with its part across n."""
+    arm = scale3(-data[o + RADIUS], n)
+    whole = add3(rate, cross3(spin, arm))
+    return arm, whole, flat(n, whole)
+
+
+@kernel
+def contact(data, o, rough, way, d, rate, spin, out):
+    """Force on the sphere, torque about its centre and, where it is ``rough``, its sliding velocity into ``out``.
+
+    ``way``: as of ``_stretch``.  Returns the longest step (s) in which it cannot pass through, and whether friction
+    bends in this one.
     """
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
-    N = _normal_force(data, o, -gap, -dot3(n, rate))[0]
-    force, torque = scale3(N, n), _ZERO
+    depth = -gap, -dot3(n, rate)
+    force, torque = scale3(normal_force(data, o, depth[0], depth[1])[0], n), _ZERO
+    bends = False
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
-    if z.shape[0] > 0:
-        bristle = load3(z, 0)
+    if rough:
+        arm, _, sliding = _slides(data, o, n, rate, spin)
         if touches:
-            arm = scale3(-data[o + RADIUS], n)
-            sliding = add3(rate, cross3(spin, arm))
-            sliding = sub3(sliding, scale3(dot3(n, sliding), n))
-            friction, change = _bristle(data, o, n, N, sliding, bristle)
+            friction, _, _, bends = _friction(data, o, way, n, depth, sliding)
             force, torque = add3(force, friction), cross3(arm, friction)
-            store3(out, 6, change)
-        else:
-            store3(out, 6, scale3(-data[o + BRISTLE] / data[o + BRISTLE_DAMPING], bristle))
+        store3(out, 6, sliding)
     if gap != gap:
         force = (gap, gap, gap)
     store3(out, 0, force)
     store3(out, 3, torque)
-    return time_to_pass(data, o, gap, n, rate)
+    return time_to_pass(data, o, gap, n, rate), bends
 
 
 @kernel
-def contact_variation(data, o, z, d, rate, spin, dd, drate, dspin, out):
-    """The variation of all that ``contact`` writes, for d + dd, rate + drate, spin + dspin; turns change nothing."""
+def contact_variation(data, o, rough, way, motion, change, out):
+    """The variation of all that ``contact`` writes, for d + dd, rate + drate, spin + dspin, a way longer by dway.
+
+    Turns change nothing.  Returns the force itself.
+    """
+    d, rate, spin = motion
+    dd, drate, dspin, dway = change
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
-    for k in range(6 + z.shape[0]):
+    touches = gap < 0.0
+    for k in range(9 if rough else 6):
         out[k] = 0.0
-    if not gap < 0.0:
-        return
+    if not (touches or rough):
+        return _ZERO
     dn = gradient_variation(data, o, d, dd)
-    N, by_depth, by_rate = _normal_force(data, o, -gap, -dot3(n, rate))
-    dN = -by_depth * dot3(n, dd) - by_rate * (dot3(dn, rate) + dot3(n, drate))
-    dforce, dtorque = add3(scale3(dN, n), scale3(N, dn)), _ZERO
-    if z.shape[0] > 0:
-        r = data[o + RADIUS]
-        arm, darm = scale3(-r, n), scale3(-r, dn)
-        whole = add3(rate, cross3(spin, arm))
+    depth, ddepth = (-gap, -dot3(n, rate)), (-dot3(n, dd), -dot3(dn, rate) - dot3(n, drate))
+    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    dN = by_depth * ddepth[0] + by_rate * ddepth[1]
+    force, dforce, dtorque = scale3(N, n), add3(scale3(dN, n), scale3(N, dn)), _ZERO
+    if rough:
+        arm, whole, v = _slides(data, o, n, rate, spin)
+        darm = scale3(-data[o + RADIUS], dn)
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
-        up = dot3(n, whole)
-        v = sub3(whole, scale3(up, n))
-        dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(up, dn))
-        bristle = load3(z, 0)
-        friction, _ = _bristle(data, o, n, N, v, bristle)
-        dfriction, dchange = _bristle_variation(data, o, n, N, v, bristle, dn, dN, dv)
-        dforce = add3(dforce, dfriction)
-        dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
-        store3(out, 6, dchange)
+        dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
+        if touches:
+            friction, dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
+            force, dforce = add3(force, friction), add3(dforce, dfriction)
+            dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
+        store3(out, 6, dv)
     store3(out, 0, dforce)
     store3(out, 3, dtorque)
+    return force
 
 
 @kernel
-def contact_energy(data, o, z, d):
-    """What the contact stores (J): of the depth, and of the bristle."""
+def remember_contact(data, o, way, d, rate, spin, x):
+    """Write into the configuration x what the bristle remembers of where it is."""
+    _, m, t, y = way
+    gap, n = distance(data, o, d)
+    gap -= data[o + RADIUS]
+    depth = -gap, -dot3(n, rate)
+    _, _, v = _slides(data, o, n, rate, spin)
+    z, piece = _ZERO, _FREE
+    if gap < 0.0:
+        _, z, piece, _ = _friction(data, o, way, n, depth, v)
+    keep(x, m, t, piece, z, (y, v), depth)
+
+
+@kernel
+def contact_energy(data, o, rough, way, d):
+    """What the contact stores (J): of the depth, and of the bristle as it is remembered."""
     gap = distance(data, o, d)[0] - data[o + RADIUS]
     if not gap < 0.0:
         return 0.0 if gap >= 0.0 else gap
     p = data[o + EXPONENT]
     energy = data[o + STIFFNESS] * (-gap) ** (p + 1.0) / (p + 1.0)
-    for k in range(z.shape[0]):
-        energy += 0.5 * data[o + BRISTLE] * z[k] * z[k]
+    if rough:
+        z = load3(way[0], way[1] + at.N_MEMORY_HEAD + STRETCH)
+        energy += 0.5 * data[o + BRISTLE] * dot3(z, z)
     return energy

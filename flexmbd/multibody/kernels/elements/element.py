@@ -94,12 +94,15 @@ class FrameElement:
             exp(dtheta) R, rate + drate, spin + dspin; ``step`` is how much of that a difference should take.  None
             where the wrench keeps to F's axes whatever G does.
         energy: (plan, work, row, d, R, rate, spin) -> J that it stores; None where it stores nothing.
+        remember: (plan, work, row, x, d, R, rate, spin, t) writes into the configuration x what it remembers at t (s);
+            None where it has no memory.
     """
 
     behaviour: Behaviour
     wrench: Any
     variation: Any = None
     energy: Any = None
+    remember: Any = None
 
 
 @dataclass(frozen=True, eq=False)

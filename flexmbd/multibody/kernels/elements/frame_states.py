@@ -7,8 +7,7 @@ it, controls its error and finds it in its tangent.
 
 Its numbers: how many states n and signals m; the row of ``Plan.tree`` of the first state's link; the scales (n); the
 rows of ``Plan.times`` of the signals (m); how many numbers the law has, and these.  The function behind the address:
-``user_functions.frame_states_function``.  Address 0 is the law of contact (``contact.contact_law``), whose states are
-the bristle of its friction.
+``user_functions.frame_states_function``.  Address 0 is contact (``contact_wrench``).
 """
 
 from __future__ import annotations
@@ -18,10 +17,8 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import (
     add3,
     compose,
-    cross3,
     exp_rotation,
     load3,
-    rotate,
     scale3,
     store3,
     store9,
@@ -31,17 +28,16 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
-from flexmbd.multibody.kernels.contact.contact_law import (
-    CENTRE,
-    DISSIPATION,
-    contact,
-    contact_energy,
-    contact_variation,
+from flexmbd.multibody.kernels.elements.contact_wrench import (
+    HEAD,
+    contact_by_way,
+    is_contact,
+    law_numbers,
+    state_value,
 )
 from flexmbd.multibody.kernels.elements.differences import difference_step
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
 
-_HEAD = 3  # numbers before the scales
 _MOTION = 19  # how many states, d, R, rate, spin; then the states and the signals
 _WRENCH = 6
 
@@ -52,31 +48,11 @@ def frame_states_scratch(n: int, m: int) -> int:
 
 
 @kernel
-def state_count(plan, row):
-    """How many states the law of a row has."""
-    return int(plan.data[row[at.EL_DATA]])
-
-
-@kernel
 def _sizes(plan, row):
     """How many states and signals; where the law's own numbers begin; where ``work.generalized`` has the answer."""
     o = row[at.EL_DATA]
     n, m = int(plan.data[o]), int(plan.data[o + 1])
-    return n, m, o + _HEAD + n + m + 1, _MOTION + n + m
-
-
-@kernel
-def _state(plan, work, row, i):
-    """State i, of the velocity of its link."""
-    o = row[at.EL_DATA]
-    return plan.data[o + _HEAD + i] * work.body[int(plan.data[o + 2]) + i, at.B_W + 2]
-
-
-@kernel
-def centre_motion(plan, numbers, d, R, rate, spin):
-    """Of a contact the sphere's centre from G's origin, its place and its rate, in F's axes."""
-    arm = rotate(R, load3(plan.data, numbers + CENTRE))
-    return arm, add3(d, arm), add3(rate, cross3(spin, arm))
+    return n, m, law_numbers(plan, row), 0 if is_contact(row) else _MOTION + n + m
 
 
 @kernel
@@ -94,11 +70,11 @@ def _ask(plan, work, row, motion, moved, along):
     store3(given, 13, rate)
     store3(given, 16, spin)
     for i in range(n):
-        given[_MOTION + i] = _state(plan, work, row, i)
+        given[_MOTION + i] = state_value(plan, work, row, i)
     if moved >= 0:
         given[_MOTION + moved] += along
     for j in range(m):
-        given[_MOTION + n + j] = work.time[int(plan.data[row[at.EL_DATA] + _HEAD + n + j]), 0]
+        given[_MOTION + n + j] = work.time[int(plan.data[row[at.EL_DATA] + HEAD + n + j]), 0]
     out = work.generalized[answer : answer + _WRENCH + n]
     total = 0.0
     for k in range(answer):
@@ -107,14 +83,8 @@ def _ask(plan, work, row, motion, moved, along):
         out[k] = math.nan
     if plan.flag[0] != 0 or not math.isfinite(total):
         return answer
-    if row[at.EL_ADDRESS] == 0:
-        arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
-        longest = contact(plan.data, numbers, given[_MOTION : _MOTION + n], place, speed, spin, out)
-        store3(out, 3, add3(load3(out, 3), cross3(arm, load3(out, 0))))
-        plan.horizon[0] = min(plan.horizon[0], longest)
-    else:
-        data = plan.data[numbers : numbers + int(plan.data[numbers - 1])]
-        call_state(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], data, given, out)
+    data = plan.data[numbers : numbers + int(plan.data[numbers - 1])]
+    call_state(row[at.EL_ADDRESS], work.time[plan.times.shape[0], 0], data, given, out)
     total = 0.0
     for k in range(out.shape[0]):
         total += out[k]
@@ -164,9 +134,11 @@ def _variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step
 @kernel
 def wrench_by_state(plan, work, row, d, R, rate, spin, i, size_v):
     """Change of force and torque by the velocity of state i's link, whose size is given; rates: `put_rates`."""
+    if is_contact(row):
+        return contact_by_way(plan, work, row, d, R, rate, spin, i)
     n, _, _, answer = _sizes(plan, row)
     o = row[at.EL_DATA]
-    scale = plan.data[o + _HEAD + i]
+    scale = plan.data[o + HEAD + i]
     velocity = work.body[int(plan.data[o + 2]) + i, at.B_W + 2]
     step = difference_step(0.0, 1.0, 1.0, max(size_v, abs(velocity), 1.0))
     _ask(plan, work, row, (d, R, rate, spin), i, scale * step)
@@ -182,7 +154,7 @@ def load_states(plan, work, row):
     o = row[at.EL_DATA]
     for i in range(n):
         rate = work.generalized[answer + _WRENCH + i]
-        work.body[int(plan.data[o + 2]) + i, at.B_T + 2] -= rate / plan.data[o + _HEAD + i]
+        work.body[int(plan.data[o + 2]) + i, at.B_T + 2] -= rate / plan.data[o + HEAD + i]
 
 
 @kernel
@@ -192,56 +164,9 @@ def put_rates(plan, work, row, column, factor, rates):
     o = row[at.EL_DATA]
     for i in range(n):
         change = work.generalized[answer + _WRENCH + i]
-        rates[i, column] = -factor * change / plan.data[o + _HEAD + i]
+        rates[i, column] = -factor * change / plan.data[o + HEAD + i]
 
 
 FRAME_STATES = FrameElement(
     Behaviour("forces with states, which may be stiff", Stiffness.UNSEEN, calls_user=True), _wrench, _variation
-)
-
-
-@kernel
-def law_numbers(plan, row):
-    """Where in ``plan.data`` the numbers of a row's law begin."""
-    return _sizes(plan, row)[2]
-
-
-@kernel
-def _load_given(plan, work, row):
-    """The states of a row into ``work.generalized``, and where its numbers and its answer begin."""
-    n, _, numbers, answer = _sizes(plan, row)
-    for i in range(n):
-        work.generalized[_MOTION + i] = _state(plan, work, row, i)
-    return work.generalized[_MOTION : _MOTION + n], numbers, answer
-
-
-@kernel
-def _contact_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
-    z, numbers, answer = _load_given(plan, work, row)
-    out = work.generalized[answer : answer + _WRENCH + z.shape[0]]
-    arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
-    turned = cross3(dtheta, arm)
-    contact(plan.data, numbers, z, place, speed, spin, out)
-    force = load3(out, 0)
-    quicker = add3(drate, add3(cross3(dspin, arm), cross3(spin, turned)))
-    contact_variation(plan.data, numbers, z, place, speed, spin, add3(dd, turned), quicker, dspin, out)
-    change = load3(out, 0)
-    return change, add3(load3(out, 3), add3(cross3(turned, force), cross3(arm, change)))
-
-
-@kernel
-def _contact_energy(plan, work, row, d, R, rate, spin):
-    z, numbers, _ = _load_given(plan, work, row)
-    return contact_energy(plan.data, numbers, z, centre_motion(plan, numbers, d, R, rate, spin)[1])
-
-
-# without states and signals the law's numbers follow the head and their count
-_CONTACT = "contacts, which are stiffer than at the start"
-CONTACT = FrameElement(
-    Behaviour(_CONTACT, Stiffness.UNSEEN, damper=(_HEAD + 1 + DISSIPATION, 1), lets_go=True),
-    _wrench, _contact_variation, _contact_energy,
-)  # fmt: skip
-#: The same with friction, whose bristle is no potential.
-ROUGH_CONTACT = FrameElement(
-    Behaviour(_CONTACT, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _contact_variation, _contact_energy
 )

@@ -16,8 +16,11 @@ from flexmbd.multibody.kernels.elements.table import (
 def changes_piece(plan, work, x, x_end, v_end):
     """Whether any element's law takes another of its pieces at x_end (nx,), v_end (nv,) than at x (nx,).
 
-    ``work.time`` holds the time of the end, to which laws with memory are led.
+    Or whether friction of a contact does, as evaluated last.  ``work.time`` holds the time of the end, to which laws
+    with memory are led.
     """
+    if plan.horizon[1] > 0.0:
+        return True
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if is_coordinate_law(row[at.EL_KIND]):

@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, scale3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, GeneralisedForce, Stiffness
-from flexmbd.multibody.kernels.elements.memory_path import follow
+from flexmbd.multibody.kernels.elements.memory_path import follow, write_memory
 from flexmbd.round_off import NO_LENGTH
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -55,7 +55,7 @@ def _changes_piece(plan, work, row, x, v):
 
 
 @kernel
-def elongation(plan, row, d, rate):
+def _elongation(plan, row, d, rate):
     """What the distance between two frames has grown by (m), its rate (m/s), and the distance."""
     length = max(math.sqrt(dot3(d, d)), _LEAST)
     return length - plan.data[row[at.EL_DATA]], dot3(d, rate) / length, length
@@ -63,7 +63,7 @@ def elongation(plan, row, d, rate):
 
 @kernel
 def _follow_line(plan, work, row, d, rate):
-    grown, growth, length = elongation(plan, row, d, rate)
+    grown, growth, length = _elongation(plan, row, d, rate)
     force, slope, energy, _, _ = follow(
         plan, work, row, work.memory, grown, growth, work.time[plan.times.shape[0], 0]
     )
@@ -87,8 +87,14 @@ def _variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step
 
 @kernel
 def _frame_energy(plan, work, row, d, R, rate, spin):
-    grown, _, _ = elongation(plan, row, d, rate)
+    grown, _, _ = _elongation(plan, row, d, rate)
     return follow(plan, work, row, work.memory, grown, 0.0, -math.inf)[2]
+
+
+@kernel
+def _remember(plan, work, row, x, d, R, rate, spin, t):
+    grown, growth, _ = _elongation(plan, row, d, rate)
+    write_memory(plan, work, row, x, grown, growth, t)
 
 
 def _kinds(name: str, stiffness: Stiffness, *, calls_user: bool) -> tuple[GeneralisedForce, FrameElement]:
@@ -98,7 +104,7 @@ def _kinds(name: str, stiffness: Stiffness, *, calls_user: bool) -> tuple[Genera
     force = GeneralisedForce(
         behaviour, _subtract, _subtract_tangent, _energy, slope=_slope, changes_piece=_changes_piece, couples=False
     )
-    return force, FrameElement(on_line, _wrench, _variation, _frame_energy)
+    return force, FrameElement(on_line, _wrench, _variation, _frame_energy, _remember)
 
 
 ELASTOPLASTIC, ELASTOPLASTIC_LINE = _kinds("elasto-plastic springs", Stiffness.SEEN, calls_user=False)

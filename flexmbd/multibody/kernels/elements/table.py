@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT
 from flexmbd.multibody.kernels.elements.bushing_wrench import BUSHING
 from flexmbd.multibody.kernels.elements.characteristic import CHARACTERISTIC
+from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
 from flexmbd.multibody.kernels.elements.element import (
     Behaviour,
@@ -28,7 +29,7 @@ from flexmbd.multibody.kernels.elements.element import (
     PairsElement,
 )
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
-from flexmbd.multibody.kernels.elements.frame_states import CONTACT, FRAME_STATES, ROUGH_CONTACT
+from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES
 from flexmbd.multibody.kernels.elements.friction import FRICTION
 from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
@@ -139,6 +140,7 @@ _piece = _calls(CoordinateLaw, "piece")
 _wrench = _calls(FrameElement, "wrench")
 _variation = _calls(FrameElement, "variation")
 _frame_energy = _calls(FrameElement, "energy")
+_frame_memory = _calls(FrameElement, "remember")
 _push = _calls(PairsElement, "push")
 _push_slope = _calls(PairsElement, "slope")
 _subtract = _calls(GeneralisedForce, "subtract")
@@ -224,6 +226,12 @@ def element_wrench_variation(plan, work, row, d, R, rate, spin, dd, dtheta, drat
 def frame_energy(plan, work, row, d, R, rate, spin):
     """What an element between frames stores (J)."""
     return _frame_energy(row[at.EL_KIND], (plan, work, row, d, R, rate, spin))
+
+
+@kernel
+def write_frame_memory(plan, work, row, x, d, R, rate, spin, t):
+    """Write into x (nx,) what an element between frames remembers at t (s)."""
+    _frame_memory(row[at.EL_KIND], (plan, work, row, x, d, R, rate, spin, t))
 
 
 @kernel

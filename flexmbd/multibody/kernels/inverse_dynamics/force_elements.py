@@ -57,6 +57,7 @@ def load_elements(plan, work, x, v, out):
 
     And the rates of the states that some of them have from the torques that these states' links require.
     """
+    plan.horizon[1] = 0.0
     for i in range(plan.elements.shape[0]):
         if is_state_equations(plan.elements[i, at.EL_KIND]):
             put_outputs(plan, work, plan.elements[i], x, v)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.elements.memory_law import elongation
 from flexmbd.multibody.kernels.elements.memory_path import write_memory
+from flexmbd.multibody.kernels.elements.table import write_frame_memory
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 
@@ -21,11 +21,10 @@ def _remember(plan, work, x, v, t):
         if row[at.EL_MEMORY] < 0:
             continue
         if row[at.EL_F] >= 0:
-            d, _, rate, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            deformation, growth, _ = elongation(plan, row, d, rate)
+            d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            write_frame_memory(plan, work, row, x, d, R, rate, spin, t)
         else:
-            deformation, growth = x[row[at.EL_X]] - plan.data[row[at.EL_DATA]], v[row[at.EL_V]]
-        write_memory(plan, work, row, x, deformation, growth, t)
+            write_memory(plan, work, row, x, x[row[at.EL_X]] - plan.data[row[at.EL_DATA]], v[row[at.EL_V]], t)
 
 
 @entry_kernel

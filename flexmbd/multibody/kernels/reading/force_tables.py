@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.elements.contact_wrench import ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
@@ -100,6 +101,17 @@ def _has_springs(plan: Plan) -> bool:
         if elastic and one.grip is None and not one.lets_go and (count == 0 or numbers.any()):
             return True
     return False
+
+
+def rough_contacts(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.elements`` of contacts with friction."""
+    return np.flatnonzero(are_of(plan, ROUGH_CONTACT))
+
+
+def slid_ways(plan: Plan) -> IntArray:
+    """(k,) velocities of links whose state is how far the surfaces of a rough contact have slid, maybe for ever."""
+    rough = plan.elements[rough_contacts(plan)]
+    return (rough[:, at.EL_V, None] + np.arange(3)).ravel()
 
 
 def joint_force_times(plan: Plan) -> IntArray:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
-from flexmbd.multibody.kernels.contact.contact_law import RADIUS
+from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
+from flexmbd.multibody.kernels.contact.normal_force import RADIUS
 from flexmbd.multibody.kernels.contact.signed_distance import distance
-from flexmbd.multibody.kernels.elements.frame_states import centre_motion, law_numbers
+from flexmbd.multibody.kernels.elements.contact_wrench import centre_motion, law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
@@ -17,12 +18,13 @@ GAP, NORMAL, FORCE, SLIDING, POINT, N_CONTACT = 0, 1, 4, 7, 10, 13
 
 
 @entry_kernel
-def contact_series(plan, work, i, x, v, a, out):
-    """out[k] of the contact in row i of ``plan.elements`` at (x[k], v[k]); out (nt, N_CONTACT)."""
+def contact_series(plan, work, i, t, x, v, a, out):
+    """out[k] of the contact in row i of ``plan.elements`` at t[k] (s), x[k], v[k]; out (nt, N_CONTACT)."""
     row = plan.elements[i]
     f, g = row[at.EL_F], row[at.EL_G]
     o = law_numbers(plan, row)
     for k in range(x.shape[0]):
+        work.time[plan.times.shape[0], 0] = t[k]
         forward_kinematics(plan, work, x[k], v[k], a[k])
         d, R, rate, spin = relative_rates(plan, work, f, g)
         force, _ = element_wrench(plan, work, row, d, R, rate, spin)
@@ -37,3 +39,21 @@ def contact_series(plan, work, i, x, v, a, out):
         store3(out[k], FORCE, rotate(R_F, force))
         store3(out[k], SLIDING, rotate(R_F, sliding))
         store3(out[k], POINT, add3(p, rotate(R_F, add3(place, arm))))
+
+
+@entry_kernel
+def depth_series(plan, work, elements, x, v, out):
+    """out[k, j] (nt, n): how far contact ``elements[j]`` is pressed in at x[k], over the way to the shape's middle.
+
+    0 where it does not touch, and of shapes without a middle; v (nv,): any velocities.
+    """
+    for k in range(x.shape[0]):
+        forward_kinematics(plan, work, x[k], v, v)
+        for j in range(elements.shape[0]):
+            row = plan.elements[elements[j]]
+            o = law_numbers(plan, row)
+            d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            _, place, _ = centre_motion(plan, o, d, R, rate, spin)
+            depth = plan.data[o + RADIUS] - distance(plan.data, o, place)[0]
+            way = way_to_middle(plan.data, o)
+            out[k, j] = depth / way if depth > 0.0 else 0.0

@@ -10,8 +10,9 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rot
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.elements.contact_wrench import state_count
 from flexmbd.multibody.kernels.elements.differences import difference_step
-from flexmbd.multibody.kernels.elements.frame_states import put_rates, state_count, wrench_by_state
+from flexmbd.multibody.kernels.elements.frame_states import put_rates, wrench_by_state
 from flexmbd.multibody.kernels.elements.table import (
     element_wrench,
     element_wrench_variation,

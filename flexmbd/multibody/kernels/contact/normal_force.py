@@ -1,0 +1,25 @@
+"""The normal force of a contact by the depth and its rate, and where the numbers of contact's laws stand."""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
+
+#: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m); mu, the static mu, the speed (m/s) over
+#: which it falls; k_t (N/m), c_t (N s/m); the sphere's centre in the axes of its own frame G (3, m).
+RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, CENTRE = range(
+    SHAPE_NUMBERS, SHAPE_NUMBERS + 10
+)
+
+
+@kernel
+def normal_force(data, o, depth, rate):
+    """N, its derivatives by the depth and by the depth's rate."""
+    if not depth > 0.0:
+        return 0.0, 0.0, 0.0
+    p = data[o + EXPONENT]
+    elastic = data[o + STIFFNESS] * depth**p
+    factor = 1.0 + data[o + DISSIPATION] * rate
+    if not factor > 0.0:
+        return 0.0, 0.0, 0.0
+    return elastic * factor, p * elastic / depth * factor, elastic * data[o + DISSIPATION]

@@ -1,0 +1,144 @@
+"""Where the states and the numbers of a law between two frames stand, and contact, which is one of them.
+
+A row's numbers: see ``frame_states``.  Contact's answer stands at the beginning of ``work.generalized``: the force on
+the sphere, the torque about G's origin, and with friction the rates of its states, how far the surfaces have slid.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.contact_law import (
+    contact,
+    contact_energy,
+    contact_variation,
+    remember_contact,
+)
+from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
+from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
+
+HEAD = 3  #: Numbers before the scales.
+_ANSWER = 9
+_ZERO = (0.0, 0.0, 0.0)
+
+
+@kernel
+def state_count(plan, row):
+    """How many states the law of a row has."""
+    return int(plan.data[row[at.EL_DATA]])
+
+
+@kernel
+def law_numbers(plan, row):
+    """Where in ``plan.data`` the numbers of a row's law begin."""
+    o = row[at.EL_DATA]
+    return o + HEAD + int(plan.data[o]) + int(plan.data[o + 1]) + 1
+
+
+@kernel
+def state_value(plan, work, row, i):
+    """State i, of the velocity of its link."""
+    o = row[at.EL_DATA]
+    return plan.data[o + HEAD + i] * work.body[int(plan.data[o + 2]) + i, at.B_W + 2]
+
+
+@kernel
+def is_contact(row):
+    """Whether a row's law is contact."""
+    return row[at.EL_ADDRESS] == 0
+
+
+@kernel
+def centre_motion(plan, numbers, d, R, rate, spin):
+    """Of a contact the sphere's centre from G's origin, its place and its rate, in F's axes."""
+    arm = rotate(R, load3(plan.data, numbers + CENTRE))
+    return arm, add3(d, arm), add3(rate, cross3(spin, arm))
+
+
+@kernel
+def _way(plan, work, row):
+    """Whether it is rough; and then what it remembers, where, the time (s), and how far the surfaces have slid (m)."""
+    t = work.time[plan.times.shape[0], 0]
+    if state_count(plan, row) == 0:
+        return False, (work.memory, 0, t, _ZERO)
+    y = state_value(plan, work, row, 0), state_value(plan, work, row, 1), state_value(plan, work, row, 2)
+    return True, (work.memory, row[at.EL_MEMORY], t, y)
+
+
+@kernel
+def _wrench(plan, work, row, d, R, rate, spin):
+    out = work.generalized[:_ANSWER]
+    numbers = law_numbers(plan, row)
+    rough, way = _way(plan, work, row)
+    arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    longest, bends = contact(plan.data, numbers, rough, way, place, speed, spin, out)
+    force = load3(out, 0)
+    torque = add3(load3(out, 3), cross3(arm, force))
+    plan.horizon[0] = min(plan.horizon[0], longest)
+    if bends:
+        plan.horizon[1] = 1.0
+    total, given = force[0] + force[1] + force[2] + torque[0] + torque[1] + torque[2], 0.0
+    for k in range(3):
+        given += place[k] + speed[k] + spin[k] + way[3][k]
+    if plan.flag[0] == 0 and math.isfinite(given) and not math.isfinite(total):
+        plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
+    return force, torque
+
+
+@kernel
+def _vary(plan, work, row, motion, change, dway):
+    d, R, rate, spin = motion
+    dd, dtheta, drate, dspin = change
+    out = work.generalized[:_ANSWER]
+    numbers = law_numbers(plan, row)
+    rough, way = _way(plan, work, row)
+    arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    turned = cross3(dtheta, arm)
+    quicker = add3(drate, add3(cross3(dspin, arm), cross3(spin, turned)))
+    change = add3(dd, turned), quicker, dspin, dway
+    force = contact_variation(plan.data, numbers, rough, way, (place, speed, spin), change, out)
+    dforce = load3(out, 0)
+    return dforce, add3(load3(out, 3), add3(cross3(turned, force), cross3(arm, dforce)))
+
+
+@kernel
+def _variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
+    return _vary(plan, work, row, (d, R, rate, spin), (dd, dtheta, drate, dspin), _ZERO)
+
+
+@kernel
+def contact_by_way(plan, work, row, d, R, rate, spin, i):
+    """Change of force and torque by the velocity of state i's link."""
+    scale = plan.data[row[at.EL_DATA] + HEAD + i]
+    dway = (scale if i == 0 else 0.0, scale if i == 1 else 0.0, scale if i == 2 else 0.0)
+    return _vary(plan, work, row, (d, R, rate, spin), (_ZERO, _ZERO, _ZERO, _ZERO), dway)
+
+
+@kernel
+def _energy(plan, work, row, d, R, rate, spin):
+    numbers = law_numbers(plan, row)
+    rough, way = _way(plan, work, row)
+    return contact_energy(plan.data, numbers, rough, way, centre_motion(plan, numbers, d, R, rate, spin)[1])
+
+
+@kernel
+def _remember(plan, work, row, x, d, R, rate, spin, t):
+    numbers = law_numbers(plan, row)
+    _, (memory, m, _, y) = _way(plan, work, row)
+    _, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    remember_contact(plan.data, numbers, (memory, m, t, y), place, speed, spin, x)
+
+
+# without states and signals the law's numbers follow the head and their count
+_NAME = "contacts, which are stiffer than at the start"
+CONTACT = FrameElement(
+    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy
+)
+#: The same with friction, whose bristle is no potential.
+ROUGH_CONTACT = FrameElement(
+    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember
+)
