@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import block_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.elements.frame_states import state_count
+from flexmbd.multibody.kernels.elements.contact_wrench import state_count
 from flexmbd.multibody.kernels.elements.table import (
     coordinate_law,
     is_between_frames,
