@@ -332,15 +332,18 @@ def load_column(m, k):
 @kernel
 def add_product(a, m, o, k, row):
     """row += a . (rows o to o + 2 of m, from column k)."""
-    for j in range(row.shape[0]):
-        row[j] += a[0] * m[o, k + j] + a[1] * m[o + 1, k + j] + a[2] * m[o + 2, k + j]
+    # indices from a range need no look whether they count from the end, which would hold up the vector registers
+    n = row.shape[0]
+    m0, m1, m2 = m[o, k : k + n], m[o + 1, k : k + n], m[o + 2, k : k + n]
+    for j in range(n):
+        row[j] += a[0] * m0[j] + a[1] * m1[j] + a[2] * m2[j]
 
 
 @kernel
 def add_products(a, b, m, k, row):
     """row += a . (rows 0 to 2 of m) + b . (rows 3 to 5), from column k."""
-    for j in range(row.shape[0]):
-        i = k + j
-        row[j] += (
-            a[0] * m[0, i] + a[1] * m[1, i] + a[2] * m[2, i] + b[0] * m[3, i] + b[1] * m[4, i] + b[2] * m[5, i]
-        )
+    n = row.shape[0]
+    m0, m1, m2 = m[0, k : k + n], m[1, k : k + n], m[2, k : k + n]
+    m3, m4, m5 = m[3, k : k + n], m[4, k : k + n], m[5, k : k + n]
+    for j in range(n):
+        row[j] += a[0] * m0[j] + a[1] * m1[j] + a[2] * m2[j] + b[0] * m3[j] + b[1] * m4[j] + b[2] * m5[j]
