@@ -13,7 +13,7 @@ from flexmbd.multibody.plan.scene_matrices import constraint_slopes, constraint_
 
 
 def ladder(windows: int, *, soft: bool = False) -> fm.System:
-    """Windows that share their bars, on hinges, a gear between the first two; with ``soft`` a reduced body at the end."""
+    """Windows that share their bars, and a gear between the first two; with ``soft`` a reduced body at the end."""
     scene, hinge = fm.System(gravity=(0.0, -9.81, 0.0)), fm.joint.Revolute("z")
     left, right, drives = scene.ground.frame(), scene.ground.frame(p=(1.0, 0.0, 0.0)), []
     for _ in range(windows):

@@ -57,7 +57,7 @@ def _add_fields(modal, o, stride, n, q, out):
 
 @kernel
 def _unpack(table, first, count, n):
-    """Bring ``count`` rows of n numbers, which stand in the table's memory without gaps, to their places from ``first`` on."""
+    """Bring ``count`` rows of n numbers, which stand without gaps from row ``first`` on, to their places."""
     width = table.shape[1]
     if width == n:
         return
