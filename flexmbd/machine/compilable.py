@@ -191,7 +191,7 @@ class CompilableMachine(MachineAssembly):
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Let Python look for no garbage: of the objects that a large scene is compiled into none is, and it looks often."""
+    """Let Python look for no garbage: nothing that a scene is compiled into is any, and it looks often."""
     was_on = gc.isenabled()
     gc.disable()
     try:
