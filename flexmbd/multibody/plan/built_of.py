@@ -192,10 +192,9 @@ class _Reader:
         """A body with its values."""
         given = _attributes_of(type(body))(body)
         if type(body) is FlexibleBody:
-            record, *given = given
-            if type(record) is not ReducedBody:
+            if type(body.record) is not ReducedBody:
                 raise _UnknownError
-            return body, record, *map(self.value, given)
+            return body, body.record, *map(self.value, given[1:])
         return body, *map(self.value, given)
 
     def joint(self, joint: Connection) -> tuple[Any, ...]:

@@ -73,7 +73,7 @@ def _slopes_by_paths(scene: CompiledScene, work: Work, x: FloatArray, paths: Row
     row_slopes(scene.plan, work, own)
     blocks = scene.row_structure.blocks
     parts = tuple(own.jacobian[block.rows[:, None], block.velocities] for block in blocks)
-    return RowSlopes(blocks, parts, own.jacobian.shape)
+    return RowSlopes(blocks, parts, (len(scene.plan.rows), scene.nv))
 
 
 def coordinate_sizes(scene: CompiledScene) -> FloatArray:
