@@ -36,6 +36,8 @@ from flexmbd.multibody.kernels.tangent.tangent_columns import (
 )
 from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, put_bodies, put_joints
 
+_MOST_OF_JOINT = 6  # unknowns of a joint
+
 
 @kernel
 def begin_columns(plan, work, tw):
@@ -151,6 +153,18 @@ def mode_block(tw, edge, n, first, start, stop, outer, inner):
 @kernel
 def joint_coupling_block(tw, o, size, start, stop, outer, inner):
     """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o; ``outer``, ``inner``: as above."""
+    if stop - start > _MOST_OF_JOINT:
+        _modes_of_joint(tw, o, size, start, stop, outer, inner)
+        return
+    for r in range(start, stop):
+        for k in range(o, o + size):
+            outer[r, k] += _projection_product(tw, r, tw.motion, k)
+            inner[k, r] += _twist_product(tw, k, r)
+
+
+@deferred_kernel()
+def _modes_of_joint(tw, o, size, start, stop, outer, inner):
+    """`joint_coupling_block` of many unknowns, in vector registers."""
     for k in range(o, o + size):
         angular, linear = load_column(tw.twist, k)
         add_products(linear, angular, tw.wrench, start, inner[k, start:stop])
