@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import gc
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeAlias, cast
@@ -22,7 +24,7 @@ from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.kernels.base.compiling import is_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
-from flexmbd.multibody.plan.built_of import KeptWhile, built_of
+from flexmbd.multibody.plan.built_of import KeptWhile, SceneParts
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
@@ -62,6 +64,12 @@ class CompilableMachine(MachineAssembly):
         self, more: Sequence[Force], *, without: Sequence[Force] = (), varied: Sequence[object] = ()
     ) -> CompiledScene:
         """As ``compile``, with ``more`` forces and without others; other values are to be given to ``varied``."""
+        with _no_collection():
+            return self._compiled(more, without, varied)
+
+    def _compiled(
+        self, more: Sequence[Force], without: Sequence[Force], varied: Sequence[object]
+    ) -> CompiledScene:
         self._refuse_renamed()
         own = [force for force in self._forces if not any(force is one for one in without)]
         wanted = {id(c) for force in (*own, *more) for c in force.connections}
@@ -175,10 +183,22 @@ class CompilableMachine(MachineAssembly):
         """The machine as it is now: with its plan and workspaces that of the run before, if nothing changed since."""
         if self.team.size > 1 or self._continua or self._controllers:
             return self.compile()
-        parts = built_of(
+        parts = SceneParts(
             self.ground, self._bodies, self._connections, self._forces, self._couplings, self.gravity, self.team
         )
-        return self._kept.of(parts) or self._kept.keep(parts, self.compile())
+        return self._kept.of(parts, self.compile)
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Let Python look for no garbage: nothing that a scene is compiled into is any, and it looks often."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def _listed(meant: Parameter | Sequence[Parameter]) -> tuple[Parameter, ...]:

@@ -12,6 +12,8 @@ from flexmbd.machine.linearized_machine import LinearizedMachine
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.base.compiling import compiling
+from flexmbd.multibody.linear.derivatives import DERIVING
 from flexmbd.multibody.linear.linearize import LinearEquations, linearize
 from flexmbd.multibody.linear.ports import Input, Ports, find_ports
 from flexmbd.multibody.linear.steadiness import AHEAD, SAME
@@ -74,7 +76,8 @@ def linear_machine(
     whole = replace(whole, plan=whole.plan.replace(rows=scene.plan.rows), row_names=scene.row_names)
     ports = find_ports(whole, point, work.time, [*inputs, *disturbances])
     controls = sum(ports.count[: len(inputs)])
-    equations = linearize(point, work, ports, outputs, modes)
+    with compiling(DERIVING, aloud=team.is_root):
+        equations = linearize(point, work, ports, outputs, modes)
     _refuse_changing_inputs(whole, point, equations, work, ports, [*inputs, *disturbances])
     return LinearizedMachine(
         equations=equations,

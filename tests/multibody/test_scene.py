@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from contextlib import nullcontext
 
 import numpy as np
@@ -498,3 +499,20 @@ def test_a_motion_that_moves_no_mass_is_named(way):
     scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), point.frame(), name="pin", way=way)
     with pytest.raises(AssemblyError, match=r"moving '(pin.angle|point .*w.)' moves no mass"):
         scene.simulate(1.0)
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_compiling_leaves_the_collection_of_garbage_as_it_was(on):
+    """Which is off meanwhile; where the scene is refused, too."""
+    before = gc.isenabled()
+    (gc.enable if on else gc.disable)()
+    try:
+        pendulum()[0].compile()
+        assert gc.isenabled() == on
+        loose = fm.System()
+        loose.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)))
+        with pytest.raises(SceneError, match="nothing connects"):
+            loose.compile()
+        assert gc.isenabled() == on
+    finally:
+        (gc.enable if before else gc.disable)()

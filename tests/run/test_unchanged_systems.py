@@ -14,6 +14,7 @@ import pytest
 from particles import particle_body
 
 import flexmbd as fm
+import flexmbd.multibody.plan.built_of as built_of_module
 from flexmbd.errors import SceneError
 from flexmbd.multibody.plan.built_of import OF_FIELDS, OF_FIELDS_ALONE
 from flexmbd.multibody.team import Alone
@@ -205,6 +206,29 @@ def test_an_unchanged_system_runs_alike_in_the_same_plan(build: Callable[[], Bui
     assert all(run.scene.plan.frames is first.scene.plan.frames for run in again)
 
 
+@pytest.mark.parametrize("build", [tree, loop])
+def test_an_unchanged_system_is_not_read_again(build: Callable[[], Built], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither what is frozen nor the values of what is not, so that large scenes are compared by their parts alone."""
+    built = build()
+    read, counted = built_of_module.built_of, []
+
+    def counting(parts: built_of_module.SceneParts) -> Any:
+        counted.append(parts)
+        return read(parts)
+
+    monkeypatch.setattr(built_of_module, "built_of", counting)
+    for _ in range(3):
+        built.scene.simulate(0.01)
+    assert len(counted) == 1
+    built.bodies[0].mass = float(f"{built.bodies[0].mass}")  # another number of the same value
+    plans = [built.scene.simulate(0.01).scene.plan for _ in range(3)]
+    assert len(counted) == 2
+    assert all(plan.frames is plans[0].frames for plan in plans)
+    built.scene._bodies.reverse()
+    built.scene.simulate(0.01)
+    assert len(counted) == 3
+
+
 def test_a_name_that_is_changed_is_told() -> None:
     built = tree()
     built.scene.simulate(0.01)
@@ -297,4 +321,7 @@ def test_loops_that_a_motion_tears_are_told_each_time() -> None:
 @pytest.mark.parametrize("name", [*OF_FIELDS, *OF_FIELDS_ALONE])
 def test_what_is_compared_by_its_fields_is_there(name: str) -> None:
     module, _, own = name.rpartition(".")
-    assert isinstance(getattr(importlib.import_module(f"flexmbd.multibody.{module}"), own), type)
+    found = getattr(importlib.import_module(f"flexmbd.multibody.{module}"), own)
+    assert isinstance(found, type)
+    # what is frozen is not read again
+    assert found.__dataclass_params__.frozen  # type: ignore[attr-defined]

@@ -15,6 +15,10 @@ from flexmbd.multibody.plan.scene_matrices import fastest_rate
 FloatArray = NDArray[np.float64]
 
 
+#: What kernels are compiled for before the first derivatives.
+DERIVING = "equilibria and linear machines"
+
+
 @dataclass(frozen=True, eq=False)
 class Derivatives:
     """Derivatives of ``kernels.residual`` and of the rows.

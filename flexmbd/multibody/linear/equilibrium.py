@@ -13,8 +13,10 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
 from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
+from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
+from flexmbd.multibody.linear.derivatives import DERIVING
 from flexmbd.multibody.linear.downhill import most_lacking, stable_below
 from flexmbd.multibody.linear.forces_at_play import forces_at_play
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
@@ -69,7 +71,8 @@ def find_equilibrium(start: Start, work: Work, *, stable: bool = False) -> ToldE
     """
     if not start.v.any():
         return _search(start, work, SteadyMotion(start.scene), stable=stable)
-    motion, v = start_moving(start, work)
+    with compiling(DERIVING, aloud=start.scene.parts.team.is_root):
+        motion, v = start_moving(start, work)
     try:
         found = _search(replace(start, v=v), work, motion, stable=stable)
     except (SceneError, np.linalg.LinAlgError) as reason:
@@ -90,7 +93,8 @@ def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> 
         if stable_one is not None:
             point = _point(scene, work, stable_one.x, start.v, stable_one.multipliers)
             return ToldEquilibrium(replace(point, unstable=0, neutral=stable_one.neutral), None)
-    here = balance(scene, work, start.x, start.v, motion=motion)
+    with compiling(DERIVING, aloud=scene.parts.team.is_root):
+        here = balance(scene, work, start.x, start.v, motion=motion)
     if scene.state_mask.any():
         if stable:
             raise SceneError(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from flexmbd.continuation.newton import CLOSE, SETTLED, Correction, newton
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.linear.balance import moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
 from flexmbd.multibody.linear.stability import HAS_POTENTIAL, SOFT
@@ -24,6 +25,9 @@ from flexmbd.multibody.plan.sparse_stiffness import SparseStiffness, sparse_stif
 from flexmbd.round_off import EQUAL, ROUND_OFF, WORTHLESS_PIVOT
 
 FloatArray = NDArray[np.float64]
+
+#: What kernels are compiled for before the first equilibrium of a large machine.
+BALANCING_MANY = "equilibria of many bodies"
 
 _CORRECTIONS = 12
 _REFINEMENTS = 3
@@ -117,7 +121,8 @@ def stable_equilibrium(scene: CompiledScene, work: Work, x: FloatArray, size: Fl
     if stiffness is None:
         return None
     try:
-        return _found(stiffness, x, size)
+        with compiling(BALANCING_MANY, aloud=scene.parts.team.is_root):
+            return _found(stiffness, x, size)
     except (_NotSoSimpleError, SceneError) as reason:
         if scene.nv <= _DENSE_UP_TO:
             return None

@@ -8,13 +8,16 @@ table of points tells again that its spline swings.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from enum import Enum
+from itertools import chain
 from types import NoneType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.point_mass import PointMass
@@ -47,24 +50,36 @@ OF_FIELDS_ALONE = (
 ).split()
 
 
+class SceneParts(NamedTuple):
+    """The parts of a scene, as its user put them together."""
+
+    ground: Ground
+    bodies: Sequence[Body]
+    connections: Sequence[Connection]
+    forces: Sequence[Force]
+    couplings: Sequence[CoordinateCoupling]
+    gravity: object
+    team: Team
+
+
 class KeptWhile(Generic[T]):
-    """What was made of parts, for as long as these are unchanged; threads may share it."""
+    """What was made of a scene's parts, for as long as these are unchanged; threads may share it."""
 
     def __init__(self) -> None:
-        self._kept: tuple[tuple[Any, ...], T] | None = None
+        self._kept: tuple[BuiltOf, T] | None = None
 
     def __reduce__(self) -> tuple[type[KeptWhile[T]], tuple[()]]:
         """Copies and pickles have none."""
         return KeptWhile, ()
 
-    def of(self, parts: tuple[Any, ...] | None) -> T | None:
-        """What was made of these parts (``built_of``); None where it was made of others."""
+    def of(self, parts: SceneParts, make: Callable[[], T]) -> T:
+        """What was made of these parts where none of them has changed since; else what ``make`` makes now."""
         kept = self._kept
-        return None if kept is None or parts is None or kept[0] != parts else kept[1]
-
-    def keep(self, parts: tuple[Any, ...] | None, made: T) -> T:
-        """Keep what was made of these parts, in place of what was kept before."""
-        self._kept = None if parts is None else (parts, made)
+        if kept is not None and kept[0].is_untouched(parts):
+            return kept[1]
+        read = built_of(parts)
+        made = make() if kept is None or read is None or kept[0].values != read.values else kept[1]
+        self._kept = None if read is None else (read, made)
         return made
 
 
@@ -72,117 +87,182 @@ class _UnknownError(Exception):
     """A value of which it is not known what may change in it."""
 
 
-def built_of(
-    ground: Ground,
-    bodies: Sequence[Body],
-    connections: Sequence[Connection],
-    forces: Sequence[Force],
-    couplings: Sequence[CoordinateCoupling],
-    gravity: object,
-    team: Team,
-) -> tuple[Any, ...] | None:
-    """All that ``System.compile`` reads of its parts now, equal to that of before where nothing changed; else None.
+@dataclass(frozen=True, eq=False)
+class BuiltOf:
+    """All that ``System.compile`` reads of a scene's parts, as it was when it was read.
 
-    It holds the parts themselves, so that no other ones come to stand in their places.
+    Attributes:
+        values: of all parts, equal to those of another time where nothing changed.  They hold the parts themselves, so
+            that no other ones come to stand in their places.
+        objects: the parts, and what the attributes are that may be given anew, in the order of ``_objects``.
+        arrays: whose numbers may be changed in place.
+        numbers: what these were.
+        lists: that may be changed in place, each with its values.
     """
+
+    values: tuple[Any, ...]
+    objects: list[object]
+    arrays: list[NDArray[Any]]
+    numbers: tuple[Any, ...]
+    lists: list[tuple[list[Any], Any]]
+
+    def is_untouched(self, parts: SceneParts) -> bool:
+        """Whether the parts are these very ones, and nothing in them was given anew or changed in place.
+
+        What is frozen holds what it held, so that its values need not be read again: a scene of a hundred thousand
+        springs is compared by the springs themselves.
+        """
+        try:
+            objects = _objects(parts)
+            return (
+                len(objects) == len(self.objects)
+                and all(map(operator.is_, objects, self.objects))
+                and _numbers(self.arrays) == self.numbers
+                and all(_Reader().value(one) == known for one, known in self.lists)
+            )
+        except _UnknownError:
+            return False
+
+
+def built_of(parts: SceneParts) -> BuiltOf | None:
+    """What a scene is built of; None where it holds anything of which it is not known what may change in it."""
+    read = _Reader()
     try:
-        return (
-            team,
-            _value(gravity),
-            ground,
-            ground.name,
-            tuple(map(_part_of_body, bodies)),
-            tuple(map(_part_of_joint, connections)),
-            tuple(map(_value, forces)),
-            tuple(map(_value, couplings)),
+        objects = _objects(parts)
+        values = (
+            parts.team,
+            read.value(parts.gravity),
+            parts.ground,
+            parts.ground.name,
+            tuple(map(read.body, parts.bodies)),
+            tuple(map(read.joint, parts.connections)),
+            tuple(map(read.value, parts.forces)),
+            tuple(map(read.value, parts.couplings)),
         )
     except _UnknownError:
         return None
+    arrays = list(read.arrays.values())
+    return BuiltOf(values, objects, arrays, _numbers(arrays), list(read.lists.values()))
 
 
-def _part_of_body(body: Body) -> tuple[Any, ...]:
-    if type(body) is PointMass:
-        return body, _value(body.mass), body.name
-    if type(body) is RigidBody:
-        given = body.mass, body.inertia, body.com, body.as_measured, body.name
-        return body, *map(_value, given)
-    if type(body) is FlexibleBody and type(body.record) is ReducedBody:
-        return body, body.record, *map(_value, (body.q, body.q_rate, body.name))
-    raise _UnknownError
+def _objects(parts: SceneParts) -> list[object]:
+    """The parts of a scene, and the attributes of those that are not frozen."""
+    known = [parts.team, parts.gravity, parts.ground, parts.ground.name]
+    attributes = [chain.from_iterable(map(_attributes_of(kind), own)) for kind, own in _by_kind(parts.bodies)]
+    of_joints = chain.from_iterable(map(_OF_JOINT, parts.connections))
+    return [*known, *chain(*parts[1:5]), *chain(*attributes), *of_joints]
 
 
-def _part_of_joint(joint: Connection) -> tuple[Any, ...]:
-    if type(joint) is not Connection:
+def _by_kind(bodies: Sequence[Body]) -> list[tuple[type, list[Body]]]:
+    """The bodies of each class."""
+    found: dict[type, list[Body]] = {}
+    for body in bodies:
+        found.setdefault(type(body), []).append(body)
+    return list(found.items())
+
+
+def _attributes_of(kind: type) -> Callable[[Any], tuple[Any, ...]]:
+    """Reads the attributes of a body of this class that a scene is compiled of."""
+    how = _OF_BODIES.get(kind)
+    if how is None:
         raise _UnknownError
-    started = joint.position, joint.velocity, joint.motion
-    given = joint.joint, joint.parent, joint.child, joint.way, joint.enforce, *started, joint.name
-    return joint, *map(_value, given)
+    return how
 
 
-def _value(one: object) -> Any:
-    kind = type(one)
-    if kind in _ATOMS:
-        return one
-    how = _HOW.get(kind) or _learnt(kind)
-    if how is not None:
-        return how(one)
-    if isinstance(one, Enum):
-        return one
-    raise _UnknownError
+def _numbers(arrays: Sequence[NDArray[Any]]) -> tuple[Any, ...]:
+    """The numbers of arrays, and how these are laid out."""
+    content = b"".join([one if one.flags.c_contiguous else one.tobytes() for one in arrays])
+    return content, [one.dtype for one in arrays], [one.shape for one in arrays]
 
 
-def _of_array(array: np.ndarray) -> tuple[Any, ...]:
-    if array.dtype.kind not in "iufb":
-        raise _UnknownError
-    return array.dtype.str, array.shape, array.tobytes()
+class _Reader:
+    """Reads values; notes the arrays and lists among them, which may be changed in place.
 
+    Attributes:
+        arrays: by their ids.
+        lists: likewise, with their values.
+    """
 
-def _of_list(several: Sequence[object]) -> tuple[Any, ...]:
-    return tuple(map(_value, several))
+    def __init__(self) -> None:
+        self.arrays: dict[int, NDArray[Any]] = {}
+        self.lists: dict[int, tuple[list[Any], Any]] = {}
+        self._frames: dict[int, Any] = {}  # each is read once, however many parts it is an end of
 
+    def body(self, body: Body) -> tuple[Any, ...]:
+        """A body with its values."""
+        given = _attributes_of(type(body))(body)
+        if type(body) is FlexibleBody:
+            if type(body.record) is not ReducedBody:
+                raise _UnknownError
+            return body, body.record, *map(self.value, given[1:])
+        return body, *map(self.value, given)
 
-def _of_kind(one: object) -> tuple[Any, ...]:
-    return type(one), one
+    def joint(self, joint: Connection) -> tuple[Any, ...]:
+        """A joint with its values."""
+        if type(joint) is not Connection:
+            raise _UnknownError
+        return joint, *map(self.value, _OF_JOINT(joint))
 
+    def value(self, one: object) -> Any:
+        """A value of any class that is known."""
+        kind = type(one)
+        if kind in _ATOMS:
+            return one
+        if kind is Frame:
+            known = self._frames.get(id(one))
+            if known is None:
+                known = self._frames[id(one)] = self._fields(one, _FRAME, alone=True)
+            return known
+        if kind in _THEMSELVES or isinstance(one, Enum):  # their own values are read once
+            return one
+        if kind in _WITH_KIND:
+            return kind, one
+        if isinstance(one, np.ndarray):
+            return self._array(one)
+        if kind is list or kind is tuple:
+            return self._several(one)  # type: ignore[arg-type]
+        names, alone = _FIELDS.get(kind) or _learnt(kind)
+        return self._fields(one, names, alone=alone)
 
-def _itself(one: object) -> object:
-    return one
+    def _array(self, array: NDArray[Any]) -> tuple[Any, ...]:
+        if type(array) is not np.ndarray or array.dtype.kind not in "iufb":
+            raise _UnknownError
+        self.arrays[id(array)] = array
+        return array.dtype.str, array.shape, array.tobytes()
 
+    def _several(self, several: list[Any] | tuple[Any, ...]) -> tuple[Any, ...]:
+        values = tuple(map(self.value, several))
+        if isinstance(several, list):
+            self.lists[id(several)] = several, values
+        return values
 
-def _reader(kind: type, *, alone: bool) -> Callable[[Any], tuple[Any, ...]]:
-    names = [field.name for field in fields(kind)]
-
-    def values(one: object) -> tuple[Any, ...]:
+    def _fields(self, one: object, names: Sequence[str], *, alone: bool) -> tuple[Any, ...]:
         known = vars(one)
         if len(known) != len(names):  # something was hung on it
             raise _UnknownError
-        return one if alone else kind, *[_value(known[name]) for name in names]
-
-    return values
+        return one if alone else type(one), *[self.value(known[name]) for name in names]
 
 
-_ATOMS = frozenset({float, int, str, NoneType})
-_HOW: dict[type, Callable[[Any], Any]] = {
-    bool: _of_kind,  # which are not the numbers that they equal
-    np.float64: _of_kind,
-    np.int64: _of_kind,
-    np.ndarray: _of_array,
-    list: _of_list,
-    tuple: _of_list,
-    PointMass: _itself,
-    RigidBody: _itself,  # where others name them; their own values are entered once
-    FlexibleBody: _itself,
-    Ground: _itself,
-    Connection: _itself,
-    Frame: _reader(Frame, alone=True),
-}
-
-
-def _learnt(kind: type) -> Callable[[Any], Any] | None:
-    """How a class that is named above is read; None where it is not."""
+def _learnt(kind: type) -> tuple[Sequence[str], bool]:
+    """The fields of a frozen class that is named above, and whether one is not another of the same values."""
     _, own, name = f"{kind.__module__}.{kind.__qualname__}".partition("flexmbd.multibody.")
     alone = name in OF_FIELDS_ALONE
     if not own or not (alone or name in OF_FIELDS):
-        return None
-    how = _HOW[kind] = _reader(kind, alone=alone)
-    return how
+        raise _UnknownError
+    found = _FIELDS[kind] = [field.name for field in fields(kind)], alone
+    return found
+
+
+_ATOMS = frozenset({float, int, str, NoneType})
+_WITH_KIND = frozenset({bool, np.float64, np.int64})  # which are not the numbers that they equal
+_THEMSELVES = frozenset({PointMass, RigidBody, FlexibleBody, Ground, Connection})
+_FRAME = [field.name for field in fields(Frame)]
+_FIELDS: dict[type, tuple[Sequence[str], bool]] = {}
+_OF_BODIES: dict[type, Callable[[Any], tuple[Any, ...]]] = {
+    PointMass: operator.attrgetter("mass", "name"),
+    RigidBody: operator.attrgetter("mass", "inertia", "com", "as_measured", "name"),
+    FlexibleBody: operator.attrgetter("record", "q", "q_rate", "name"),
+}
+_OF_JOINT = operator.attrgetter(
+    "joint", "parent", "child", "way", "enforce", "position", "velocity", "motion", "name"
+)

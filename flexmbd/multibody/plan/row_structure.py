@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.row_blocks import RowBlock, row_blocks
+from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, new_row_paths
 from flexmbd.multibody.kernels.reading.constraint_tables import ConstraintRows, constraint_rows, coupling_rows
 from flexmbd.multibody.plan.row_slopes import RowSweeps, row_sweeps
 
 IntArray = NDArray[np.int64]
 
+_FEW_SWEEPS = 64  # that take less than to find the paths
 #: The rows that turn a body's z onto another's: x . z' and y . z', the turns about y and, backwards, about x.
 ALIGNING = (2, 5)
 
@@ -70,6 +72,14 @@ class RowStructure:
     def sweeps(self) -> RowSweeps:
         """The sweeps over the machine that give the slopes of all rows."""
         return row_sweeps(self.blocks, len(self._plan.free) + len(self._plan.driven))
+
+    @cached_property
+    def paths(self) -> RowPaths | None:
+        """The bodies that each row visits, where slopes take fewer operations row by row than by sweeps."""
+        if self.sweeps.count <= _FEW_SWEEPS:
+            return None
+        paths = new_row_paths(self._plan)
+        return paths if len(paths.body) < self.sweeps.count * len(self._plan.tree) else None
 
     @cached_property
     def turned_pairs(self) -> tuple[TurnedPair, ...]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import AssemblyError
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.forward_dynamics.row_paths import RowPaths, row_slopes
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -46,8 +47,11 @@ def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes
     """As ``constraint_slopes``, at each of several configurations (nt, nx).
 
     Blocks share no free velocity, so all of them move by one velocity each at once: as many sweeps over the machine as
-    the largest block has, and one for each velocity that is driven.
+    the largest block has, and one for each velocity that is driven.  Where those are many, each row by itself, as the
+    generalised forces of its unit reaction.
     """
+    if scene.row_structure.paths is not None:
+        return [_slopes_by_paths(scene, work, one, scene.row_structure.paths) for one in x]
     sweeps, m = scene.row_structure.sweeps, len(scene.plan.rows)
     rates = np.zeros((len(x), sweeps.count, m))
     rest, scratch = np.zeros(scene.nv), np.zeros((4, m))
@@ -60,6 +64,16 @@ def slopes_at(scene: CompiledScene, work: Work, x: FloatArray) -> list[RowSlopes
         constraint_rates(scene.plan, work, x, velocities, rest, scratch, found)
         rates[:, first : first + len(velocities)] = found
     return [sweeps.slopes(by_sweep) for by_sweep in rates]
+
+
+def _slopes_by_paths(scene: CompiledScene, work: Work, x: FloatArray, paths: RowPaths) -> RowSlopes:
+    """As ``constraint_slopes``, row by row."""
+    own = paths.replace(jacobian=np.zeros_like(paths.jacobian))  # which variants share
+    forward_kinematics(scene.plan, work, x, *np.zeros((2, scene.nv)))
+    row_slopes(scene.plan, work, own)
+    blocks = scene.row_structure.blocks
+    parts = tuple(own.jacobian[block.rows[:, None], block.velocities] for block in blocks)
+    return RowSlopes(blocks, parts, (len(scene.plan.rows), scene.nv))
 
 
 def coordinate_sizes(scene: CompiledScene) -> FloatArray:

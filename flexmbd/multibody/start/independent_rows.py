@@ -215,11 +215,18 @@ def _left_vectors(slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
     told = np.flatnonzero(norms > ROUND_OFF * norms.max(initial=0.0))
     m, count = len(slopes), len(told)
     if count == m:
-        return scipy.linalg.svd(slopes)[:2]
-    inner, found = scipy.linalg.svd(slopes[told])[:2]
+        return _left_svd(slopes)
+    inner, found = _left_svd(slopes[told])
     left = np.zeros((m, m))
     left[told, :count] = inner
     left[np.setdiff1d(np.arange(m), told), np.arange(count, m)] = 1.0
+    return left, found
+
+
+def _left_svd(slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """All left singular vectors (m, m) and the singular values, without right ones that nobody asks for."""
+    m, n = slopes.shape
+    left, found, _ = scipy.linalg.svd(slopes, full_matrices=m > n)
     return left, found
 
 

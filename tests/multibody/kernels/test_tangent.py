@@ -326,3 +326,16 @@ def test_joint_kinds_are_all_there():
     found = set(map(tuple, mixed_scene()[0].compile().scene.plan.tree[:, [at.JOINT_TURN, at.JOINT_ADDS]].tolist()))
     none, about_z, ball = kinds.TURN_NONE, kinds.TURN_ABOUT_Z, kinds.TURN_BALL
     assert found == {(none, 0), (about_z, 1), (none, 1), (ball, 0), (ball, 3)}
+
+
+def test_reduced_bodies_of_many_modes_on_each_other():
+    """More than a joint has unknowns, which other loops take, and of each body another number."""
+    scene = fm.System(gravity=(0.0, -9.81, 1.0))
+    end = scene.ground.frame()
+    limbs = (7, fm.joint.Universal()), (9, fm.joint.Spherical()), (3, fm.joint.Screw(0.3))
+    for k, (modes, joint) in enumerate(limbs):
+        body = scene.add(fm.FlexibleBody(particle_body(40 + k, modes=modes, damping=1.0).record))
+        scene.connect(joint, end, body.frame("root"))
+        end = body.frame("tip")
+    compiled = scene.compile().scene
+    compare(compiled.plan, random_state(compiled, 1, spread=0.2), speed_step=2e-2)

@@ -5,8 +5,10 @@ import pytest
 from spring_lattice import linked_pendulums, spring_lattice
 
 import flexmbd as fm
+from flexmbd.multibody.kernels.base import compiling
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear import equilibrium, sparse_equilibrium
+from flexmbd.multibody.linear.derivatives import DERIVING
 from flexmbd.multibody.plan.sparse_stiffness import sparse_stiffness
 
 
@@ -128,3 +130,21 @@ def test_the_matrix_and_its_solutions():
     moved = ~held
     exact = np.linalg.solve(matrix[np.ix_(moved, moved)], -force[moved])
     np.testing.assert_allclose(step[moved], exact, rtol=1e-9)
+
+
+def test_what_is_compiled_for_equilibria_is_announced(monkeypatch):
+    """By the way that is gone: the first equilibrium of a large machine compiles for a quarter of a minute."""
+    told = []
+    monkeypatch.setattr(compiling, "announce_compilation", lambda purpose: told.append(purpose))
+    scene, _ = spring_lattice(12, 6, fm.joint.PlanarPoint("z"))
+    scene.equilibrium()
+    assert sparse_equilibrium.BALANCING_MANY in told
+    assert DERIVING not in told
+    told.clear()
+    scene, _ = spring_lattice(3, 2, fm.joint.PlanarPoint("z"))
+    point = scene.equilibrium()
+    assert DERIVING in told
+    assert sparse_equilibrium.BALANCING_MANY not in told
+    told.clear()
+    scene.linearize(about=point)
+    assert DERIVING in told

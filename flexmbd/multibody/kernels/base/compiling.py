@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,6 +46,15 @@ def mark_compiled(purpose: str) -> None:
             marker.touch()
         except OSError:
             return  # a read-only cache: the next process says it again, and is right
+
+
+@contextmanager
+def compiling(purpose: str, *, aloud: bool) -> Iterator[None]:
+    """Announce the kernels of a purpose where this process is to tell (``aloud``); note them once all went well."""
+    if aloud:
+        announce_compilation(purpose)
+    yield
+    mark_compiled(purpose)
 
 
 def is_compiled(purpose: str) -> bool:

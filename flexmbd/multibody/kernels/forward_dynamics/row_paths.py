@@ -144,6 +144,19 @@ def solve_rows(plan, work, aw, paths, small):
                 small[i, j] += total
 
 
+@entry_kernel
+def row_slopes(plan, work, paths):
+    """Write C into ``paths.jacobian``, which is zero off the paths, of the kinematics in ``work``.
+
+    Args:
+        plan: Plan, the compiled scene.
+        work: Work, its work arrays.
+        paths: RowPaths, output.
+    """
+    for i in range(plan.rows.shape[0]):
+        _unit_reaction(plan, work, paths, i)
+
+
 @kernel
 def row_times(paths, i, vector):
     """Row i of C times a vector (nv,)."""

@@ -2,8 +2,11 @@
 
 Of a mode phi_i and a field u the moments are rho phi_i u^T integrated over the body, nine numbers: the symmetric part
 (xx, xy, xz, yy, yz, zz) and the integral of rho u x phi_i (3).  ``Plan.modal`` holds from MODAL_MOMENTS those with the
-place x, (9, n), and those with each mode i, (n, 9, n), and from MODAL_FIRST the integrals of rho phi_i, (3, n).  A
-moments' table is what the deformed body r = x + Phi q makes of them, one column a mode.
+place x, (9, n), and those with each mode j as the field, (n, 9, n) with j first, and from MODAL_FIRST the integrals of
+rho phi_i, (3, n).  A moments' table is what the deformed body r = x + Phi q makes of them, one column a mode.
+
+What a field Phi q makes of the moments is a sum over j of rows that are as long as a table: nine times the modes, for
+which vector registers pay at any number of modes, where sums mode by mode would be too short for them.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base.compiling import summing_kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, summing_kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -23,9 +26,7 @@ SYMMETRIC, COUPLING, FORCE, RATES = 0, 6, 9, 12
 def modal_moments(gram: FloatArray, n: int) -> FloatArray:
     """(1 + n, 9, n) what Plan.modal holds, from a record's Gram matrix (4 + 3 n, 4 + 3 n)."""
     fields = np.concatenate([gram[1:4, 4:], gram[4:, 4:]]).reshape(1 + n, 3, n, 3)
-    with_x, with_modes = fields[0].transpose(2, 0, 1), fields[1:]
-    # [with what, component of phi_i, component of the field, i]; of two modes the one that is named first is phi
-    m = np.concatenate([with_x[None], with_modes.transpose(0, 1, 3, 2)])
+    m = fields.transpose(0, 3, 1, 2)  # [field, component of phi_i, component of the field, i]
     skew = np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
     upper = np.triu_indices(3)
     symmetric = 0.5 * (m + m.transpose(0, 2, 1, 3))[:, upper[0], upper[1]]
@@ -33,91 +34,84 @@ def modal_moments(gram: FloatArray, n: int) -> FloatArray:
 
 
 @summing_kernel
+def _add_fields(modal, o, stride, n, q, out):
+    """Add to ``out`` (k,) the sum over j of q_j times the k numbers of ``modal`` from o + stride j."""
+    # indices from a range need no look whether they count from the end, which would hold up the vector registers
+    size = out.shape[0]
+    four = n - n % 4
+    for j in range(0, four, 4):
+        p = o + stride * j
+        row0 = modal[p : p + size]
+        row1 = modal[p + stride : p + stride + size]
+        row2 = modal[p + 2 * stride : p + 2 * stride + size]
+        row3 = modal[p + 3 * stride : p + 3 * stride + size]
+        f0, f1, f2, f3 = q[j], q[j + 1], q[j + 2], q[j + 3]
+        for c in range(size):
+            out[c] += f0 * row0[c] + f1 * row1[c] + f2 * row2[c] + f3 * row3[c]
+    for j in range(four, n):
+        row = modal[o + stride * j : o + stride * j + size]
+        f = q[j]
+        for c in range(size):
+            out[c] += f * row[c]
+
+
+@kernel
+def _unpack(table, first, count, n):
+    """Bring ``count`` rows of n numbers, which stand without gaps from row ``first`` on, to their places."""
+    width = table.shape[1]
+    if width == n:
+        return
+    memory = table.reshape((table.shape[0] * width,))
+    o = first * width
+    for k in range(count - 1, 0, -1):
+        for i in range(n - 1, -1, -1):
+            memory[o + k * width + i] = memory[o + k * n + i]
+
+
+@kernel
+def _fill(out, value):
+    for c in range(out.shape[0]):
+        out[c] = value
+
+
+@kernel
+def _copy(values, out):
+    for c in range(out.shape[0]):
+        out[c] = values[c]
+
+
+@kernel
 def sum_pairs(modal, o, n, q, table, first):
     """Write each mode's moments with Phi q to rows ``first`` .. of ``table``; ``o``: MODAL_MOMENTS of the body."""
-    # indices from a range need no look whether they count from the end, which would hold up the vector registers
-    blocks = modal[o + 9 * n : o + 9 * n * (n + 1)].reshape((n, 9, n))
-    for i in range(n):
-        t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = t8 = 0.0
-        for j in range(n):
-            f = q[j]
-            t0 += blocks[i, 0, j] * f
-            t1 += blocks[i, 1, j] * f
-            t2 += blocks[i, 2, j] * f
-            t3 += blocks[i, 3, j] * f
-            t4 += blocks[i, 4, j] * f
-            t5 += blocks[i, 5, j] * f
-            t6 += blocks[i, 6, j] * f
-            t7 += blocks[i, 7, j] * f
-            t8 += blocks[i, 8, j] * f
-        table[first, i] = t0
-        table[first + 1, i] = t1
-        table[first + 2, i] = t2
-        table[first + 3, i] = t3
-        table[first + 4, i] = t4
-        table[first + 5, i] = t5
-        table[first + 6, i] = t6
-        table[first + 7, i] = t7
-        table[first + 8, i] = t8
+    width = table.shape[1]
+    rows = table.reshape((table.shape[0] * width,))[first * width : first * width + 9 * n]
+    _fill(rows, 0.0)
+    _add_fields(modal, o + 9 * n, 9 * n, n, q, rows)
+    _unpack(table, first, 9, n)
 
 
-@summing_kernel
+@kernel
 def sum_moving_pairs(modal, o, force, n, q, qd, table):
-    """A whole table in one pass: of the place x + Phi q and, with the rates Phi qd, its last rows."""
-    blocks = modal[o : o + 9 * n * (n + 1)].reshape((n + 1, 9, n))
-    forces = modal[force : force + 3 * n].reshape((3, n))
-    for i in range(n):
-        t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = t8 = 0.0
-        u6 = u7 = u8 = 0.0
-        for j in range(n):
-            f = q[j]
-            g = qd[j]
-            t0 += blocks[i + 1, 0, j] * f
-            t1 += blocks[i + 1, 1, j] * f
-            t2 += blocks[i + 1, 2, j] * f
-            t3 += blocks[i + 1, 3, j] * f
-            t4 += blocks[i + 1, 4, j] * f
-            t5 += blocks[i + 1, 5, j] * f
-            x = blocks[i + 1, 6, j]
-            y = blocks[i + 1, 7, j]
-            z = blocks[i + 1, 8, j]
-            t6 += x * f
-            t7 += y * f
-            t8 += z * f
-            u6 += x * g
-            u7 += y * g
-            u8 += z * g
-        table[0, i] = t0 + blocks[0, 0, i]
-        table[1, i] = t1 + blocks[0, 1, i]
-        table[2, i] = t2 + blocks[0, 2, i]
-        table[3, i] = t3 + blocks[0, 3, i]
-        table[4, i] = t4 + blocks[0, 4, i]
-        table[5, i] = t5 + blocks[0, 5, i]
-        table[6, i] = t6 + blocks[0, 6, i]
-        table[7, i] = t7 + blocks[0, 7, i]
-        table[8, i] = t8 + blocks[0, 8, i]
-        table[9, i] = forces[0, i]
-        table[10, i] = forces[1, i]
-        table[11, i] = forces[2, i]
-        table[12, i] = u6
-        table[13, i] = u7
-        table[14, i] = u8
+    """A whole table: of the place x + Phi q and, with the rates Phi qd, its last rows."""
+    width = table.shape[1]
+    rows = table.reshape((table.shape[0] * width,))[: 15 * n]
+    _copy(modal[o : o + 9 * n], rows[: 9 * n])
+    _add_fields(modal, o + 9 * n, 9 * n, n, q, rows[: 9 * n])
+    _copy(modal[force : force + 3 * n], rows[FORCE * n : (FORCE + 3) * n])
+    rates = rows[RATES * n :]
+    _fill(rates, 0.0)
+    _add_fields(modal, o + 15 * n, 9 * n, n, qd, rates)
+    _unpack(table, 0, 15, n)
 
 
-@summing_kernel
+@kernel
 def sum_couplings(modal, o, n, q, table, first):
     """The last three rows of ``sum_pairs`` alone, the integrals of rho (Phi q) x phi_i."""
-    blocks = modal[o + 9 * n : o + 9 * n * (n + 1)].reshape((n, 9, n))
-    for i in range(n):
-        x = y = z = 0.0
-        for j in range(n):
-            f = q[j]
-            x += blocks[i, 6, j] * f
-            y += blocks[i, 7, j] * f
-            z += blocks[i, 8, j] * f
-        table[first, i] = x
-        table[first + 1, i] = y
-        table[first + 2, i] = z
+    width = table.shape[1]
+    rows = table.reshape((table.shape[0] * width,))[first * width : first * width + 3 * n]
+    _fill(rows, 0.0)
+    _add_fields(modal, o + 15 * n, 9 * n, n, q, rows)
+    _unpack(table, first, 3, n)
 
 
 @summing_kernel
@@ -222,9 +216,9 @@ def accelerate(n, angular, linear, qdd, table, out):
 @summing_kernel
 def add_pair_products(modal, o, n, j, G, row):
     """Add to ``row`` (n,) the integrals of rho phi_j^T G phi_k, of mode j with each mode k."""
-    pairs = modal[o + 9 * n * (j + 1) : o + 9 * n * (j + 2)].reshape((9, n))
+    pairs = modal[o + 9 * n * (j + 1) : o + 9 * n * (j + 2)].reshape((9, n))  # of phi_k, phi_j being the field
     a, b, c = G[1] + G[3], G[2] + G[6], G[5] + G[7]
-    x, y, z = 0.5 * (G[7] - G[5]), 0.5 * (G[2] - G[6]), 0.5 * (G[3] - G[1])
+    x, y, z = 0.5 * (G[5] - G[7]), 0.5 * (G[6] - G[2]), 0.5 * (G[1] - G[3])
     for k in range(n):
         row[k] += (
             G[0] * pairs[0, k]

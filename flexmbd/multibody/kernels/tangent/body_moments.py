@@ -226,8 +226,9 @@ def add_modal_block(plan, work, tw, i, q, per_x, per_v, per_a, matrix):
             add_pair_products(modal, flex[at.MODAL_MOMENTS], n, j, G, row)
         row[j] += per_a + per_x * modal[flex[at.MODAL_STIFFNESS] + j]
         if damping >= 0:
+            rates = modal[damping + n * j : damping + n * (j + 1)]
             for k in range(n):
-                row[k] += per_v * modal[damping + n * j + k]
+                row[k] += per_v * rates[k]
     for s in range(flex[at.N_STRETCH]):
         _add_stretch_block(plan, flex, q, s, per_x, first, tw.mode_moments[0], matrix)
     if flex[at.POLYNOMIAL] >= 0:

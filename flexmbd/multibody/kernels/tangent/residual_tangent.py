@@ -28,13 +28,15 @@ from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
 from flexmbd.multibody.kernels.tangent.pair_tangent import add_pairs
 from flexmbd.multibody.kernels.tangent.row_pairs import add_closures
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
-    add_product,
+    add_motion_products,
     add_products,
     frame_columns,
     joint_columns,
     load_column,
 )
 from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, put_bodies, put_joints
+
+_MOST_OF_JOINT = 6  # unknowns of a joint
 
 
 @kernel
@@ -142,10 +144,7 @@ def mode_block(tw, edge, n, first, start, stop, outer, inner):
     ``outer`` has the rows of those outboard, ``inner`` those of the modes: the same matrix, or two blocks of one.
     """
     for r in range(start, stop):
-        row = outer[r, first : first + n]
-        for t in range(3):
-            feel = (tw.projection[3 * t, r], tw.projection[3 * t + 1, r], tw.projection[3 * t + 2, r])
-            add_product(feel, tw.edge_motion, 3 * t, edge, row)
+        add_motion_products(tw.projection, r, tw.edge_motion, edge, outer[r, first : first + n])
     for b in range(n):
         angular, linear = load_column(tw.edge_twist, edge + b)
         add_products(linear, angular, tw.wrench, start, inner[first + b, start:stop])
@@ -154,10 +153,22 @@ def mode_block(tw, edge, n, first, start, stop, outer, inner):
 @kernel
 def joint_coupling_block(tw, o, size, start, stop, outer, inner):
     """Unknowns start .. stop - 1 outboard of a joint with the joint's own, from o; ``outer``, ``inner``: as above."""
+    if stop - start > _MOST_OF_JOINT:
+        _modes_of_joint(tw, o, size, start, stop, outer, inner)
+        return
     for r in range(start, stop):
         for k in range(o, o + size):
             outer[r, k] += _projection_product(tw, r, tw.motion, k)
             inner[k, r] += _twist_product(tw, k, r)
+
+
+@deferred_kernel()
+def _modes_of_joint(tw, o, size, start, stop, outer, inner):
+    """`joint_coupling_block` of many unknowns, in vector registers."""
+    for k in range(o, o + size):
+        angular, linear = load_column(tw.twist, k)
+        add_products(linear, angular, tw.wrench, start, inner[k, start:stop])
+        add_motion_products(tw.motion, k, tw.projection, start, outer[start:stop, k])
 
 
 @kernel

@@ -33,7 +33,7 @@ from flexmbd.multibody.kernels.algebra.so3 import (
     sub3,
 )
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.compiling import kernel, summing_kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import face_of, frame_motion
 from flexmbd.multibody.kernels.physics.face_modes import add_face_forces, strain_of, strain_sum
@@ -329,18 +329,37 @@ def load_column(m, k):
     return (m[0, k], m[1, k], m[2, k]), (m[3, k], m[4, k], m[5, k])
 
 
-@kernel
+@summing_kernel
 def add_product(a, m, o, k, row):
     """row += a . (rows o to o + 2 of m, from column k)."""
-    for j in range(row.shape[0]):
-        row[j] += a[0] * m[o, k + j] + a[1] * m[o + 1, k + j] + a[2] * m[o + 2, k + j]
+    # indices from a range need no look whether they count from the end, which would hold up the vector registers
+    n = row.shape[0]
+    m0, m1, m2 = m[o, k : k + n], m[o + 1, k : k + n], m[o + 2, k : k + n]
+    for j in range(n):
+        row[j] += a[0] * m0[j] + a[1] * m1[j] + a[2] * m2[j]
 
 
-@kernel
+@summing_kernel
+def add_motion_products(projection, r, m, k, row):
+    """row += (column r of the nine rows of ``projection``) . (rows 0 to 8 of m), from column k."""
+    n = row.shape[0]
+    m0, m1, m2 = m[0, k : k + n], m[1, k : k + n], m[2, k : k + n]
+    m3, m4, m5 = m[3, k : k + n], m[4, k : k + n], m[5, k : k + n]
+    m6, m7, m8 = m[6, k : k + n], m[7, k : k + n], m[8, k : k + n]
+    p0, p1, p2 = projection[0, r], projection[1, r], projection[2, r]
+    p3, p4, p5 = projection[3, r], projection[4, r], projection[5, r]
+    p6, p7, p8 = projection[6, r], projection[7, r], projection[8, r]
+    for j in range(n):
+        turn = p0 * m0[j] + p1 * m1[j] + p2 * m2[j]
+        turn2 = p3 * m3[j] + p4 * m4[j] + p5 * m5[j]
+        row[j] += turn + turn2 + (p6 * m6[j] + p7 * m7[j] + p8 * m8[j])
+
+
+@summing_kernel
 def add_products(a, b, m, k, row):
     """row += a . (rows 0 to 2 of m) + b . (rows 3 to 5), from column k."""
-    for j in range(row.shape[0]):
-        i = k + j
-        row[j] += (
-            a[0] * m[0, i] + a[1] * m[1, i] + a[2] * m[2, i] + b[0] * m[3, i] + b[1] * m[4, i] + b[2] * m[5, i]
-        )
+    n = row.shape[0]
+    m0, m1, m2 = m[0, k : k + n], m[1, k : k + n], m[2, k : k + n]
+    m3, m4, m5 = m[3, k : k + n], m[4, k : k + n], m[5, k : k + n]
+    for j in range(n):
+        row[j] += a[0] * m0[j] + a[1] * m1[j] + a[2] * m2[j] + b[0] * m3[j] + b[1] * m4[j] + b[2] * m5[j]
