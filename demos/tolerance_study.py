@@ -7,9 +7,10 @@
 # The machine is compiled once. A variant is a run with other values of its parameters, which starts without Python's
 # set-up, and threads run variants side by side. `./run python demos/tolerance_study.py` runs 40 of them,
 # `./run python demos/tolerance_study.py 10000` ten thousand; killed and begun again, it goes on where it was. A second
-# word names other workers: the address of a dask scheduler, `... 10000 tcp://host:8786`, or, on three ranks of which one
-# hands out the variants, `-m mpi4py.futures demos/tolerance_study.py 10000 mpi`. Results and a picture go to the folder
-# `out_tolerance_study`.
+# word names other workers: the address of a dask scheduler, `... 10000 tcp://host:8786`, or, on three ranks of which
+# one hands out the variants, `-m mpi4py.futures demos/tolerance_study.py 10000 mpi`. Results and a picture go to the
+# folder `out_tolerance_study`.
+# ruff: noqa: E402
 
 import sys
 import time

@@ -61,14 +61,7 @@ class Tasks(Protocol):
     """Hands variants to an executor."""
 
     def submit(self, pool: Executor, rows: NumberedVariants, *, again: bool = False) -> Future[TaskOutcome]:
-        """Hand variants over; `again`: for the worker that had them lacked the study."""
-
-    def stop(self) -> None:
-        """Begin no further variant, where that can be reached."""
-
-
-    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
-        """Run variants."""
+        """Hand variants over; ``again``: for the worker that had them lacked the study."""
 
     def stop(self) -> None:
         """Begin no further variant, where that can be reached."""

@@ -5,6 +5,7 @@ from mpi4py import MPI
 import h5py
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import flexmbd as fm
 from flexmbd import meshes
@@ -67,6 +68,17 @@ def test_recording_changes_no_step(kind, how, tmp_path):
         first = run.t[run.t >= k * recording.every * (1.0 - 1e-9)][0]
         assert first in instants
     assert len(instants) == 8
+
+
+def test_an_instant_compiles_nothing(tmp_path, monkeypatch):
+    """What the ranks do not divide: the stress is compiled for the first instant, and looked up for no other."""
+    made = []
+    compiled = fem.Expression
+    monkeypatch.setattr(fem, "Expression", lambda *given, **how: made.append(given) or compiled(*given, **how))
+    scene, _ = bar(ExplicitContinuum, comm=MPI.COMM_SELF)
+    run = scene.simulate(recording=fm.Recording(tmp_path / "rod.h5", every=1e-5), **EXPLICIT)
+    assert len(run.recordings[0].t) == 11
+    assert len(made) == 1
 
 
 @pytest.mark.mpi

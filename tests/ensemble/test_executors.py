@@ -205,7 +205,7 @@ def test_a_lost_process_is_told_with_its_variant():
         machine.ensemble(given, {"one": deadly(machine, 1.6)}, executor=pool, workers=1, **HOW)
     assert told.value.variants == (6,)
     pool = ProcessPoolExecutor(2, mp_context=get_context("spawn"))
-    with pool, pytest.raises(EnsembleError, match="died .* at ") as told:
+    with pool, pytest.raises(EnsembleError, match=r"died .* at ") as told:
         machine.ensemble(given, {"one": deadly(machine, 1.6)}, executor=pool, workers=2, **HOW)
     assert 6 in told.value.variants
     assert len(told.value.variants) <= 2
@@ -215,7 +215,7 @@ def test_an_executor_that_was_shut_down_is_told():
     machine, outputs = double_pendulum()
     pool = ThreadPoolExecutor(1)
     pool.shutdown()
-    with pytest.raises(EnsembleError, match="takes no tasks .*shutdown"):
+    with pytest.raises(EnsembleError, match=r"takes no tasks .*shutdown"):
         machine.ensemble(samples(6), outputs, executor=pool, **HOW)
 
 
@@ -233,5 +233,5 @@ def test_an_executor_that_is_shut_down_meanwhile_is_told():
         time.sleep(0.05)
         return 1.0
 
-    with pytest.raises(EnsembleError, match="takes no tasks .*shutdown"):
+    with pytest.raises(EnsembleError, match=r"takes no tasks .*shutdown"):
         machine.ensemble(given, {"one": output}, executor=pool, workers=1, **HOW)
