@@ -10,8 +10,8 @@
 # word names other workers: the address of a dask scheduler, `... 10000 tcp://host:8786`, or, on three ranks of which
 # one hands out the variants, `-m mpi4py.futures demos/tolerance_study.py 10000 mpi`. Results and a picture go to the
 # folder `out_tolerance_study`.
-# ruff: noqa: E402
 
+# ruff: noqa: E402
 import sys
 import time
 import warnings

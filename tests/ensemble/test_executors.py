@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pickle
 import sys
-import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
@@ -106,39 +105,26 @@ def _forget():
         variants._met.clear()
 
 
+def at_once(nap):
+    """An output that takes so long (s): how many variants are at it at a time in their process."""
+
+    def output(run):
+        inside = sys.__dict__.setdefault("_at_once", [])  # of the worker's process
+        inside.append(1)
+        time.sleep(nap)
+        return len(inside), inside.pop()
+
+    return output
+
+
 def test_all_workers_of_an_executor_get_work():
     """Six at once, of an executor that says nothing of their number, on a computer of one processor."""
     machine, _ = double_pendulum()
-    busy, most, lock = [0], [0], threading.Lock()
-
-    class Lazy:
-        """Counts how many of it run at a time; what is not packed by value."""
-
-        def __call__(self, run):
-            with lock:
-                busy[0] += 1
-                most[0] = max(most[0], busy[0])
-            time.sleep(0.05)
-            with lock:
-                busy[0] -= 1
-            return 1.0
-
-    lazy = Lazy()
-    shared["lazy"] = lazy
+    given = {"rate": np.linspace(1.0, 2.0, 60)}
     with ThreadPoolExecutor(6) as threads, pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "cpu_count", lambda: 1)
-        given = {"rate": np.linspace(1.0, 2.0, 60)}
-        machine.ensemble(given, {"lazy": _lazy}, executor=Counting(threads), **HOW).close()
-    assert most[0] == 6
-
-
-shared = {}
-
-
-def _lazy(run):
-    import test_executors
-
-    return test_executors.shared["lazy"](run)
+        with machine.ensemble(given, {"most": at_once(0.05)}, executor=Counting(threads), **HOW) as found:
+            assert found.output("most").max() == 6
 
 
 def test_dask_workers(cluster, alone, tmp_path):
@@ -159,14 +145,8 @@ def test_threads_of_a_dask_worker_take_turns(cluster):
     scene.add_force(fm.force.JointLaw(hinge, lambda t, beta, rate: 0.0))
     machine = scene.compile(parameters={"w": fm.parameter.InitialVelocity(hinge)})
 
-    def at_once(run):
-        inside = sys.__dict__.setdefault("_at_once", [])  # of the worker's process
-        inside.append(1)
-        time.sleep(0.02)
-        return len(inside), inside.pop()
-
     given, pool = {"w": np.linspace(0.1, 1.0, 40)}, cluster.get_executor()
-    with machine.ensemble(given, {"most": at_once}, t_end=0.1, executor=pool) as found:
+    with machine.ensemble(given, {"most": at_once(0.02)}, t_end=0.1, executor=pool) as found:
         np.testing.assert_array_equal(found.output("most"), np.ones((40, 2)))
 
 
