@@ -10,8 +10,7 @@
 # - by a tolerance, `Truncation(tol=1e-2)`: as few as it takes, by an estimate of the error that needs no
 #   unreduced solution.
 #
-# `./run python demos/craig_bampton_convergence.py`, or on two processes by `./run mpirun -n 2 python ...`. The picture
-# goes to `out_craig_bampton_convergence`.
+# `./run python demos/craig_bampton_convergence.py`; the picture goes to `out_craig_bampton_convergence`.
 
 import time
 from pathlib import Path

@@ -5,8 +5,7 @@
 # in each of them that is installed, by the files and helpers of `fm.export`. Then their paths are laid over each other,
 # and what lies between them is measured.
 #
-# `./run python demos/export_pendulum.py`; with `./run mpirun -n 2` before python the ranks share the mesh and the
-# reduction, and the first one runs the other programs. The picture and all files go to `out_export_pendulum`.
+# `./run python demos/export_pendulum.py`; the picture and all files go to `out_export_pendulum`.
 
 import importlib.util
 import shutil

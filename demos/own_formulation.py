@@ -6,8 +6,8 @@
 # writes a formulation: the form file, its check, a mesh, a reduction, a record, a machine.
 #
 # The form is `demos/own_formulation/wound_solid.py`, one file of sixty lines of UFL; docs/writing_a_form.md says how
-# to write one. `./run python demos/own_formulation.py` runs all of it, `./run mpirun -n 2 python
-# demos/own_formulation.py` on two processes; a picture and the record go to `out_own_formulation`.
+# to write one. `./run python demos/own_formulation.py` runs all of it; a picture and the record go to
+# `out_own_formulation`.
 
 from pathlib import Path
 from typing import Any

@@ -6,15 +6,24 @@
 #
 # The machine is compiled once. A variant is a run with other values of its parameters, which starts without Python's
 # set-up, and threads run variants side by side. `./run python demos/tolerance_study.py` runs 40 of them,
-# `./run python demos/tolerance_study.py 10000` ten thousand; killed and begun again, it goes on where it was.
-# Results and a picture go to the folder `out_tolerance_study`.
+# `./run python demos/tolerance_study.py 10000` ten thousand; killed and begun again, it goes on where it was. A second
+# word names other workers: the address of a dask scheduler, `... 10000 tcp://host:8786`, or, on three ranks of which
+# one hands out the variants, `-m mpi4py.futures demos/tolerance_study.py 10000 mpi`. Results and a picture go to the
+# folder `out_tolerance_study`.
 
+# ruff: noqa: E402
 import sys
 import time
 import warnings
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from pathlib import Path
 
+import petsc4py
 from mpi4py import MPI
+
+petsc4py.init(comm=MPI.COMM_SELF)  # by itself: MPI's workers do not start PETSc
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -25,10 +34,10 @@ from flexmbd import forms, meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.reduction import Keep, ModalDamping, craig_bampton
 
-if MPI.COMM_WORLD.rank > 0:  # variants are for threads here; see docs/ensembles.md for MPI workers
-    sys.exit()
-
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 40
+WORKERS = sys.argv[2] if len(sys.argv) > 2 else "threads"
+if MPI.COMM_WORLD.rank > 0:  # of MPI's workers no one comes here
+    sys.exit()
 CRANK, LENGTH, PISTON = 0.08, 0.3, 0.8  # m, m, kg
 OMEGA = 6000.0 * 2.0 * np.pi / 60.0  # rad/s
 TURN = 2.0 * np.pi / OMEGA  # s
@@ -125,18 +134,41 @@ def side_force(run: fm.Trajectory) -> float:
     return float(np.abs(run.reaction(guide)[:, 1]).max())
 
 
+QUIET = "ignore", fm.StartWarning  # a tilted pin bends the rod from the start, as it is meant to
+
+
+@contextmanager
+def workers() -> Iterator[Executor | None]:
+    """Who runs the variants, and is not to warn either; threads of this process are nobody else."""
+    if WORKERS == "mpi":
+        from mpi4py.futures import MPIPoolExecutor
+
+        with MPIPoolExecutor(main=False, initializer=warnings.simplefilter, initargs=QUIET) as pool:
+            yield pool
+    elif WORKERS == "threads":
+        yield None
+    else:
+        from distributed import Client
+
+        with Client(WORKERS) as client:
+            client.run(warnings.simplefilter, *QUIET)
+            yield client.get_executor()
+
+
 guide = machine.connections[3]
-warnings.simplefilter("ignore", fm.StartWarning)  # a tilted pin bends the rod from the start, as it is meant to
+warnings.simplefilter(*QUIET)
 began = time.perf_counter()
-study = machine.ensemble(
-    samples,
-    {"peak": peak_stress, "side": side_force},
-    t_end=2.0 * TURN,
-    rtol=1e-4,
-    integrator=fm.GeneralizedAlpha(),
-    file=out / f"study_{COUNT}.h5",
-    progress=COUNT > 100,
-)
+with workers() as pool:
+    study = machine.ensemble(
+        samples,
+        {"peak": peak_stress, "side": side_force},
+        t_end=2.0 * TURN,
+        rtol=1e-4,
+        integrator=fm.GeneralizedAlpha(),
+        executor=pool,
+        file=out / f"study_{COUNT}.h5",
+        progress=COUNT > 100,
+    )
 seconds = time.perf_counter() - began
 for failure in study.failures:
     print(f"variant {failure.index} failed: {failure.message}")

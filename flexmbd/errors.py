@@ -119,8 +119,16 @@ class OutOfMemoryError(FlexmbdError, MemoryError):
 class EnsembleError(FlexmbdError):
     """An ensemble was broken off, for a worker of its executor died.
 
-    Remedy: fewer workers at once, if memory ran out; the message says why it died, where that is known.
+    Remedy: fewer workers at once, if memory ran out; the message says why it died, where that is known, and at which
+    variants.
+
+    Attributes:
+        variants: numbers, from 0, of those that the worker had, or may have had where its executor does not tell.
     """
+
+    def __init__(self, message: str, variants: tuple[int, ...] = ()) -> None:
+        super().__init__(message)
+        self.variants = variants
 
 
 class AssemblyError(FlexmbdError):

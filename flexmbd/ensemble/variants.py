@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import pickle
+import platform
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from itertools import repeat
@@ -38,17 +42,26 @@ def refuse_outputs(outputs: object) -> None:
 
 
 class TaskOutcome(NamedTuple):
-    """The result of a task: the outcomes of its variants, and the seconds that its worker was busy with them."""
+    """The result of a task.
+
+    Attributes:
+        outcomes: of its variants; of none where the worker has not got the study.
+        seconds: that the worker was busy with them.
+        worker: which one it was.
+        lacks_study: whether it is to be handed over again, with the study.
+    """
 
     outcomes: list[VariantOutcome]
     seconds: float
+    worker: str
+    lacks_study: bool = False
 
 
 class Tasks(Protocol):
-    """The callable that an executor gets, with variants to run."""
+    """Hands variants to an executor."""
 
-    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
-        """Run variants."""
+    def submit(self, pool: Executor, rows: NumberedVariants, *, again: bool = False) -> Future[TaskOutcome]:
+        """Hand variants over; ``again``: for the worker that had them lacked the study."""
 
     def stop(self) -> None:
         """Begin no further variant, where that can be reached."""
@@ -72,6 +85,10 @@ class Study:
     batch: BatchRuns | None = None
     told: set[str] = field(default_factory=set)
 
+    def turn(self) -> AbstractContextManager[Any]:
+        """What threads that share this copy of the study take in turns, if they have to."""
+        return nullcontext() if self.shared else threading.Lock()
+
     def run(
         self, rows: NumberedVariants, turn: AbstractContextManager[Any], goes_on: Callable[[], bool] = lambda: True
     ) -> TaskOutcome:
@@ -85,7 +102,7 @@ class Study:
             with turn, told_once(self.told):
                 outputs = next(sampled)
                 found.append(self._outcome(k, values) if outputs is None else (k, outputs, ""))
-        return TaskOutcome(found, time.perf_counter() - began)
+        return TaskOutcome(found, time.perf_counter() - began, _worker())
 
     def _outcome(self, k: int, values: Mapping[str, Any]) -> VariantOutcome:
         doing = "the simulation"
@@ -119,12 +136,12 @@ class ThreadTasks:
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        self._turn: AbstractContextManager[Any] = nullcontext() if study.shared else threading.Lock()
+        self._turn = study.turn()
         self._stopped = threading.Event()
 
-    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
-        """Run variants."""
-        return self._study.run(rows, self._turn, lambda: not self._stopped.is_set())
+    def submit(self, pool: Executor, rows: NumberedVariants, *, again: bool = False) -> Future[TaskOutcome]:
+        """Hand over variants."""
+        return pool.submit(self._study.run, rows, self._turn, lambda: not self._stopped.is_set())
 
     def stop(self) -> None:
         """Begin no further variant."""
@@ -132,13 +149,18 @@ class ThreadTasks:
 
 
 class ProcessTasks:
-    """Tasks for other processes, each of which unpacks the machine once.
+    """Tasks for other processes, on this computer or on others, each of which gets the study once.
 
-    Raises:
-        SceneError: something of the machine or of the outputs cannot be sent to another process.
+    An executor does not say which of its workers takes a task.  So the first tasks bring the study, as many as there
+    are workers; the others bring its digest, and a worker that has not met it gives the task back.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, workers: int) -> None:
+        """Pack the study for so many workers.
+
+        Raises:
+            SceneError: something of the machine or of the outputs cannot be sent to another process.
+        """
         try:
             # by value, with what outputs refer to, so that these find their frames in the copied machine
             self._packed = pickled_function(study)  # type: ignore[arg-type]
@@ -147,22 +169,40 @@ class ProcessTasks:
                 f"the machine or an output cannot be sent to another process ({type(reason).__name__}: {reason}); run "
                 "the ensemble on threads, or let outputs use what can be pickled"
             ) from reason
+        self._digest = hashlib.sha256(self._packed).hexdigest()
+        self._bringing = workers
 
-    def __call__(self, rows: NumberedVariants) -> TaskOutcome:
-        """Run variants, in the process that unpickled this."""
-        return _unpacked(self._packed).run(rows, nullcontext())
+    def submit(self, pool: Executor, rows: NumberedVariants, *, again: bool = False) -> Future[TaskOutcome]:
+        """Hand over variants, with the study where it is due or where a worker gave them back."""
+        brings = again or self._bringing > 0
+        self._bringing -= not again
+        # as bytes, for some executors look into what they are given for tasks and results of their own
+        return pool.submit(_run_packed, self._digest, self._packed if brings else None, pickle.dumps(rows))
 
     def stop(self) -> None:
         """Stop handing out variants; those begun in other processes are ended."""
 
 
-_last: tuple[bytes, Study] | None = None
+# The studies that came to this process last, by digest, with the turns that its threads take.
+_met: dict[str, tuple[Study, AbstractContextManager[Any]]] = {}
+_meeting = threading.Lock()
+_MOST_MET = 2
 
 
-def _unpacked(packed: bytes) -> Study:
-    """The study of the last task of this process if it is the same, else unpacked anew."""
-    global _last
-    if _last is None or _last[0] != packed:
-        study: Study = pickle.loads(packed)
-        _last = packed, study
-    return _last[1]
+def _run_packed(digest: str, packed: bytes | None, rows: bytes) -> TaskOutcome:
+    """Run variants in this process, by the study of that digest if it is here or comes along."""
+    with _meeting:
+        if digest not in _met and packed is not None:
+            study: Study = pickle.loads(packed)
+            while len(_met) >= _MOST_MET:
+                del _met[next(iter(_met))]
+            _met[digest] = study, study.turn()
+        met = _met.get(digest)
+    if met is None:
+        return TaskOutcome([], 0.0, _worker(), lacks_study=True)
+    return met[0].run(pickle.loads(rows), met[1])
+
+
+def _worker() -> str:
+    """A name that no other worker has, in this process or in another one."""
+    return f"{platform.node()} {os.getpid()} {threading.get_ident()}"

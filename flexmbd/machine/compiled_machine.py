@@ -312,10 +312,11 @@ class CompiledMachine(VariableScene, Steppable):
             max_step: longest step (s).
             max_steps: steps after which a variant fails.
             max_seconds: s of the wall's clock after which a variant fails.
-            executor: who runs the variants: any ``concurrent.futures.Executor``, as ProcessPoolExecutor() or
-                mpi4py.futures.MPIPoolExecutor(); by default threads of this process.  To executors other than thread
-                pools the machine and the outputs are sent, so these must pickle.
-            workers: how many the executor has; by default as many as there are processors.
+            executor: who runs the variants: any ``concurrent.futures.Executor``, as ProcessPoolExecutor(),
+                mpi4py.futures.MPIPoolExecutor(main=False) or dask's Client(...).get_executor(); by default threads of
+                this process.  To executors other than thread pools the machine and the outputs are sent, so these
+                must pickle.
+            workers: how many the executor has; by default as many as there are processors, and those that show up.
             file: an HDF5 file that the outputs are streamed to.  If it holds a part of the very same ensemble, as
                 one that was killed leaves, only what is missing is run.
             progress: show a progress bar.
@@ -323,6 +324,7 @@ class CompiledMachine(VariableScene, Steppable):
         Raises:
             SceneError: samples, outputs or arguments do not fit, or all variants failed; the message has the first.
             RecordError: the file cannot be written, or is of another ensemble.
+            EnsembleError: a worker was lost; names the variants that it may have been at.
         """
         if self.team.size > 1:
             raise SceneError("an ensemble runs each variant on one process: build the scene without a team")

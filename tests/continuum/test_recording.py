@@ -5,6 +5,7 @@ from mpi4py import MPI
 import h5py
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import flexmbd as fm
 from flexmbd import meshes
@@ -67,6 +68,26 @@ def test_recording_changes_no_step(kind, how, tmp_path):
         first = run.t[run.t >= k * recording.every * (1.0 - 1e-9)][0]
         assert first in instants
     assert len(instants) == 8
+
+
+def test_an_instant_compiles_nothing(tmp_path, monkeypatch):
+    """What the ranks do not divide: the stress is compiled for the first instant, as in a run that keeps two."""
+    made: list[str] = []
+    compiled = fem.Expression
+
+    def counted(expression, points):
+        made.append(type(expression).__name__)
+        return compiled(expression, points)
+
+    monkeypatch.setattr(fem, "Expression", counted)
+    expressions = []
+    for instants in (2, 11):
+        made.clear()
+        scene, _ = bar(ExplicitContinuum, comm=MPI.COMM_SELF)
+        run = scene.simulate(recording=fm.Recording(tmp_path / "rod.h5", every=1e-4 / (instants - 1)), **EXPLICIT)
+        assert len(run.recordings[0].t) == instants
+        expressions.append(sorted(made))
+    assert expressions[0] == expressions[1]
 
 
 @pytest.mark.mpi

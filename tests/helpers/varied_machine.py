@@ -79,7 +79,7 @@ def main() -> None:
     if how == ["mpi"]:
         from mpi4py.futures import MPIPoolExecutor
 
-        with MPIPoolExecutor() as pool, study(pool, file=file) as found:
+        with MPIPoolExecutor(main=False) as pool, study(pool, file=file) as found:
             print(int(found.done.sum()), pool.num_workers)
         return
     if how == ["threads"]:

@@ -9,6 +9,7 @@ the theorem on implicit functions.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import basix
@@ -192,11 +193,16 @@ class History:
 
     def stress(self) -> FloatArray:
         """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""
+        return self.evaluate(self._stress)
+
+    @cached_property
+    def _stress(self) -> ufl.core.expr.Expr:
+        """Kept, for of two that a form builds the labels of variables differ, and each would be compiled."""
         form: Any = self.group.formulation
         p = self.group.symbols
         if not self._has_state:
-            return self.evaluate(form.stress(self._u, None, p))
-        return self.evaluate(form.stress(self._u, self._state, p, **self._given(self._z)))
+            return form.stress(self._u, None, p)
+        return form.stress(self._u, self._state, p, **self._given(self._z))
 
     def _given(self, z: Any) -> dict[str, Any]:
         given = {} if z is None else {"z": z}
