@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _MARKERS = "osD^vP*X"
 _ACROSS = 2  # diagrams side by side
+_DECADE = 10.0  # a logarithmic axis is this long at least
 _TICKS = 8  # values on a logarithmic axis that stand there as they are
 
 
@@ -90,6 +91,10 @@ def diagram(
             if ticks:
                 axes.set_xticks(ticks, [f"{one:g}" for one in ticks])
                 axes.set_xticks([], minor=True)
+        low, high = panels[0].get_ylim()
+        if scales[1] == "log" and high < _DECADE * low:  # so that what hardly changes is seen not to
+            middle = (low * high) ** 0.5
+            panels[0].set_ylim(middle / _DECADE**0.5, middle * _DECADE**0.5)
         for axes in panels[-across:]:
             axes.set_xlabel(x)
             axes.tick_params(labelbottom=True)
