@@ -222,8 +222,8 @@ def _spectrum_section(found: Sequence[CellSpectrum]) -> list[Content]:
     if lines:
         contents.append(
             diagram(
-                "cell_eigenvalues", "Eigenvalues of one cell that are not zero", lines, x="number", y="over the largest",
-                scales=("linear", "log"), titles=tuple(shapes.values()),
+                "cell_eigenvalues", "Eigenvalues of one cell that are not zero", lines, x="number",
+                y="over the largest", scales=("linear", "log"), titles=tuple(shapes.values()),
             )
         )  # fmt: skip
     return contents + _faults([(f"{_element(one)}, {shapes[one.is_distorted]}", one.fault) for one in found])
