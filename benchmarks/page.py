@@ -8,6 +8,7 @@ whole docstring and all tables.
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -18,28 +19,33 @@ from benchmark import Comparison
 from discovery import benchmarks, text_of
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "tools"))
+
+from marked_text import marked, paragraph  # noqa: E402
+
 TARGET = results.ROOT / "docs" / "benchmarks.md"
 HEAD = HERE / "page" / "head.md"
-README = results.ROOT / "README.md"
-_BEGIN, _END = "<!-- beside other programs -->", "<!-- end -->"
+README, PAPER = results.ROOT / "README.md", results.ROOT / "paper.md"
+_MARK = "beside other programs"
 #: Longer tables stand on the site alone.
 _ROWS = 13
 
 
 def write() -> None:
-    """Write docs/benchmarks.md, and the sentence of README that quotes it."""
+    """Write docs/benchmarks.md, and what README and the paper quote of it."""
     TARGET.write_text(text(), encoding="utf-8")
     README.write_text(readme(), encoding="utf-8")
+    PAPER.write_text(paper(), encoding="utf-8")
 
 
 def readme() -> str:
     """README with the sentence on other programs between its two marks as the kept results give it."""
-    before, mark, rest = README.read_text(encoding="utf-8").partition(_BEGIN)
-    _, end, after = rest.partition(_END)
-    if not (mark and end):
-        raise LookupError(f"README.md lacks the marks {_BEGIN} and {_END}")
-    sentence = "\n".join(textwrap.wrap(headline(), 128, break_long_words=False, break_on_hyphens=False))
-    return f"{before}{mark}\n{sentence}\n{end}{after}"
+    return marked(README, _MARK, paragraph(headline()))
+
+
+def paper() -> str:
+    """The paper with the same sentence, a row for each other program, and what is lost."""
+    return marked(PAPER, _MARK, "\n\n".join([paragraph(headline()), "\n".join(_by_program()), paragraph(lost())]))
 
 
 def text() -> str:
@@ -59,6 +65,28 @@ def headline() -> str:
         f"median, {_two_digits(min(times))} times where flexmbd loses most ({beside[0].scene}) and "
         f"{_two_digits(max(times))} times where it wins most ({beside[-1].scene})."
     )
+
+
+def lost() -> str:
+    """What takes more time than another program, by scene, in a sentence."""
+    scenes: dict[str, list[str]] = {}
+    for _, one in _comparisons():
+        if one.times < 1.0:
+            scenes.setdefault(f"{one.scene} ({one.task})", []).append(f"{one.peer} {_two_digits(one.times)}")
+    told = "; ".join(f"{scene}: {', '.join(peers)}" for scene, peers in scenes.items())
+    return f"What is lost, with the other program's time over flexmbd's: {told}." if told else "Nothing is lost."
+
+
+def _by_program() -> Iterator[str]:
+    """Of each other program how many comparisons there are, and the least, the median and the largest ratio."""
+    ratios: dict[str, list[float]] = {}
+    for _, one in _comparisons():
+        ratios.setdefault(one.peer.split(",")[0], []).append(one.times)
+    yield "| other program | comparisons | least ratio | median | largest |"
+    yield "|---|---|---|---|---|"
+    for peer, found in sorted(ratios.items(), key=lambda row: -len(row[1])):
+        least, middle, most = (_two_digits(float(one)) for one in (min(found), np.median(found), max(found)))
+        yield f"| {peer} | {len(found)} | {least} | {middle} | {most} |"
 
 
 def _two_digits(ratio: float) -> str:

@@ -1,8 +1,12 @@
-"""docs/verification.md, and the site's pages of all numbers, from what the scripts say and found when they last ran."""
+"""docs/verification.md, and the site's pages of all numbers, from what the scripts say and found when they last ran.
+
+README and the paper quote a sentence of it between marks.
+"""
 
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -12,13 +16,21 @@ from verification import scripts
 from verification.reference import Reference, Sureness
 from verification.results import ROOT, Result
 
-TARGET = ROOT / "docs" / "verification.md"
+sys.path.insert(0, str(ROOT / "tools"))
+
+from marked_text import marked, paragraph
+
+TARGET, README, PAPER = ROOT / "docs" / "verification.md", ROOT / "README.md", ROOT / "paper.md"
 _HEAD = """\
 # Verification
 
-Problems that others have published with numbers, computed by flexmbd. {met} of {all} quantities of {problems} problems
-are met within what the digits of their sources and the meshes explain; [the others](#not-met) stand here too. Each
-problem is one small file in `verification/`:
+Problems that others have published with numbers, computed by flexmbd.
+
+<!-- verified -->
+{sentence}
+<!-- end -->
+
+[The others](#not-met) stand here too. Each problem is one small file in `verification/`:
 
     ./run python -m verification --quick            # those of up to {quick:g} s, as the tests run them
     ./run python -m verification                    # all, {minutes:.0f} minutes of a core; writes this page
@@ -40,6 +52,9 @@ builds has each quantity, published and ours, with its source ("All numbers").
 """
 #: Between these marks lies the table that the site's first page shows, too.
 _BEGIN, _END = "<!-- by field -->", "<!-- end of the fields -->"
+_MARK = "verified"
+#: Sources of a field that the first table names.
+_NAMED = 4
 _FIELDS = ("field", "problems", "quantities met", "differences of these", "published by")
 _PROBLEMS = ("problem", "script", "source", "met", "difference", "allowed", "sure")
 _HEADS = ("quantity", "published", "ours", "difference", "allowed", "sure")
@@ -48,11 +63,8 @@ _HEADS = ("quantity", "published", "ours", "difference", "allowed", "sure")
 def text(kept: Mapping[str, Result]) -> str:
     """The page."""
     names = [name for name in scripts.names() if name in kept]
-    rows = [(reference, values) for name in names for reference, values in _rows(name, kept[name])]
     head = _HEAD.format(
-        met=sum(reference.is_met(values) for reference, values in rows),
-        all=len(rows),
-        problems=len(names),
+        sentence=paragraph(headline(kept)),
         quick=scripts.QUICK,
         minutes=np.ceil(sum(kept[name].seconds for name in names) / 60.0),
         legend="; ".join(f"**{one.value}** {one.meaning}" for one in Sureness),
@@ -71,6 +83,37 @@ def text(kept: Mapping[str, Result]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def headline(kept: Mapping[str, Result]) -> str:
+    """How many quantities of how many problems are met, in a sentence; README quotes it."""
+    names = [name for name in scripts.names() if name in kept]
+    rows = [row for name in names for row in _rows(name, kept[name])]
+    met = sum(reference.is_met(values) for reference, values in rows)
+    return (
+        f"Of {len(rows)} quantities of {len(names)} problems {met} are met within what the digits of their sources and "
+        "the meshes explain."
+    )
+
+
+def readme(kept: Mapping[str, Result]) -> str:
+    """README with the sentence between its marks."""
+    return marked(README, _MARK, paragraph(headline(kept)))
+
+
+def paper(kept: Mapping[str, Result]) -> str:
+    """The paper with the sentence, and the median difference of each field's met quantities."""
+    names = [name for name in scripts.names() if name in kept]
+    medians = []
+    for room in scripts.ROOMS:
+        met = _met([name for name in names if name.startswith(f"{room}.")], kept)
+        if met:
+            title = scripts.room_title(room)
+            medians.append(f"{title[0].lower()}{title[1:]} {met[len(met) // 2]:.0e}")
+    others = "The others are listed in the documentation with what is known of the reason."
+    return marked(
+        PAPER, _MARK, paragraph(f"{headline(kept)} Median differences of these: {', '.join(medians)}. {others}")
+    )
+
+
 def write_numbers(folder: Path, kept: Mapping[str, Result]) -> list[str]:
     """Write a page with all numbers of each field into a folder; the names of the pages."""
     written = []
@@ -84,12 +127,13 @@ def write_numbers(folder: Path, kept: Mapping[str, Result]) -> list[str]:
 
 
 def write(kept: Mapping[str, Result]) -> bool:
-    """Write docs/verification.md where it would change; whether it did."""
-    new = text(kept)
-    if TARGET.exists() and TARGET.read_text(encoding="utf-8") == new:
-        return False
-    TARGET.write_text(new, encoding="utf-8")
-    return True
+    """Write docs/verification.md, and what README and the paper quote, where they would change; whether any did."""
+    changed = False
+    for target, new in ((TARGET, text(kept)), (README, readme(kept)), (PAPER, paper(kept))):
+        if not target.exists() or target.read_text(encoding="utf-8") != new:
+            target.write_text(new, encoding="utf-8")
+            changed = True
+    return changed
 
 
 def _rows(name: str, result: Result) -> Iterator[tuple[Reference, tuple[float, ...]]]:
@@ -105,10 +149,17 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]
 def _field_row(room: str, names: Sequence[str], kept: Mapping[str, Result]) -> tuple[str, ...]:
     here = [name for name in names if name.startswith(f"{room}.")]
     rows = [row for name in here for row in _rows(name, kept[name])]
-    met = sorted(abs(reference.difference(values)) for reference, values in rows if reference.is_met(values))
+    met = _met(here, kept)
     spread = f"{met[0]:.0e} to {met[-1]:.0e}, median {met[len(met) // 2]:.0e}" if met else ""
-    sources = dict.fromkeys(_authors(name) for name in here)
-    return scripts.room_title(room), f"{len(here)}", f"{len(met)} of {len(rows)}", spread, "; ".join(sources)
+    sources = list(dict.fromkeys(_authors(name) for name in here))
+    told = "; ".join(sources[:_NAMED]) + (f"; {len(sources) - _NAMED} more" if len(sources) > _NAMED else "")
+    return scripts.room_title(room), f"{len(here)}", f"{len(met)} of {len(rows)}", spread, told
+
+
+def _met(names: Sequence[str], kept: Mapping[str, Result]) -> list[float]:
+    """Differences of the quantities that are met, ascending."""
+    rows = (row for name in names for row in _rows(name, kept[name]))
+    return sorted(abs(reference.difference(values)) for reference, values in rows if reference.is_met(values))
 
 
 def _authors(name: str) -> str:

@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 #: Folders, in the order of the page.
 ROOMS = ("machines", "bending", "rotors", "reduction", "solids", "plasticity")
 #: Scripts of up to so many seconds of a core are quick.
-QUICK = 1.0
+QUICK = 2.5
 
 
 def names() -> list[str]:

@@ -81,13 +81,13 @@ def _check_table(sheet: FormReport) -> ReportTable:
     for check in sheet.results:
         for (cell, degree), outcome in check.outcomes.items():
             if isinstance(outcome, Remark):
-                rows.append((check.name, cell, degree, verdict(outcome).value, outcome.text, _NAN, _NAN))
+                rows.append((check.name, cell, degree, verdict(outcome).value, "", _NAN, _NAN, outcome.text))
                 continue
             for figure in outcome:
                 told = "PASS" if figure.passed else "FAIL"
-                text = f"{figure.name} ({figure.remark})" if figure.remark else figure.name
-                rows.append((check.name, cell, degree, told, text, figure.value, figure.limit))
-    headings = ("check", "cell", "degree", "verdict", "figure", "value", "limit")
+                name, limit = figure.name.rstrip(":, "), figure.limit if np.isfinite(figure.limit) else _NAN
+                rows.append((check.name, cell, degree, told, name, figure.value, limit, figure.remark.strip("()")))
+    headings = ("check", "cell", "degree", "verdict", "figure", "value", "limit", "remark")
     return ReportTable("checks", "All figures of the check", headings, tuple(rows))
 
 
@@ -200,7 +200,7 @@ def _spectrum_section(found: Sequence[CellSpectrum]) -> list[Content]:
     ]
     lines = [
         Line(
-            _element(one), range(1, len(one.values) + 1), [value if value > 0.0 else _NAN for value in one.values],
+            _element(one), range(one.zeros + 1, len(one.values) + 1), one.values[one.zeros :],
             panel=int(one.is_distorted),
         )
         for one in done
@@ -222,8 +222,8 @@ def _spectrum_section(found: Sequence[CellSpectrum]) -> list[Content]:
     if lines:
         contents.append(
             diagram(
-                "cell_eigenvalues", "Eigenvalues of one cell", lines, x="number", y="over the largest",
-                scales=("linear", "log"), titles=tuple(shapes.values()),
+                "cell_eigenvalues", "Eigenvalues of one cell that are not zero", lines, x="number",
+                y="over the largest", scales=("linear", "log"), titles=tuple(shapes.values()),
             )
         )  # fmt: skip
     return contents + _faults([(f"{_element(one)}, {shapes[one.is_distorted]}", one.fault) for one in found])

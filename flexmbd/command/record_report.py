@@ -64,11 +64,11 @@ def record_report(body: ReducedBody, path: Path, *, mesh: Path | None, scale: fl
         sources.update({one.name: file_digest(one) for one in (mesh, material)})
         comparison, why = _compared(body, mesh, scale=scale, material=material)
     sections = [
-        ReportSection("The record", [Listing(body.inspect())]),
         ReportSection("Mass", [_mass(body, comparison)]),
         ReportSection("Frequencies", [_frequencies(body, comparison)]),
         ReportSection("Modes against the full model", _modes(body, comparison, why)),
-        ReportSection("Responses", _responses(body, comparison, why)),
+        ReportSection("Responses", _responses(body, comparison)),
+        ReportSection("All of the record", [Listing(body.inspect())]),
     ]
     summary = f"A reduced body of {body.n_modes} modes and {len(body.interfaces)} interfaces"
     summary += ", beside the model that it was reduced from." if comparison is not None else "."
@@ -156,7 +156,9 @@ def _frequencies(body: ReducedBody, comparison: Comparison | None) -> ReportTabl
         columns["relative error"] = comparison.errors
     for one in body.interfaces:
         columns[f"{one.name} held [Hz]"] = body.frequencies([one.name])
-    columns["damping ratio, free"] = damping_ratios(body)[""]
+    ratios = damping_ratios(body)[""]
+    if np.any(ratios):
+        columns["damping ratio, free"] = ratios
     rows: list[tuple[Cell, ...]] = []
     for k in range(max((len(one) for one in columns.values()), default=0)):
         rows.append((k + 1, *(float(one[k]) if k < len(one) else float("nan") for one in columns.values())))
@@ -202,14 +204,13 @@ def _draw_mac(mac: FloatArray) -> Callable[[Figure], None]:
     return draw
 
 
-def _responses(body: ReducedBody, comparison: Comparison | None, why: str) -> list[Content]:
+def _responses(body: ReducedBody, comparison: Comparison | None) -> list[Content]:
     if not body.interfaces or body.n_modes == 0:
         return [Paragraph("The body has no interface with modes, and so no response.")]
     contents: list[Content] = [
         Paragraph(
             "Displacement of an interface of the free body along its own axes, per force along the same there; without "
             "damping, up to the record's last frequency."
-            + ("" if comparison is not None else f" {why}")
         )
     ]
     frequencies, dense = _range(body, _COUNT), _range(body, _SHOWN)

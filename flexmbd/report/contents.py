@@ -23,6 +23,9 @@ _LATEX = {
 }  # fmt: skip
 _NAME = re.compile(r"[a-z0-9_]+")
 _DIGITS = 4  # of numbers on the page and in a paper; files of numbers have them all
+_PLAIN = 1e6  # numbers below have no exponent
+_PAGE = 40  # rows of a table that fit on a page of paper
+_WIDE = 40  # letters of a cell that is broken into lines
 
 
 @dataclass(frozen=True)
@@ -59,28 +62,29 @@ class ReportTable:
 
     def latex(self) -> str:
         """The table for a paper, by the rules of the package booktabs."""
-        columns = "".join("l" if any(isinstance(row[k], str) for row in self.rows) else "r"
-                          for k in range(len(self.headings)))  # fmt: skip
-        lines = [" & ".join(map(latex_text, self.headings)) + r" \\"]
+        columns = "".join(map(self._latex_column, range(len(self.headings))))
+        head = " & ".join(map(latex_text, self.headings)) + r" \\"
         body = [" & ".join(_latex_cell(cell) for cell in row) + r" \\" for row in self.rows]
-        return "\n".join(
-            [
-                r"% \usepackage{booktabs}",
-                r"\begin{table}",
-                r"\centering",
-                rf"\caption{{{latex_text(self.caption)}.}}",
-                rf"\label{{tab:{self.name}}}",
-                rf"\begin{{tabular}}{{{columns}}}",
-                r"\toprule",
-                *lines,
-                r"\midrule",
-                *body,
-                r"\bottomrule",
-                r"\end{tabular}",
-                r"\end{table}",
-                "",
-            ]
-        )
+        named = rf"\caption{{{latex_text(self.caption)}.}}", rf"\label{{tab:{self.name}}}"
+        if len(self.rows) > _PAGE:
+            lines = [
+                r"% \usepackage{booktabs, longtable}", rf"\begin{{longtable}}{{{columns}}}", "".join(named) + r" \\",
+                r"\toprule", head, r"\midrule", r"\endfirsthead", r"\toprule", head, r"\midrule", r"\endhead",
+                *body, r"\bottomrule", r"\end{longtable}", "",
+            ]  # fmt: skip
+        else:
+            lines = [
+                r"% \usepackage{booktabs}", r"\begin{table}", r"\centering", *named, rf"\begin{{tabular}}{{{columns}}}",
+                r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}", r"\end{table}", "",
+            ]  # fmt: skip
+        return "\n".join(lines)
+
+    def _latex_column(self, k: int) -> str:
+        """How a column is set: numbers to the right, text to the left, long text in lines."""
+        words = [row[k] for row in self.rows if isinstance(row[k], str)]
+        if max((len(str(one)) for one in words), default=0) > _WIDE:
+            return r"p{0.5\linewidth}"
+        return "l" if words else "r"
 
 
 @dataclass(frozen=True)
@@ -158,10 +162,11 @@ class Report:
 
 
 def number_text(value: float) -> str:
-    """A number with some digits, for people; a dash where there is none."""
+    """A number with some digits, for people; a dash where there is none.  Up to a million it has no exponent."""
     if math.isnan(value):
         return "-"
-    return f"{value:.{_DIGITS}g}"
+    text = f"{value:.{_DIGITS}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < _PLAIN else text
 
 
 def latex_text(text: str) -> str:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MARKERS = "osD^vP*X"
+_ACROSS = 2  # diagrams side by side
+_DECADE = 10.0  # a logarithmic axis is this long at least
+_TICKS = 8  # values on a logarithmic axis that stand there as they are
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,11 @@ def diagram(
     """
 
     def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, len(titles), sharey=True, squeeze=False)[0]
+        across = min(len(titles), _ACROSS)
+        grid = figure.subplots(-(-len(titles) // across), across, sharex=True, sharey=True, squeeze=False)
+        panels = list(grid.flat[: len(titles)])
+        for spare in grid.flat[len(titles) :]:
+            spare.set_axis_off()
         labels = list(dict.fromkeys(line.label for line in lines))
         colours = dict(zip(labels, body_colours(len(labels)), strict=True))
         shown: set[str] = set()
@@ -74,18 +81,31 @@ def diagram(
                 line.x, line.y, marker=marker, linestyle="-" if line.is_joined else "None", label=label,
                 color=colours[line.label], linewidth=1.4, markersize=5,
             )  # fmt: skip
+        ticks = sorted({float(one) for line in lines for one in line.x}) if scales[0] == "log" else []
+        ticks = ticks if len(ticks) <= _TICKS else []
         for axes, title in zip(panels, titles, strict=True):
             axes.set_xscale(scales[0])
             axes.set_yscale(scales[1])
-            axes.set_xlabel(x)
             axes.set_title(title)
             remove_frame(axes)
-        panels[0].set_ylabel(y)
+            if ticks:
+                axes.set_xticks(ticks, [f"{one:g}" for one in ticks])
+                axes.set_xticks([], minor=True)
+        low, high = panels[0].get_ylim()
+        if scales[1] == "log" and high < _DECADE * low:  # so that what hardly changes is seen not to
+            middle = (low * high) ** 0.5
+            panels[0].set_ylim(middle / _DECADE**0.5, middle * _DECADE**0.5)
+        for axes in panels[-across:]:
+            axes.set_xlabel(x)
+            axes.tick_params(labelbottom=True)
+        for axes in grid[:, 0]:
+            axes.set_ylabel(y)
         handles = [(one, text) for axes in panels for one, text in zip(*axes.get_legend_handles_labels(), strict=True)]
         if handles:
-            panels[-1].legend(
+            panels[across - 1].legend(
                 *zip(*handles, strict=True), frameon=False, fontsize="small", loc="upper left",
                 bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
             )  # fmt: skip
 
-    return ReportPicture(name, caption, draw, (3.0 + 3.2 * max(len(titles), 2), 4.2))
+    height = -(-len(titles) // _ACROSS)
+    return ReportPicture(name, caption, draw, (3.0 + 3.2 * _ACROSS, 1.0 + 3.2 * height))

@@ -45,10 +45,16 @@ def test_the_page_is_written_from_the_results():
     )
 
 
-def test_readme_quotes_the_comparisons_as_they_are_kept():
-    assert (ROOT / "README.md").read_text(encoding="utf-8") == page.readme(), (
-        "write it anew: ./run python -m benchmarks --page"
-    )
+def test_readme_and_paper_quote_the_comparisons_as_they_are_kept():
+    for name, text in (("README.md", page.readme()), ("paper.md", page.paper())):
+        assert (ROOT / name).read_text(encoding="utf-8") == text, "write it anew: ./run python -m benchmarks --page"
+
+
+def test_the_paper_tells_all_that_is_lost():
+    kept = [one for path in results.RESULTS.glob("*.json") for one in results.load(path).comparisons]
+    told = page.lost()
+    assert all(one.scene in told and one.peer in told for one in kept if one.times < 1.0)
+    assert told.count("; ") + 1 == len({(one.scene, one.task) for one in kept if one.times < 1.0})
 
 
 def test_the_first_table_has_every_comparison_and_those_that_are_lost_first():

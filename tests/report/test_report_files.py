@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from flexmbd.errors import ExportError
 from flexmbd.report import (
@@ -21,6 +22,7 @@ from flexmbd.report import (
     refuse_folder,
     write_report,
 )
+from flexmbd.report.contents import number_text
 
 ROWS = ((1.0 / 3.0, "a_b & <c>"), (-2.5e-17, "FAIL"), (float("nan"), "100 %"), (np.pi * 1e9, 'x, "y"'))
 TABLE = ReportTable("errors", "Errors & such_1 < 2", ("h [m]", "what"), ROWS)
@@ -84,6 +86,41 @@ def test_latex_has_no_letter_that_it_would_take_for_a_command():
     assert r"0.3333 & a\_b \& \textless{}c\textgreater{} \\" in text
     assert r"$-2.5 \times 10^{-17}$ & FAIL \\" in text
     assert r"- & 100 \% \\" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [(1018.3, "1018"), (10182.7, "10180"), (-113300.0, "-113300"), (2.1e11, "2.1e+11"), (1e-5, "1e-05")],
+)
+def test_numbers_below_a_million_have_no_exponent(value, told):
+    assert number_text(value) == told
+
+
+def test_a_long_table_goes_over_pages_and_long_text_over_lines():
+    short = ReportTable("short", "Short", ("n", "what"), tuple((k, "x" * 41) for k in range(40)))
+    assert r"\begin{tabular}{rp{0.5\linewidth}}" in short.latex()
+    long = ReportTable("long", "Long", ("n", "what"), (*short.rows, (40, "y"))).latex()
+    assert r"\begin{longtable}{rp{0.5\linewidth}}" in long
+    assert long.count(r"n & what \\") == 2  # on the first page, and on each further one
+    assert "{table}" not in long
+    assert long.count(r"\begin{") == long.count(r"\end{") == 1
+
+
+def test_axes_have_the_values_of_few_points_and_a_decade_at_least():
+    lines = [Line("one", [4, 6, 8, 10], [1.0, 1.01, 1.02, 1.03], panel=k) for k in range(3)]
+    figure = Figure()
+    diagram("d", "D", lines, x="n", y="error", titles=("a", "b", "c")).draw(figure)
+    figure.canvas.draw()
+    shown = [axes for axes in figure.axes if axes.axison]
+    assert len(shown) == 3
+    for axes in shown:
+        assert list(axes.get_xticks()) == [4.0, 6.0, 8.0, 10.0]
+        assert list(axes.get_xticks(minor=True)) == []
+        low, high = axes.get_ylim()
+        assert high / low == pytest.approx(10.0)
+        assert low < 1.0 < 1.03 < high
+    for axes in shown[1:]:  # below these there is none
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["4", "6", "8", "10"]
 
 
 def test_the_digest_is_that_of_the_files(tmp_path):

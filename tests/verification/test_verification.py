@@ -43,6 +43,23 @@ def test_the_page_is_of_what_is_kept():
     )
 
 
+@pytest.mark.parametrize(("target", "text"), [(page.README, page.readme), (page.PAPER, page.paper)])
+def test_what_is_quoted_is_what_is_kept(target, text):
+    assert target.read_text(encoding="utf-8") == text(KEPT), "write it anew: ./run python -m verification --page"
+
+
+def test_the_sentence_counts_what_is_met():
+    met = [
+        reference.is_met(ours)
+        for name in KEPT
+        for reference, ours in zip(scripts.load(name).REFERENCES, KEPT[name].values, strict=True)
+    ]
+    told = f"Of {len(met)} quantities of {len(KEPT)} problems {sum(met)} are met"
+    assert page.headline(KEPT).startswith(told)
+    for target in (page.TARGET, page.README, page.PAPER):
+        assert told in " ".join(target.read_text(encoding="utf-8").split())
+
+
 def test_every_script_was_run():
     assert sorted(KEPT) == sorted(scripts.names())
     assert json.loads(results.KEPT.read_text(encoding="utf-8")).keys() == KEPT.keys()

@@ -8,6 +8,7 @@ where the constraints lose rank.
 from __future__ import annotations
 
 import flexmbd as fm
+from flexmbd.multibody.joint.connection import Connection
 from verification.machines._rods import rod
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
@@ -26,8 +27,8 @@ REFERENCES = tuple(
 )
 
 
-def four_bars(windows: int) -> tuple[fm.System, fm.Frame]:
-    """The machine, and its first corner."""
+def four_bars(windows: int) -> tuple[fm.System, fm.Frame, list[Connection]]:
+    """The machine, its first corner, and the hinges of its feet."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))
     hinge = fm.joint.Revolute("z")
     upright, feet = [], []
@@ -40,7 +41,7 @@ def four_bars(windows: int) -> tuple[fm.System, fm.Frame]:
         scene.connect(hinge, beam.frame(p=(1, 0, 0)), upright[i + 1].frame(p=(0, 1, 0)))
     for foot in feet:
         foot.velocity = -1.0
-    return scene, upright[0].frame(p=(0, 1, 0))
+    return scene, upright[0].frame(p=(0, 1, 0)), feet
 
 
 def compute() -> Computed:
@@ -48,7 +49,7 @@ def compute() -> Computed:
     found = []
     for windows, row in PLACES.items():
         for t in row:
-            scene, corner = four_bars(windows)
+            scene, corner, _ = four_bars(windows)
             run = scene.simulate(t, rtol=1e-10, integrator=fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8))
             found.append(numbers(run.position(corner)[-1, :2]))
     return Computed(tuple(found), accuracy="Dormand & Prince 8(5,3), rtol 1e-10")
