@@ -8,6 +8,8 @@ from flexmbd.multibody.contact.contact_laws import Friction as Friction
 from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
 from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
+from flexmbd.multibody.contact.hard_contact import Hard as Hard
+from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.shapes import Box as Box
 from flexmbd.multibody.contact.shapes import Capsule as Capsule
 from flexmbd.multibody.contact.shapes import Cylinder as Cylinder
@@ -19,3 +21,4 @@ from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries
+from flexmbd.multibody.results.contact_series import HardContactSeries as HardContactSeries

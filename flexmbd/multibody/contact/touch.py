@@ -12,6 +12,7 @@ from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.shapes import (
     SHAPES,
     Box,
@@ -27,16 +28,17 @@ from flexmbd.multibody.contact.shapes import (
 
 FloatArray = NDArray[np.float64]
 Touching = TouchShape | Sequence[TouchShape]
+AnyContact = Contact | HardContact
 
 
 def contacts(
     one: Touching,
     other: Touching,
-    law: NormalLaw,
+    law: NormalLaw | Hard,
     friction: Friction | None,
     *,
     are_joined: Callable[[Body, Body], bool],
-) -> list[Contact]:
+) -> list[AnyContact]:
     """All contacts of a shape or of each of a group with another one, or with each of another group.
 
     Each pair of shapes touches once, in whatever lists they stand.  Of groups, pairs on one body and pairs of bodies
@@ -45,12 +47,15 @@ def contacts(
     Raises:
         SceneError: what is no shape; a pair of one body; a pair that does not touch by spheres or points.
     """
-    refuse_other(law, NormalLaw, "the law of a contact", wanted="fm.contact.Hertz(...) or fm.contact.PowerLaw(...)")
+    wanted = "fm.contact.Hertz(...), fm.contact.PowerLaw(...) or fm.contact.Hard(...)"
+    refuse_other(law, (NormalLaw, Hard), "the law of a contact", wanted=wanted)
+    if isinstance(law, Hard) and friction is not None:
+        raise SceneError("a hard contact has its own friction, fm.contact.Hard(mu=...): leave `friction` out")
     if friction is not None:
         refuse_other(friction, Friction, "friction", wanted="fm.contact.Friction(...)")
     first, second = _group(one), _group(other)
     single = len(first) == len(second) == 1
-    found: list[Contact] = []
+    found: list[AnyContact] = []
     known: set[frozenset[int]] = set()
     for a in first:
         for b in second:
@@ -83,7 +88,7 @@ def _group(given: Touching) -> list[TouchShape]:
     return [shape for shape in shapes if isinstance(shape, SHAPES)]
 
 
-def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | None) -> list[Contact]:
+def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Friction | None) -> list[AnyContact]:
     """The contacts of two shapes.
 
     Raises:
@@ -95,6 +100,8 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | Non
             places, radius = spheres
             frame = touching.frame
             centres = [(float(x), float(y), float(z)) for x, y, z in places]
+            if isinstance(law, Hard):
+                return [HardContact(touched, frame, radius, law, place) for place in centres]
             return [Contact(touched, frame, radius, law, friction, place) for place in centres]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "

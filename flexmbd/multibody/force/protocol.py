@@ -132,6 +132,12 @@ class ElementTable(Protocol):
         that is ``WithStates``.
         """
 
+    def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:
+        """Let a shape on F and a sphere that G carries touch without entering each other.
+
+        ``numbers``: of the shape, the law and the sphere (``kernels.elements.hard_contact``).
+        """
+
     def pairs(
         self, law: Compiled | PairsElement, what: str, group: Sequence[Frame], *, own: ArrayLike = ((),),
         numbers: ArrayLike = (),

@@ -24,6 +24,7 @@ from flexmbd.multibody.kernels.elements.frame_states import (
     ROUGH_CONTACT,
     frame_states_scratch,
 )
+from flexmbd.multibody.kernels.elements.hard_contact import HARD_CONTACT
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.state_loads import (
@@ -114,6 +115,11 @@ class StateTable(ABC):
         kind = CONTACT if bristle is None else ROUGH_CONTACT
         f, g = self.frame(frame_F), self.frame(frame_G)
         self.element(kind, what, f=f, g=g, v=first, data=data, count=frame_states_scratch(n, 0))
+
+    def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:
+        """Let a shape on F and a sphere that G carries touch without entering each other."""
+        f, g = self.frame(frame_F), self.frame(frame_G)
+        self.element(HARD_CONTACT, what, f=f, g=g, data=self.numbers(flat(numbers)))
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.hard_contact import HardContact
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.reading.force_tables import hard_contact_places
 from flexmbd.multibody.kernels.sampling import contacts as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -46,6 +48,14 @@ class ContactSeries:
         return self.force - self.normal_force[:, None] * self.normal
 
 
+def _element(scene: CompiledScene, contact: Contact | HardContact) -> int:
+    """Its row of ``Plan.elements``."""
+    rows = scene.index.forces.get(contact)
+    if rows is None or not rows.elements:
+        raise SceneError(f"{contact.what} is not in this trajectory's scene")
+    return rows.elements.start
+
+
 def contact_rows(scene: CompiledScene, contact: Contact, x: FloatArray, v: FloatArray, a: FloatArray) -> ContactSeries:
     """The series of a contact at rows x (nt, nx), v, a (nt, nv).
 
@@ -53,10 +63,38 @@ def contact_rows(scene: CompiledScene, contact: Contact, x: FloatArray, v: Float
         SceneError: it is no contact, or of another scene.
     """
     refuse_other(contact, Contact, "what is asked for a contact's series", wanted="what System.touch returned")
-    rows = scene.index.forces.get(contact)
-    if rows is None or not rows.elements:
-        raise SceneError(f"{contact.what} is not in this trajectory's scene")
     out = np.zeros((len(x), at.N_CONTACT))
-    at.contact_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, out)
+    at.contact_series(scene.plan, new_work(scene.plan), _element(scene, contact), x, v, a, out)
     parts = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
     return ContactSeries(parts[0][:, 0], *parts[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class HardContactSeries(ContactSeries):
+    """A hard contact along a motion: forces are impulses over the steps in which they act.
+
+    Attributes:
+        normal_work, friction_work: (nt,) J, what both have done on the machine since the start: of impacts that lose
+            speed and of what slides it is negative.
+    """
+
+    normal_work: FloatArray
+    friction_work: FloatArray
+
+
+def hard_contact_rows(
+    scene: CompiledScene, contact: HardContact, x: FloatArray, v: FloatArray, a: FloatArray, told: FloatArray
+) -> HardContactSeries:
+    """The series of a hard contact at rows x (nt, nx), v, a (nt, nv).
+
+    ``told`` (nt, n, 5) of all: force on the sphere (N, inertial axes), and both works since the start.
+
+    Raises:
+        SceneError: it is of another scene.
+    """
+    row = _element(scene, contact)
+    out = np.zeros((len(x), at.N_CONTACT))
+    at.hard_contact_series(scene.plan, new_work(scene.plan), row, x, v, a, out)
+    gap, normal, _, slip, point = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
+    own = told[:, int(np.searchsorted(hard_contact_places(scene.plan), row))]
+    return HardContactSeries(gap[:, 0], normal, own[:, :3], slip, point, own[:, 3], own[:, 4])

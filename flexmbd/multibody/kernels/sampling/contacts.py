@@ -9,6 +9,7 @@ from flexmbd.multibody.kernels.contact.contact_law import RADIUS
 from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.frame_states import centre_motion, law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
+from flexmbd.multibody.kernels.impulses.touching import nearest_point, relative_velocity
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 
@@ -37,3 +38,17 @@ def contact_series(plan, work, i, x, v, a, out):
         store3(out[k], FORCE, rotate(R_F, force))
         store3(out[k], SLIDING, rotate(R_F, sliding))
         store3(out[k], POINT, add3(p, rotate(R_F, add3(place, arm))))
+
+
+@entry_kernel
+def hard_contact_series(plan, work, i, x, v, a, out):
+    """As ``contact_series`` of a hard contact in row i; its FORCE is left to who solved for it."""
+    row = plan.elements[i]
+    for k in range(x.shape[0]):
+        forward_kinematics(plan, work, x[k], v[k], a[k])
+        point, normal, gap = nearest_point(plan, work, row)
+        slip = relative_velocity(plan, work, row[at.EL_F], row[at.EL_G], point)
+        out[k, GAP] = gap
+        store3(out[k], NORMAL, normal)
+        store3(out[k], SLIDING, sub3(slip, scale3(dot3(normal, slip), normal)))
+        store3(out[k], POINT, point)

@@ -1,0 +1,23 @@
+"""A sphere or a point that a shape lets in nowhere: no force, but impulses, which a method solves for.
+
+Numbers: the shape's (``contact.signed_distance``), then those whose places have names below.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
+from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement
+
+#: Places of the numbers: the sphere's radius (m); the coefficients of restitution and of friction; the sphere's centre
+#: in the axes of its own frame G (3, m).
+RADIUS, RESTITUTION, FRICTION, CENTRE, HARD_NUMBERS = 4, 5, 6, 7, 10
+assert RADIUS == SHAPE_NUMBERS
+
+
+@kernel
+def _wrench(plan, work, row, d, R, rate, spin):
+    return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+HARD_CONTACT = FrameElement(Behaviour("hard contacts", hard=True, lets_go=True), _wrench)

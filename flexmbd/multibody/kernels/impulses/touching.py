@@ -1,0 +1,118 @@
+"""Where hard contacts are, how their points move against each other, and the structures that hold them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, store3, sub3
+from flexmbd.multibody.kernels.base import plan_layout as at
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
+from flexmbd.multibody.kernels.base.arrays import Plan
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.signed_distance import distance
+from flexmbd.multibody.kernels.elements.hard_contact import CENTRE, FRICTION, HARD_CONTACT, RADIUS, RESTITUTION
+from flexmbd.multibody.kernels.elements.table import are_of
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Watched(ArrayStruct):
+    """All n points that may touch, each of a frame G against a frame F, in inertial axes.
+
+    Attributes:
+        element: (n,) row of ``Plan.elements`` that it is of.  number: (n,) that element's number in the scene.
+        frames: (n, 2) rows of ``Plan.frames`` of F and G.
+        law: (n, 2) coefficients of restitution and of friction.
+        point, normal: (n, 3) m, where G is nearest to F, and out of F there.  gap: (n,) m, negative where they overlap.
+        before, free: (n, 3) m/s, velocity of G's point against F's at a step's begin, and as it would be at its end
+            without impulses.
+    """
+
+    element: IntArray
+    number: IntArray
+    frames: IntArray
+    law: FloatArray
+    point: FloatArray
+    normal: FloatArray
+    gap: FloatArray
+    before: FloatArray
+    free: FloatArray
+
+
+def new_watched(plan: Plan) -> Watched:
+    """The hard contacts of a plan."""
+    chosen: Any = np.flatnonzero(are_of(plan, HARD_CONTACT))
+    rows = plan.elements[chosen]
+    n, zeros = len(rows), np.zeros
+    data = rows[:, at.EL_DATA]
+    law = np.stack([plan.data[data + RESTITUTION], plan.data[data + FRICTION]], axis=1)
+    frames = np.ascontiguousarray(rows[:, [at.EL_F, at.EL_G]])
+    return Watched(
+        chosen.astype(np.int64), np.ascontiguousarray(rows[:, at.EL_NUMBER]), frames, np.ascontiguousarray(law),
+        zeros((n, 3)), zeros((n, 3)), zeros(n), zeros((n, 3)), zeros((n, 3)),
+    )  # fmt: skip
+
+
+def reached_bodies(plan: Plan, watched: Watched) -> list[int]:
+    """Rows of ``Plan.tree`` of all bodies that may touch; -1 of the ground."""
+    found: list[int] = plan.frame_of[watched.frames.ravel(), at.FRAME_BODY].tolist()
+    return found
+
+
+@kernel
+def nearest_point(plan, work, row):
+    """The point of G nearest to F, the normal out of F there (inertial axes), and the gap (m), of an element."""
+    o = row[at.EL_DATA]
+    p_F, R_F, _, _, _, _ = frame_motion(plan, work, row[at.EL_F])
+    p_G, R_G, _, _, _, _ = frame_motion(plan, work, row[at.EL_G])
+    centre = add3(p_G, rotate(R_G, load3(plan.data, o + CENTRE)))
+    gap, n = distance(plan.data, o, rotate_back(R_F, sub3(centre, p_F)))
+    normal = rotate(R_F, n)
+    radius = plan.data[o + RADIUS]
+    return sub3(centre, scale3(radius, normal)), normal, gap - radius
+
+
+@kernel
+def point_velocity(plan, work, f, p):
+    """Velocity (m/s, inertial axes) of a point p fixed in frame f."""
+    p_F, R_F, v, w, _, _ = frame_motion(plan, work, f)
+    return rotate(R_F, add3(v, cross3(w, rotate_back(R_F, sub3(p, p_F)))))
+
+
+@kernel
+def relative_velocity(plan, work, f, g, p):
+    """Velocity (m/s, inertial axes) of the point of frame g at p against that of frame f."""
+    return sub3(point_velocity(plan, work, g, p), point_velocity(plan, work, f, p))
+
+
+@kernel
+def place(plan, work, watched):
+    """Write where all points are and how they move against each other, by the kinematics in ``work``."""
+    for i in range(watched.gap.shape[0]):
+        point, normal, gap = nearest_point(plan, work, plan.elements[watched.element[i]])
+        store3(watched.point[i], 0, point)
+        store3(watched.normal[i], 0, normal)
+        watched.gap[i] = gap
+        velocity = relative_velocity(plan, work, watched.frames[i, 0], watched.frames[i, 1], point)
+        store3(watched.before[i], 0, velocity)
+
+
+@kernel
+def foresee(plan, work, watched):
+    """Write the velocities without impulses, by the kinematics in ``work``; the largest change since ``before``."""
+    largest = 0.0
+    for i in range(watched.gap.shape[0]):
+        point = load3(watched.point[i], 0)
+        free = relative_velocity(plan, work, watched.frames[i, 0], watched.frames[i, 1], point)
+        store3(watched.free[i], 0, free)
+        change = sub3(free, load3(watched.before[i], 0))
+        largest = max(largest, dot3(change, change))
+    return math.sqrt(largest)
