@@ -52,7 +52,8 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control: an explicit pair
     where nothing in the scene can be stiff; with modes, springs, exact beams, stops or friction the method that is
     predicted to take least time (``predicted_cost``); Radau IIA where users' laws may be stiff.
-    Hard contacts leave Moreau's and Jean's method, bodies with history generalized-alpha, or central differences where an interior can step explicitly alone.
+    Hard contacts leave Moreau's and Jean's method.  Bodies with history leave generalized-alpha, or central differences
+    where an interior can step explicitly alone.
     """
     if start.scene.interiors is not None:
         return _with_history(start.scene.interiors)
@@ -82,8 +83,8 @@ def check_method(method: Integrator, scene: CompiledScene) -> None:
     method.check(scene)
     if has_hard_contacts(scene.plan) and not isinstance(method, MoreauJean):
         raise SceneError(
-            f"{method.name} does not know the hard contacts of this scene (fm.contact.Hard), which act by impulses; take "
-            "integrator=fm.MoreauJean() with a step h=..., or a smooth law as fm.contact.PowerLaw"
+            f"{method.name} does not know the hard contacts of this scene (fm.contact.Hard), which act by impulses; "
+            "take integrator=fm.MoreauJean() with a step h=..., or a smooth law as fm.contact.PowerLaw"
         )
 
 

@@ -114,10 +114,10 @@ def _painleve(scene: CompiledScene, state: st.State) -> str:
     mu, angle = friction_of_hard_contact(scene.plan, number), float(np.rad2deg(state.numbers[st.ERROR_RATIO]))
     return (
         f"the simulation stopped at t = {state.numbers[st.TIME]:.6g} s: {scene.element_names[number]} slides in "
-        f"Painlevé's case: a push along the normal moves its point at {angle:.4g} degrees to the normal, against the slip, "
-        f"and friction of mu = {mu:.6g} then presses it the more the more it is pushed apart (from "
-        f"{np.rad2deg(np.arctan2(1.0, mu)):.4g} degrees on), so that no force is right; take a smaller mu, or a smooth "
-        "contact, fm.contact.PowerLaw(...); what was computed up to then is in the error's trajectory"
+        f"Painlevé's case: a push along the normal moves its point at {angle:.4g} degrees to the normal, along the "
+        f"slip, and friction of mu = {mu:.6g} then presses it the more the more it is pushed apart (from "
+        f"{np.rad2deg(np.arctan2(1.0, mu)):.4g} degrees on), so that no force is right; take a smaller mu, or a "
+        "smooth contact, fm.contact.PowerLaw(...); what was computed up to then is in the error's trajectory"
     )
 
 

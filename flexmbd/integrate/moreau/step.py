@@ -48,8 +48,8 @@ _SWEEPS = 1000
 _OF_TOLERANCE = 1e-2  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
 _STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
 
-#: Columns of what a step tells of each watched point: the force on G (N, inertial axes), the work (J) of its normal part
-#: and of friction.
+#: Columns of what a step tells of each watched point: the force on G (N, inertial axes), the work (J) of its normal
+#: part and of friction.
 TOLD_FORCE, TOLD_NORMAL, TOLD_FRICTION, N_TOLD = 0, 3, 4, 5
 
 

@@ -1,4 +1,4 @@
-"""Hard contact: what a shape lets in nowhere, without a stiffness; impulses that follow from restitution and friction."""
+"""Hard contact: nothing enters, without a stiffness; impulses follow from restitution and friction."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ class ForceSeries(MotionSeries):
     def drive(self, connection: Connection) -> FloatArray:
         """(nt,) N m or N: the drive of a joint by prescribed motion, joint torques and forces, users' functions.
 
-        Springs, dampers, stops, friction and forces on frames are no drive.  Not known beside hard contacts.  Given forces are evaluated anew, which
+        Springs, dampers, stops, friction and forces on frames are no drive.  Given forces are evaluated anew, which
         is collective over the team where they are Python callables.  Of a joint held by constraints it is what
         its reaction does along its only coordinate.
         """

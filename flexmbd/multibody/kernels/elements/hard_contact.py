@@ -11,8 +11,7 @@ from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement
 
 #: Places of the numbers: the sphere's radius (m); the coefficients of restitution and of friction; the sphere's centre
 #: in the axes of its own frame G (3, m).
-RADIUS, RESTITUTION, FRICTION, CENTRE, HARD_NUMBERS = 4, 5, 6, 7, 10
-assert RADIUS == SHAPE_NUMBERS
+RADIUS, RESTITUTION, FRICTION, CENTRE = range(SHAPE_NUMBERS, SHAPE_NUMBERS + 4)
 
 
 @kernel

@@ -1,7 +1,7 @@
 """The impulse of one contact: 0 <= P_n, u_n >= b, one of both with equality; Coulomb's law in the tangent plane.
 
-With u = W P + q: no contact, stick, or slip, in which P_t = -mu P_n s along the slip's direction s.  The direction is the
-root of s x u_t, by Newton's method on its angle.
+With u = W P + q: no contact, stick, or slip, in which P_t = -mu P_n s along the slip's direction s.  The direction is
+the root of s x u_t, by Newton's method on its angle.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _project(W, mu, q, P):
 
 @kernel
 def point_impulse(W, mu, q, known):
-    """P (N s) along the normal and both tangents; W nine numbers, q = (u_n - b, u_t) m/s without P; ``known``: a guess."""
+    """P (N s) along the normal and both tangents, of q = (u_n - b, u_t) m/s without it; ``known``: a guess."""
     if q[0] >= 0.0 or not W[0] > 0.0:
         return _ZERO
     if mu == 0.0 or not W[4] + W[8] > 0.0:

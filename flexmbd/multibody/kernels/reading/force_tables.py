@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.base import kinds
 from flexmbd.errors import SceneError
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
+from flexmbd.multibody.kernels.elements.hard_contact import FRICTION, HARD_CONTACT
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
-from flexmbd.multibody.kernels.elements.hard_contact import FRICTION, HARD_CONTACT
 from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
