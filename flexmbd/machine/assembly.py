@@ -245,13 +245,14 @@ class MachineAssembly:
             SceneError: shapes of another scene, on one body, or a pair that is not known; a law that is none.
         """
         held = (c for c in self._connections if not isinstance(c.joint, Free))
-        pairs = ((c.parent.body, c.child.body) for c in held)
-        joined = {frozenset((id(a), id(b))) for a, b in pairs if self.ground is not a and self.ground is not b}
+        pairs = [(c.parent.body, c.child.body) for c in held]
+        pairs = [(a, b) for a, b in pairs if self.ground is not a and self.ground is not b]
+        joined = {frozenset((id(a), id(b))) for a, b in pairs}
 
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined
 
-        found = contacts(one, other, law, friction, are_joined=are_joined)
+        found = contacts(one, other, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:
             self._check_force(contact)
         self._forces.extend(found)

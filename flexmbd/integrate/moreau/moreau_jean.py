@@ -6,21 +6,27 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.controller import Stepper, make_advance, no_factors
+from flexmbd.integrate.controller import Stepper
 from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, new_explicit_machine
 from flexmbd.integrate.explicit.fixed_step import judge
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_scales
 from flexmbd.integrate.explicit.step_growth import central_difference_growth
 from flexmbd.integrate.interior_support import refuse_interiors
+from flexmbd.integrate.moreau.shape_groups import new_groups
 from flexmbd.integrate.moreau.step import N_TOLD, RULE, MoreauMemory, MoreauWorkspace, advance
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.contact.finding.find_contacts import make_room
 from flexmbd.multibody.kernels.impulses.contact_rows import new_contacts
+from flexmbd.multibody.kernels.impulses.kept_impulses import forget, grown, new_kept
 from flexmbd.multibody.kernels.impulses.parts import new_parts
 from flexmbd.multibody.kernels.impulses.touching import new_watched, reached_bodies
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class MoreauJean:
         if state.counts[st.FIXED_STEP] == 0:
             raise SceneError(f"{self.name}: give the step, simulate(..., h=1e-3); no error rules it, rtol its impulses")
         scratch = new_workspace(scene, work)
+        steps = _Steps(scratch, state, groups)
 
         def begin() -> None:
             set_row_scales(scene, scratch.machine.loops, state, work)
@@ -62,24 +69,53 @@ class MoreauJean:
         m = scratch.machine
         machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
         refuse_step = judge(scene, machine, state, groups, growth=central_difference_growth(True, self.name))
-        forward = make_advance(advance, scratch, RULE, state, groups)
-        return Stepper(forward, begin, no_factors, scratch.memory, refuse_step=refuse_step)
+        return Stepper(steps.advance, begin, steps.forget_impulses, scratch.memory, refuse_step=refuse_step)
+
+
+class _Steps:
+    """Steps in arrays that grow with the points of contact."""
+
+    def __init__(self, scratch: MoreauWorkspace, state: st.State, groups: st.Groups) -> None:
+        self._scratch, self._state, self._groups = scratch, state, groups
+
+    def advance(self, record: st.Record, knots: FloatArray) -> int:
+        """See ``controller.Stepper``."""
+        while True:
+            code = int(advance(self._scratch, RULE, knots, self._state, self._groups, record))
+            if code != st.NO_ROOM:
+                return code
+            self._scratch = with_room(self._scratch)
+            self._state.counts[st.REJECTED] -= 1
+
+    def forget_impulses(self) -> None:
+        """Let the next step begin without those of the last."""
+        forget(self._scratch.kept)
 
 
 def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
     """Allocate for a scene."""
     plan, nv, zeros = scene.plan, scene.nv, np.zeros
-    watched = new_watched(plan)
-    n = len(watched.gap)
-    bodies = reached_bodies(plan, watched)
-    parts = new_parts(plan, bodies)
-    sizes = np.append(np.diff(parts.first), 0)  # the last of the ground
-    of = np.array([parts.of[b] if b >= 0 else -1 for b in bodies], np.int64)
-    memory = MoreauMemory(new_loop_memory(plan), zeros((n, 3)))
+    groups = new_groups(scene)
+    watched = new_watched(plan, len(groups.out.gap))
+    parts = new_parts(plan, reached_bodies(plan, np.append(watched.frames[: len(watched.element)], groups.frame)))
+    n, memory = len(watched.gap), MoreauMemory(new_loop_memory(plan))
     moves = zeros(nv, np.int64)
     moves[plan.free] = 1
     return MoreauWorkspace(
-        new_explicit_machine(scene, memory.loops, work), watched, parts,
-        new_contacts(n, 3 * int(sizes[of].sum()), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
+        new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n), parts,
+        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
         zeros(scene.nx), zeros(scene.nx), *zeros((5, nv)), zeros(len(plan.rows)),
+    )  # fmt: skip
+
+
+def with_room(s: MoreauWorkspace) -> MoreauWorkspace:
+    """With more room for the points of groups, as the last attempt found that they need."""
+    work, out = make_room(s.groups.table, s.groups.work, s.groups.out)
+    watched = new_watched(s.machine.plan, len(out.gap))
+    n, kept = len(watched.gap), s.kept
+    if 2 * n > len(kept.key):
+        kept = grown(kept, n)
+    return s.replace(
+        groups=s.groups.replace(work=work, out=out), watched=watched, kept=kept, told=np.zeros((n, N_TOLD)),
+        contacts=new_contacts(n, 6 * n * int(s.parts.largest[0]), len(s.moves)),
     )  # fmt: skip

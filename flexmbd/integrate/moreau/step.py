@@ -27,9 +27,12 @@ from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_ta
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
+from flexmbd.multibody.kernels.impulses.group_points import Groups
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
+from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
 from flexmbd.multibody.kernels.impulses.parts import Parts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -48,17 +51,16 @@ _SWEEPS = 1000
 _OF_TOLERANCE = 1e-2  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
 _STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
 
-#: Columns of what a step tells of each watched point: the force on G (N, inertial axes), the work (J) of its normal
-#: part and of friction.
-TOLD_FORCE, TOLD_NORMAL, TOLD_FRICTION, N_TOLD = 0, 3, 4, 5
+#: Columns of what a step tells of each contact: the force on G (N, inertial axes), the work (J) of its normal
+#: part and of friction, the slip (m/s) at its end.
+TOLD_FORCE, TOLD_NORMAL, TOLD_FRICTION, TOLD_SLIP, N_TOLD = 0, 3, 4, 5, 8
 
 
 @dataclass(frozen=True, eq=False)
 class MoreauMemory(ArrayStruct):
-    """Of the loops, and ``impulse`` (n, 3), N s, of each watched point in the last step, where the next one begins."""
+    """Of the loops; impulses of the last step, where the next one begins, are forgotten as factors are."""
 
     loops: LoopMemory
-    impulse: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class MoreauWorkspace(ArrayStruct):
     Attributes:
         moves: (nv,) whether each velocity is free.
         extent: (1,) m, of the machine.
-        told: (n, N_TOLD) of each watched point.
+        told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
         v: the velocity at which forces are evaluated; free: at the end without impulses; last: with them.
         a, multipliers: of the smooth forces.
@@ -76,6 +78,8 @@ class MoreauWorkspace(ArrayStruct):
 
     machine: ExplicitMachine
     watched: Watched
+    groups: Groups
+    kept: KeptImpulses
     parts: Parts
     contacts: Contacts
     memory: MoreauMemory
@@ -162,10 +166,10 @@ def _choose(s, h, kick):
     w, c = s.watched, s.contacts
     near = ROUND_OFF * s.extent[0] + 0.5 * h * kick
     fastest = 0.0
-    for i in range(w.gap.shape[0]):
+    for i in range(w.count[0]):
         fastest = max(fastest, _speed(w, i))
     n, speed = 0, 0.0
-    for i in range(w.gap.shape[0]):
+    for i in range(w.count[0]):
         normal, gap = load3(w.normal[i], 0), w.gap[i]
         e, approach = w.law[i, 0], dot3(normal, load3(w.before[i], 0))
         closes = gap <= near or gap + 0.5 * h * dot3(normal, load3(w.free[i], 0)) < 0.0
@@ -185,7 +189,7 @@ def _choose(s, h, kick):
 def _begin(s, i):
     """The impulse of contact i in the last step, within the friction cone."""
     c, k = s.contacts, s.contacts.watched[i]
-    P = rotate(load9(c.basis[i], 0), load3(s.memory.impulse[k], 0))
+    P = rotate(load9(c.basis[i], 0), recall(s.kept, s.watched.id[k]))
     most, size = c.friction[i] * max(P[0], 0.0), math.sqrt(P[1] * P[1] + P[2] * P[2])
     share = most / size if size > most else 1.0
     store3(c.impulse[i], 0, (max(P[0], 0.0), share * P[1], share * P[2]))
@@ -204,7 +208,8 @@ def _is_painleve(s, state, i, kick):
     if c.own[i, 0] > c.friction[i] * across:
         return False
     state.counts[st.OUTCOME] = st.PAINLEVE
-    state.counts[st.WORST] = w.number[k]
+    of_pairs = w.number.shape[0]
+    state.counts[st.WORST] = w.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
     state.numbers[st.ERROR_RATIO] = math.atan2(across, c.own[i, 0])
     return True
 
@@ -218,7 +223,10 @@ def _touch(s, state, h):
     if s.watched.gap.shape[0] == 0:
         return 0.0
     forward_kinematics(plan, work, s.x, state.v, m.aw.zeros)
-    place(plan, work, s.watched)
+    found = place(plan, work, s.watched, s.groups, h)
+    if found < 0:
+        state.counts[st.OUTCOME] = st.NO_ROOM if found == TOO_SMALL else st.NOT_FINITE
+        return -1.0
     forward_kinematics(plan, work, s.x, s.free, m.aw.zeros)
     weight = load3(plan.gravity, 0)
     kick = foresee(plan, work, s.watched) + h * math.sqrt(dot3(weight, weight))
@@ -259,22 +267,20 @@ def _open_overlaps(s, h, kick):
 
 @kernel
 def _tell(s, h):
-    """Keep the impulses, and what they are as forces and do as work."""
-    for k in range(s.told.shape[0]):
-        for j in range(N_TOLD):
-            s.told[k, j] = 0.0
-        store3(s.memory.impulse[k], 0, (0.0, 0.0, 0.0))
+    """Keep the impulses; write what they are as forces and do as work."""
     c = s.contacts
+    clear(s.kept)
     for i in range(c.count[0]):
         k = c.watched[i]
         basis, P = load9(c.basis[i], 0), load3(c.impulse[i], 0)
         whole = rotate_back(basis, P)
-        store3(s.memory.impulse[k], 0, whole)
-        store3(s.told[k], TOLD_FORCE, scale3(1.0 / h, whole))
-        u = rotate(basis, load3(s.watched.before[k], 0))
-        u = scale3(0.5, add3(u, velocity_at(s.parts, c, i, s.last)))
-        s.told[k, TOLD_NORMAL] = P[0] * u[0]
-        s.told[k, TOLD_FRICTION] = P[1] * u[1] + P[2] * u[2]
+        keep(s.kept, s.watched.id[k], whole)
+        store3(s.told[i], TOLD_FORCE, scale3(1.0 / h, whole))
+        after = velocity_at(s.parts, c, i, s.last)
+        u = scale3(0.5, add3(rotate(basis, load3(s.watched.before[k], 0)), after))
+        s.told[i, TOLD_NORMAL] = P[0] * u[0]
+        s.told[i, TOLD_FRICTION] = P[1] * u[1] + P[2] * u[2]
+        store3(s.told[i], TOLD_SLIP, rotate_back(basis, (0.0, after[1], after[2])))
 
 
 @kernel
@@ -330,21 +336,15 @@ def advance(s, rule, knots, state, groups, record):
 
 
 @entry_kernel
-def repeat(s, state, groups, t, x, v, told):
-    """Take the steps between rows t (n,), x, v once more; ``told`` (n, k, N_TOLD) of each.  How many were taken."""
-    for r in range(t.shape[0] - 1):
-        for k in range(state.x.shape[0]):
-            state.x[k] = x[r, k]
-        for k in range(state.v.shape[0]):
-            state.v[k] = v[r, k]
-        state.numbers[st.TIME] = t[r]
-        state.numbers[st.STEP_END] = t[r + 1]
-        state.numbers[st.RATE] = st.machine_rate(state, groups)
-        state.counts[st.OUTCOME] = st.DONE
-        attempt(s, state, groups, t[r + 1] - t[r])
-        if state.counts[st.OUTCOME] != st.DONE:
-            return r
-        for i in range(told.shape[1]):
-            for j in range(N_TOLD):
-                told[r + 1, i, j] = s.told[i, j]
-    return t.shape[0] - 1
+def repeat(s, state, groups, t, end, x, v):
+    """Take the step from t to ``end`` (s) that began at x (nx,), v (nv,) once more; the outcome."""
+    for k in range(state.x.shape[0]):
+        state.x[k] = x[k]
+    for k in range(state.v.shape[0]):
+        state.v[k] = v[k]
+    state.numbers[st.TIME] = t
+    state.numbers[st.STEP_END] = end
+    state.numbers[st.RATE] = st.machine_rate(state, groups)
+    state.counts[st.OUTCOME] = st.DONE
+    attempt(s, state, groups, end - t)
+    return state.counts[st.OUTCOME]

@@ -13,10 +13,12 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.shapes import (
     SHAPES,
     Box,
     Capsule,
+    ConvexPolytope,
     HalfSpace,
     Sphere,
     TouchedShape,
@@ -28,7 +30,7 @@ from flexmbd.multibody.contact.shapes import (
 
 FloatArray = NDArray[np.float64]
 Touching = TouchShape | Sequence[TouchShape]
-AnyContact = Contact | HardContact
+AnyContact = Contact | HardContact | HardGroup
 
 
 def contacts(
@@ -38,11 +40,13 @@ def contacts(
     friction: Friction | None,
     *,
     are_joined: Callable[[Body, Body], bool],
+    joined: Sequence[tuple[Body, Body]] = (),
 ) -> list[AnyContact]:
     """All contacts of a shape or of each of a group with another one, or with each of another group.
 
     Each pair of shapes touches once, in whatever lists they stand.  Of groups, pairs on one body and pairs of bodies
-    that ``are_joined`` are left out.
+    that ``are_joined`` are left out; ``joined`` are these.  Hard contacts of groups, and of other pairs than of spheres
+    or points, are one group, whose points are found in each step.
 
     Raises:
         SceneError: what is no shape; a pair of one body; a pair that does not touch by spheres or points.
@@ -55,6 +59,9 @@ def contacts(
         refuse_other(friction, Friction, "friction", wanted="fm.contact.Friction(...)")
     first, second = _group(one), _group(other)
     single = len(first) == len(second) == 1
+    if isinstance(law, Hard) and not any(shape.frame.modes is not None for shape in (*first, *second)):
+        if not (single and _is_known(first[0], second[0])):
+            return [HardGroup(tuple(first), tuple(second), law, tuple(joined))]
     found: list[AnyContact] = []
     known: set[frozenset[int]] = set()
     for a in first:
@@ -107,6 +114,12 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "
         "Capsule and a Box touch a HalfSpace"
     )
+
+
+def _is_known(a: TouchShape, b: TouchShape) -> bool:
+    """Whether one of two shapes touches the other by spheres or points that are always the same."""
+    pairs = ((a, b), (b, a))
+    return any(not isinstance(x, Vertex | ConvexPolytope) and _spheres(y, x) is not None for x, y in pairs)
 
 
 def _spheres(touching: TouchShape, touched: TouchedShape) -> tuple[FloatArray, float] | None:

@@ -138,6 +138,12 @@ class ElementTable(Protocol):
         ``numbers``: of the shape, the law and the sphere (``kernels.elements.hard_contact``).
         """
 
+    def hard_group(self, what: str, frames: Sequence[Frame], *, law: ArrayLike, numbers: ArrayLike) -> None:
+        """Let shapes on many frames touch without entering each other.
+
+        ``law``: restitution and friction.  ``numbers``: what tells the shapes from others.
+        """
+
     def pairs(
         self, law: Compiled | PairsElement, what: str, group: Sequence[Frame], *, own: ArrayLike = ((),),
         numbers: ArrayLike = (),

@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.elements.frame_states import (
     ROUGH_CONTACT,
     frame_states_scratch,
 )
-from flexmbd.multibody.kernels.elements.hard_contact import HARD_CONTACT
+from flexmbd.multibody.kernels.elements.hard_contact import HARD_CONTACT, HARD_GROUP
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.state_loads import (
@@ -120,6 +120,12 @@ class StateTable(ABC):
         """Let a shape on F and a sphere that G carries touch without entering each other."""
         f, g = self.frame(frame_F), self.frame(frame_G)
         self.element(HARD_CONTACT, what, f=f, g=g, data=self.numbers(flat(numbers)))
+
+    def hard_group(self, what: str, frames: Sequence[Frame], *, law: ArrayLike, numbers: ArrayLike) -> None:
+        """Let shapes on many frames touch without entering each other."""
+        rows = [self.frame(frame) for frame in frames]
+        data = self.numbers([*flat(law), *rows, *flat(numbers)])
+        self.element(HARD_GROUP, what, f=rows[0], g=rows[-1], data=data, count=len(rows))
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

@@ -20,3 +20,8 @@ def _wrench(plan, work, row, d, R, rate, spin):
 
 
 HARD_CONTACT = FrameElement(Behaviour("hard contacts", hard=True, lets_go=True), _wrench)
+
+#: The same of groups of shapes, whose points are found in each step.  Numbers: restitution, friction, how many shapes
+#: (EL_COUNT), the row of ``Plan.frames`` of each, and what tells the shapes.
+HARD_GROUP = FrameElement(Behaviour("groups of hard contacts", hard=True, lets_go=True), _wrench)
+GROUP_RESTITUTION, GROUP_FRICTION, GROUP_FRAMES = 0, 1, 2

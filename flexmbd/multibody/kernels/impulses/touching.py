@@ -17,6 +17,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.hard_contact import CENTRE, FRICTION, HARD_CONTACT, RADIUS, RESTITUTION
 from flexmbd.multibody.kernels.elements.table import are_of
+from flexmbd.multibody.kernels.impulses.group_points import find_groups
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 
 FloatArray = NDArray[np.float64]
@@ -25,20 +26,28 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Watched(ArrayStruct):
-    """All n points that may touch, each of a frame G against a frame F, in inertial axes.
+    """The first ``count`` of k points that may touch, each of a frame G against a frame F, in inertial axes.
+
+    Those of pairs, which are always there, stand first; behind them those of groups of shapes, as they are found.
 
     Attributes:
-        element: (n,) row of ``Plan.elements`` that it is of.  number: (n,) that element's number in the scene.
-        frames: (n, 2) rows of ``Plan.frames`` of F and G.
-        law: (n, 2) coefficients of restitution and of friction.
-        point, normal: (n, 3) m, where G is nearest to F, and out of F there.  gap: (n,) m, negative where they overlap.
-        before, free: (n, 3) m/s, velocity of G's point against F's at a step's begin, and as it would be at its end
+        count: (1,).
+        element: (n,) row of ``Plan.elements`` that each of the pairs is of; number: (n,) that element's in the scene.
+        frames: (k, 2) rows of ``Plan.frames`` of F and G.
+        shapes: (k, 2) those of G and F in their table; -1 of pairs.
+        id: (k,) what each is known by from step to step.
+        law: (k, 2) coefficients of restitution and of friction.
+        point, normal: (k, 3) m, where G is nearest to F, and out of F there.  gap: (k,) m, negative where they overlap.
+        before, free: (k, 3) m/s, velocity of G's point against F's at a step's begin, and as it would be at its end
             without impulses.
     """
 
+    count: IntArray
     element: IntArray
     number: IntArray
     frames: IntArray
+    shapes: IntArray
+    id: IntArray
     law: FloatArray
     point: FloatArray
     normal: FloatArray
@@ -47,23 +56,24 @@ class Watched(ArrayStruct):
     free: FloatArray
 
 
-def new_watched(plan: Plan) -> Watched:
-    """The hard contacts of a plan."""
+def new_watched(plan: Plan, room: int = 0) -> Watched:
+    """The hard contacts of pairs of a plan, with room for so many points of groups."""
     chosen: Any = np.flatnonzero(are_of(plan, HARD_CONTACT))
     rows = plan.elements[chosen]
-    n, zeros = len(rows), np.zeros
-    data = rows[:, at.EL_DATA]
-    law = np.stack([plan.data[data + RESTITUTION], plan.data[data + FRICTION]], axis=1)
-    frames = np.ascontiguousarray(rows[:, [at.EL_F, at.EL_G]])
+    n, k, zeros = len(rows), len(rows) + room, np.zeros
+    frames, law, ids = zeros((k, 2), np.int64), zeros((k, 2)), zeros(k, np.int64)
+    frames[:n] = rows[:, [at.EL_F, at.EL_G]]
+    law[:n] = plan.data[rows[:, [at.EL_DATA]] + np.array([RESTITUTION, FRICTION])]
+    ids[:n] = -2 - np.arange(n)
     return Watched(
-        chosen.astype(np.int64), np.ascontiguousarray(rows[:, at.EL_NUMBER]), frames, np.ascontiguousarray(law),
-        zeros((n, 3)), zeros((n, 3)), zeros(n), zeros((n, 3)), zeros((n, 3)),
+        np.array([n]), chosen.astype(np.int64), np.ascontiguousarray(rows[:, at.EL_NUMBER]), frames,
+        np.full((k, 2), -1), ids, law, zeros((k, 3)), zeros((k, 3)), zeros(k), zeros((k, 3)), zeros((k, 3)),
     )  # fmt: skip
 
 
-def reached_bodies(plan: Plan, watched: Watched) -> list[int]:
-    """Rows of ``Plan.tree`` of all bodies that may touch; -1 of the ground."""
-    found: list[int] = plan.frame_of[watched.frames.ravel(), at.FRAME_BODY].tolist()
+def reached_bodies(plan: Plan, frames: IntArray) -> list[int]:
+    """Rows of ``Plan.tree`` of the bodies of frames; -1 of the ground."""
+    found: list[int] = plan.frame_of[frames, at.FRAME_BODY].tolist()
     return found
 
 
@@ -94,22 +104,31 @@ def relative_velocity(plan, work, f, g, p):
 
 
 @kernel
-def place(plan, work, watched):
-    """Write where all points are and how they move against each other, by the kinematics in ``work``."""
-    for i in range(watched.gap.shape[0]):
+def place(plan, work, watched, groups, h):
+    """Write where all points are and how they move against each other, by the kinematics in ``work``.
+
+    Returns how many are of groups, or why these were not found (negative, ``contact.finding``).
+    """
+    n = watched.element.shape[0]
+    for i in range(n):
         point, normal, gap = nearest_point(plan, work, plan.elements[watched.element[i]])
         store3(watched.point[i], 0, point)
         store3(watched.normal[i], 0, normal)
         watched.gap[i] = gap
+    found = find_groups(plan, work, groups, watched, h)
+    watched.count[0] = n + max(found, 0)
+    for i in range(watched.count[0]):
+        point = load3(watched.point[i], 0)
         velocity = relative_velocity(plan, work, watched.frames[i, 0], watched.frames[i, 1], point)
         store3(watched.before[i], 0, velocity)
+    return found
 
 
 @kernel
 def foresee(plan, work, watched):
     """Write the velocities without impulses, by the kinematics in ``work``; the largest change since ``before``."""
     largest = 0.0
-    for i in range(watched.gap.shape[0]):
+    for i in range(watched.count[0]):
         point = load3(watched.point[i], 0)
         free = relative_velocity(plan, work, watched.frames[i, 0], watched.frames[i, 1], point)
         store3(watched.free[i], 0, free)
