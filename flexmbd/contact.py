@@ -10,8 +10,10 @@ from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
 from flexmbd.multibody.contact.hard_contact import Hard as Hard
 from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
 from flexmbd.multibody.contact.shapes import Box as Box
 from flexmbd.multibody.contact.shapes import Capsule as Capsule
+from flexmbd.multibody.contact.shapes import ConvexPolytope as ConvexPolytope
 from flexmbd.multibody.contact.shapes import Cylinder as Cylinder
 from flexmbd.multibody.contact.shapes import HalfSpace as HalfSpace
 from flexmbd.multibody.contact.shapes import HollowCylinder as HollowCylinder
@@ -22,3 +24,4 @@ from flexmbd.multibody.contact.shapes import Vertex as Vertex
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries
 from flexmbd.multibody.results.contact_series import HardContactSeries as HardContactSeries
+from flexmbd.multibody.results.contact_series import HardGroupSeries as HardGroupSeries

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.contact.polytopes import Polytope, hull, polytope
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.rotation import Axis, z_onto
 
@@ -199,8 +201,35 @@ class HalfSpace:
         return 0.0, 0.0
 
 
-TouchShape: TypeAlias = Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace
-SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace)
+@dataclass(frozen=True, eq=False)
+class ConvexPolytope:
+    """The convex hull of some points, or a polytope of stated faces, which must be closed, convex and turned outwards.
+
+    Neighbouring faces in one plane, to a millionth of its size, are one.
+
+    Attributes:
+        frame: on a body or on the ground.
+        vertices: (v, 3) m, in the frame's axes.
+        faces: vertices of each face by their numbers, counterclockwise as seen from outside; None: those of the hull.
+        polytope: what is made of them.
+    """
+
+    frame: Frame
+    vertices: ArrayLike
+    faces: Sequence[Sequence[int]] | None = None
+    polytope: Polytope = field(init=False)
+
+    def __post_init__(self) -> None:
+        _check(self)
+        what = f"ConvexPolytope on {self.frame.label}"
+        made = hull(self.vertices, what=what) if self.faces is None else polytope(self.vertices, self.faces, what=what)
+        object.__setattr__(self, "polytope", made)
+
+
+TouchShape: TypeAlias = (
+    Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace | ConvexPolytope
+)
+SHAPES = (Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace, ConvexPolytope)
 
 
 def corners(box: Box) -> FloatArray:

@@ -102,8 +102,10 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
         SceneError: neither touches the other by spheres or points.
     """
     for touched, touching in ((a, b), (b, a)):
-        spheres = None if isinstance(touched, Vertex) else _spheres(touching, touched)
-        if spheres is not None and not isinstance(touched, Vertex):
+        if isinstance(touched, Vertex | ConvexPolytope):
+            continue
+        spheres = _spheres(touching, touched)
+        if spheres is not None:
             places, radius = spheres
             frame = touching.frame
             centres = [(float(x), float(y), float(z)) for x, y, z in places]
@@ -111,8 +113,8 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
                 return [HardContact(touched, frame, radius, law, place) for place in centres]
             return [Contact(touched, frame, radius, law, friction, place) for place in centres]
     raise SceneError(
-        f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape, a "
-        "Capsule and a Box touch a HalfSpace"
+        f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape but "
+        "a ConvexPolytope; a Capsule, a Box and a ConvexPolytope touch a HalfSpace"
     )
 
 
@@ -133,6 +135,8 @@ def _spheres(touching: TouchShape, touched: TouchedShape) -> tuple[FloatArray, f
             return ends(touching), touching.radius
         if isinstance(touching, Box):
             return corners(touching), 0.0
+        if isinstance(touching, ConvexPolytope):
+            return touching.polytope.vertices, 0.0
     return None
 
 

@@ -11,6 +11,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
+from flexmbd.multibody.contact.shapes import TouchShape
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.reading.force_tables import hard_contact_places
 from flexmbd.multibody.kernels.sampling import contacts as at
@@ -98,3 +99,39 @@ def hard_contact_rows(
     gap, normal, _, slip, point = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
     own = told[:, int(np.searchsorted(hard_contact_places(scene.plan), row))]
     return HardContactSeries(gap[:, 0], normal, own[:, :3], slip, point, own[:, 3], own[:, 4])
+
+
+@dataclass(frozen=True, eq=False)
+class HardGroupSeries:
+    """The points of a group of shapes along a motion, those of all rows one after the other; in inertial axes.
+
+    Attributes:
+        row: (k,) of the trajectory, at the end of whose step each acted.
+        pair: (k, 2) places of the two shapes in ``shapes``.
+        shapes: all of the group.
+        point: (k, 3) m.  normal: (k, 3) out of the second shape onto the first.  gap: (k,) m, within the step.
+        force: (k, 3) N on the first shape, the impulse over the step.
+        slip: (k, 3) m/s, of the first against the second at the step's end, in the tangent plane.
+        normal_work, friction_work: (nt,) J, what all of them have done on the machine since the start.
+    """
+
+    row: NDArray[np.int64]
+    pair: NDArray[np.int64]
+    shapes: tuple[TouchShape, ...]
+    point: FloatArray
+    normal: FloatArray
+    gap: FloatArray
+    force: FloatArray
+    slip: FloatArray
+    normal_work: FloatArray
+    friction_work: FloatArray
+
+    @property
+    def normal_force(self) -> FloatArray:
+        """(k,) N along the normal."""
+        return np.asarray(np.einsum("ij,ij->i", self.normal, self.force))
+
+    @property
+    def friction(self) -> FloatArray:
+        """(k, 3) N on the first shape in the tangent plane."""
+        return self.force - self.normal_force[:, None] * self.normal

@@ -13,6 +13,7 @@ from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
@@ -24,13 +25,18 @@ from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
-from flexmbd.multibody.results.contact_series import ContactSeries, contact_rows, hard_contact_rows
+from flexmbd.multibody.results.contact_series import (
+    ContactSeries,
+    HardGroupSeries,
+    contact_rows,
+    hard_contact_rows,
+)
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
 from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.series.motion_series import MotionSeries, single
-from flexmbd.run.series.repeated_impulses import repeated_impulses
+from flexmbd.run.series.repeated_impulses import RepeatedImpulses, group_series, impulses_at, repeated_impulses
 
 FloatArray = NDArray[np.float64]
 
@@ -192,41 +198,32 @@ class ForceSeries(MotionSeries):
     @checked("t")
     def contacts(
         self, touching: AnyContact | Sequence[AnyContact], *, t: ArrayLike | None = None
-    ) -> tuple[ContactSeries, ...]:
+    ) -> tuple[ContactSeries | HardGroupSeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
-        Of hard contacts they are ``HardContactSeries``: the run's steps are taken once more, for the rows hold no
+        Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once more, for the rows hold no
         impulses.  Each acts as a force over its step.
 
         Raises:
             SceneError: it is no contact, or of another scene.
         """
-        some = [touching] if isinstance(touching, Contact | HardContact) else [*touching]
+        some = [touching] if isinstance(touching, Contact | HardContact | HardGroup) else [*touching]
+        return tuple(self._contact(one, t) for one in some)
+
+    def _contact(self, one: AnyContact, t: ArrayLike | None) -> ContactSeries | HardGroupSeries:
+        if isinstance(one, HardGroup):
+            if t is not None:
+                raise SceneError(f"{one.what}: its points are told at the ends of steps alone; leave `t` out")
+            return group_series(self.scene, one, self._impulses.groups, rows=len(self.t))
         series = (self.x, self.v, self.a) if t is None else self.motion(t)
-        return tuple(
-            hard_contact_rows(self.scene, one, *series, self._impulses_at(t)) if isinstance(one, HardContact)
-            else contact_rows(self.scene, one, *series) for one in some
-        )  # fmt: skip
+        if isinstance(one, HardContact):
+            return hard_contact_rows(self.scene, one, *series, impulses_at(self._impulses.pairs, self.t, t))
+        return contact_rows(self.scene, one, *series)
 
     @cached_property
-    def _impulses(self) -> FloatArray:
-        """(nt, n, 5) of all hard contacts: their forces in the step before each row, both works since the start."""
+    def _impulses(self) -> RepeatedImpulses:
         scene = self.scene if self.kept_rows is None else self.scene.keep_rows(self.kept_rows)
-        told = repeated_impulses(scene, self.t, self.x, self.v, self.departures)
-        told[:, :, 3:] = np.cumsum(told[:, :, 3:], axis=0)
-        return told
-
-    def _impulses_at(self, t: ArrayLike | None) -> FloatArray:
-        """The same at times ``t`` (k,): of the step that each is in, and works as they grow in it."""
-        if t is None:
-            return self._impulses
-        times = np.atleast_1d(np.asarray(t, float))
-        k = np.clip(np.searchsorted(self.t, times), 1, max(1, len(self.t) - 1))
-        share = (times - self.t[k - 1]) / (self.t[k] - self.t[k - 1])
-        found = self._impulses[k].copy()
-        before = self._impulses[k - 1, :, 3:]
-        found[:, :, 3:] = before + share[:, None, None] * (found[:, :, 3:] - before)
-        return found
+        return repeated_impulses(scene, self.t, self.x, self.v, self.departures)
 
     def _interior(self, body: ContinuumBody) -> int:
         """Which of the interiors is the body's."""
