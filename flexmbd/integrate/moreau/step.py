@@ -48,7 +48,7 @@ RULE = Rule(exponent=0.5)
 
 _EVALUATIONS = 30  # of the smooth forces in a step
 _SWEEPS = 1000
-_OF_TOLERANCE = 1e-2  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
+_OF_TOLERANCE = 0.1  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
 _STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
 
 #: Columns of what a step tells of each contact: the force on G (N, inertial axes), the work (J) of its normal

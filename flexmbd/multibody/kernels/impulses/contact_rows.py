@@ -38,7 +38,7 @@ class Contacts(ArrayStruct):
         own: (k, 9) J Y^T, 1/kg.
         bound: (k,) m/s, the least normal velocity at the step's end.
         friction: (k,) its coefficient.
-        impulse: (k, 3) N s on G, along the rows of ``basis``.
+        impulse: (k, 3) N s on G, along the rows of ``basis``; old, ahead: before a sweep, and where sweeps lead.
         shift, push: (k,) m, the gap at the step's end, and the multiplier that opens it where it is closed.
         row: (nv,) scratch, zero between uses.
     """
@@ -54,6 +54,8 @@ class Contacts(ArrayStruct):
     bound: FloatArray
     friction: FloatArray
     impulse: FloatArray
+    old: FloatArray
+    ahead: FloatArray
     shift: FloatArray
     push: FloatArray
     row: FloatArray
@@ -65,7 +67,7 @@ def new_contacts(count: int, entries: int, nv: int) -> Contacts:
     return Contacts(
         zeros(1, whole), zeros(count, whole), zeros((count, 2), whole), zeros(count + 1, whole),
         zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)), zeros(count), zeros(count),
-        zeros((count, 3)), zeros(count), zeros(count), zeros(nv),
+        zeros((count, 3)), zeros((count, 3)), zeros((count, 3)), zeros(count), zeros(count), zeros(nv),
     )  # fmt: skip
 
 
