@@ -21,6 +21,7 @@ from flexmbd.integrate.moreau.step import N_TOLD, RULE, MoreauMemory, MoreauWork
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.contact.finding.find_contacts import make_room
 from flexmbd.multibody.kernels.impulses.contact_rows import new_contacts
+from flexmbd.multibody.kernels.impulses.free_spins import new_free_spins
 from flexmbd.multibody.kernels.impulses.kept_impulses import forget, grown, new_kept
 from flexmbd.multibody.kernels.impulses.parts import new_parts
 from flexmbd.multibody.kernels.impulses.touching import new_watched, reached_bodies
@@ -102,9 +103,10 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
     moves = zeros(nv, np.int64)
     moves[plan.free] = 1
     return MoreauWorkspace(
-        new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n), parts,
+        new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
+        new_free_spins(plan), parts,
         new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
-        zeros(scene.nx), zeros(scene.nx), *zeros((5, nv)), zeros(len(plan.rows)),
+        zeros(scene.nx), zeros(scene.nx), *zeros((6, nv)), zeros(len(plan.rows)),
     )  # fmt: skip
 
 

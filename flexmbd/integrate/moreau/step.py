@@ -4,7 +4,7 @@
     v_n+1 = v_f + M^-1 J^T P,      x_n+1 = x_m moved by h/2 v_n+1,
 
 at x_m the contacts, M and J.  Smooth motion is of order 2 (position Verlet, its velocities by the implicit midpoint
-rule, which keeps what gyroscopic terms keep).  A contact is in the step where it touches, or would by the end: its
+rule); the spins of bodies that fly by themselves keep their angular momentum (``free_spins``).  A contact is in the step where it touches, or would by the end: its
 normal velocity then ends at e times that of its approach at least (Newton's law of impact), and where it does not
 approach, or e = 0, its gap does not close beyond zero.  Overlaps that an impact within a step leaves are opened by a
 displacement, the least in the metric of the masses, which changes no velocity (``solve_positions``); what flies apart
@@ -30,6 +30,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
+from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
 from flexmbd.multibody.kernels.impulses.group_points import Groups
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
 from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
@@ -72,7 +73,8 @@ class MoreauWorkspace(ArrayStruct):
         extent: (1,) m, of the machine.
         told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
-        v: the velocity at which forces are evaluated; free: at the end without impulses; last: with them.
+        begin: the velocity at the step's begin, as of free spins in the middle.
+        v: that at which forces are evaluated; free: at the end without impulses; last: with them.
         a, multipliers: of the smooth forces.
     """
 
@@ -80,6 +82,7 @@ class MoreauWorkspace(ArrayStruct):
     watched: Watched
     groups: Groups
     kept: KeptImpulses
+    spins: FreeSpins
     parts: Parts
     contacts: Contacts
     memory: MoreauMemory
@@ -89,6 +92,7 @@ class MoreauWorkspace(ArrayStruct):
     x: FloatArray
     end: FloatArray
     u: FloatArray
+    begin: FloatArray
     v: FloatArray
     free: FloatArray
     last: FloatArray
@@ -101,25 +105,29 @@ def _smooth(s, state, groups, h):
     """Write the velocity at the end without impulses; False where that failed."""
     middle = state.numbers[st.TIME] + 0.5 * h
     for k in range(s.v.shape[0]):
-        s.v[k] = state.v[k]
-        s.free[k] = state.v[k]
+        s.begin[k] = state.v[k]
+    to_middle(s.spins, h, s.begin)
+    for k in range(s.v.shape[0]):
+        s.v[k] = s.begin[k]
+        s.free[k] = s.begin[k]
     before = math.inf
     for _ in range(_EVALUATIONS):
         if not accelerate(s.machine, state, middle, s.x, s.v, s.a, s.multipliers):
             return False
+        without_gyration(s.spins, s.v, s.a)
         change = 0.0
         for k in range(s.v.shape[0]):
             if s.moves[k] == 0:
                 s.free[k] = s.v[k]
                 continue
-            end = state.v[k] + h * s.a[k]
+            end = s.begin[k] + h * s.a[k]
             size = st.group_speed(groups, groups.of[k], state.numbers[st.RATE]) + abs(end)
             found = abs(end - s.free[k]) / size
             if not found <= change:
                 change = found
                 state.counts[st.WORST] = k
             s.free[k] = end
-            s.v[k] = 0.5 * (state.v[k] + end)
+            s.v[k] = 0.5 * (s.begin[k] + end)
         if not math.isfinite(change):
             state.counts[st.OUTCOME] = st.NOT_FINITE
             return False
@@ -222,7 +230,7 @@ def _touch(s, state, h):
     c.count[0] = 0
     if s.watched.gap.shape[0] == 0:
         return 0.0
-    forward_kinematics(plan, work, s.x, state.v, m.aw.zeros)
+    forward_kinematics(plan, work, s.x, s.begin, m.aw.zeros)
     found = place(plan, work, s.watched, s.groups, h)
     if found < 0:
         state.counts[st.OUTCOME] = st.NO_ROOM if found == TOO_SMALL else st.NOT_FINITE
@@ -251,18 +259,16 @@ def _touch(s, state, h):
 
 
 @kernel
-def _open_overlaps(s, h, kick):
-    """Move the step's end so that nothing overlaps that does not fly apart by itself."""
-    m, c = s.machine, s.contacts
+def _overlap(s, h, kick):
+    """Write the gaps at the step's end, none of what flies apart by itself; whether there are overlaps."""
+    c = s.contacts
     overlaps = False
     for i in range(c.count[0]):
         away = normal_at(s.parts, c, i, s.last)
         gap = s.watched.gap[c.watched[i]] + 0.5 * h * away
         c.shift[i] = max(gap, 0.0) if away > kick else gap
         overlaps = overlaps or c.shift[i] < -EQUAL * s.extent[0]
-    if overlaps:
-        solve_positions(s.parts, c, s.u)
-        move(m, s.end, s.u, s.end)
+    return overlaps
 
 
 @kernel
@@ -298,10 +304,17 @@ def attempt(s, state, groups, h):
     kick = _touch(s, state, h)
     if kick < 0.0:
         return
+    overlaps = _overlap(s, h, kick)
+    _tell(s, h)
+    if not to_end(s.spins, h, s.last):
+        state.counts[st.OUTCOME] = st.NOT_CONVERGED
+        return
     for k in range(s.u.shape[0]):
         s.u[k] = 0.5 * h * s.last[k]
     move(m, s.x, s.u, s.end)
-    _open_overlaps(s, h, kick)
+    if overlaps:
+        solve_positions(s.parts, s.contacts, s.u)
+        move(m, s.end, s.u, s.end)
     _finish(s, state, groups, h)
 
 
@@ -314,7 +327,6 @@ def _finish(s, state, groups, h):
         state.counts[st.OUTCOME] = st.CALLBACK_FAILED
         return
     drive(m.plan, m.work, s.end, s.last, s.a)
-    _tell(s, h)
     if not close_loops(m, state, groups, s.end, s.last):
         return
     for k in range(s.a.shape[0]):

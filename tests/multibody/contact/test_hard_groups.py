@@ -27,7 +27,7 @@ def box(scene, name, place, velocity=(0.0,) * 6, turn=(1.0, 0.0, 0.0, 0.0), side
     return contact.Box(body.frame(), sides)
 
 
-def heap(count=18):
+def heap(count=12):
     """Boxes askew above each other, in three columns, without overlaps, above a floor."""
     random = np.random.default_rng(3)
     scene = fm.System(gravity=(0.0, 0.0, -G))
@@ -63,7 +63,7 @@ def test_a_tower_of_ten_boxes_stands_and_each_bears_those_above():
 
 def test_a_heap_settles_without_gain_overlap_or_more_than_coulombs_friction():
     scene, _, pairs = heap()
-    run = scene.simulate(1.5, h=5e-3, rtol=1e-4)
+    run = scene.simulate(2.5, h=5e-3, rtol=1e-4)
     energy = run.energy()
     assert np.diff(energy.total).max() < 1e-6 * energy.total[0]
     among = run.contacts(pairs)
@@ -108,7 +108,7 @@ def test_boxes_that_meet_keep_their_momentum():
     assert len(run.contacts(pair)[0].row) > 0
     assert np.abs(np.diff(run.v[:, 0])).max() > 0.1
     assert np.abs(momentum.linear - momentum.linear[0]).max() < 1e-12 * np.abs(momentum.linear[0]).max()
-    assert np.abs(momentum.angular - momentum.angular[0]).max() < 1e-6 * np.abs(momentum.angular[0]).max()
+    assert np.abs(momentum.angular - momentum.angular[0]).max() < 1e-12 * np.abs(momentum.angular[0]).max()
 
 
 def test_room_for_points_grows_and_a_restart_goes_on_to_the_bit(monkeypatch):

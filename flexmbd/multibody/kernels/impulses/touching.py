@@ -37,7 +37,7 @@ class Watched(ArrayStruct):
         shapes: (k, 2) those of G and F in their table; -1 of pairs.
         id: (k,) what each is known by from step to step.
         law: (k, 2) coefficients of restitution and of friction.
-        point, normal: (k, 3) m, where G is nearest to F, and out of F there.  gap: (k,) m, negative where they overlap.
+        point, normal: (k, 3) m, midway where G is nearest to F, and out of F there.  gap: (k,) m, negative where they overlap.
         before, free: (k, 3) m/s, velocity of G's point against F's at a step's begin, and as it would be at its end
             without impulses.
     """
@@ -79,7 +79,7 @@ def reached_bodies(plan: Plan, frames: IntArray) -> list[int]:
 
 @kernel
 def nearest_point(plan, work, row):
-    """The point of G nearest to F, the normal out of F there (inertial axes), and the gap (m), of an element."""
+    """The point midway between G and F, the normal out of F there (inertial axes), and the gap (m), of an element."""
     o = row[at.EL_DATA]
     p_F, R_F, _, _, _, _ = frame_motion(plan, work, row[at.EL_F])
     p_G, R_G, _, _, _, _ = frame_motion(plan, work, row[at.EL_G])
@@ -87,7 +87,7 @@ def nearest_point(plan, work, row):
     gap, n = distance(plan.data, o, rotate_back(R_F, sub3(centre, p_F)))
     normal = rotate(R_F, n)
     radius = plan.data[o + RADIUS]
-    return sub3(centre, scale3(radius, normal)), normal, gap - radius
+    return sub3(centre, scale3(0.5 * (gap + radius), normal)), normal, gap - radius
 
 
 @kernel
