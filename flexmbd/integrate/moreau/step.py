@@ -4,12 +4,12 @@
     v_n+1 = v_f + M^-1 J^T P,      x_n+1 = x_m moved by h/2 v_n+1,
 
 at x_m the contacts, M and J.  Smooth motion is of order 2 (position Verlet, its velocities by the implicit midpoint
-rule); the spins of bodies that fly by themselves keep their angular momentum (``free_spins``).  A contact is in the step where it touches, or would by the end: its
-normal velocity then ends at e times that of its approach at least (Newton's law of impact), and where it does not
-approach, or e = 0, its gap does not close beyond zero.  Overlaps that an impact within a step leaves are opened by a
-displacement, the least in the metric of the masses, which changes no velocity (``solve_positions``); what flies apart
-by itself is left alone, so that an elastic impact keeps the energy.  Sources: Moreau 1988, 1999; Jean 1999; Acary &
-Brogliato 2008, chapter 10; Schindler & Acary 2014.
+rule); the spins of bodies that fly by themselves keep their angular momentum (``free_spins``).  A contact is in the
+step where it touches, or would by the end: its normal velocity then ends at e times that of its approach at least
+(Newton's law of impact), and where it does not approach, or e = 0, its gap does not close beyond zero.  Overlaps that
+an impact within a step leaves are opened by a displacement, the least in the metric of the masses, which changes no
+velocity (``solve_positions``); what flies apart by itself is left alone, so that an elastic impact keeps the energy.
+Sources: Moreau 1988, 1999; Jean 1999; Acary & Brogliato 2008, chapter 10; Schindler & Acary 2014.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
 from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
-from flexmbd.multibody.kernels.impulses.group_points import Groups
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
+from flexmbd.multibody.kernels.impulses.group_points import Groups
 from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
 from flexmbd.multibody.kernels.impulses.parts import Parts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place

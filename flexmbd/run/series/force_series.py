@@ -201,8 +201,8 @@ class ForceSeries(MotionSeries):
     ) -> tuple[ContactSeries | HardGroupSeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
-        Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once more, for the rows hold no
-        impulses.  Each acts as a force over its step.
+        Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once
+        more, for the rows hold no impulses.  Each acts as a force over its step.
 
         Raises:
             SceneError: it is no contact, or of another scene.

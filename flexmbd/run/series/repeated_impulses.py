@@ -58,8 +58,13 @@ class FoundPoints:
 
 @dataclass(frozen=True, eq=False)
 class RepeatedImpulses:
-    """Of hard contacts of pairs (nt, n, 5): force (N, inertial axes) on the sphere in the step that ends at a row, and
-    the works (J) since the start; and of groups."""
+    """What hard contacts did.
+
+    Attributes:
+        pairs: (nt, n, 5) force (N, inertial axes) on the sphere in the step that ends at a row, works (J) since the
+            start.
+        groups: the points of groups.
+    """
 
     pairs: FloatArray
     groups: FoundPoints
@@ -117,7 +122,7 @@ def _points(s: MoreauWorkspace, row: int, chosen: IntArray) -> tuple[NDArray, ..
 
 
 def impulses_at(pairs: FloatArray, t: FloatArray, times: ArrayLike | None) -> FloatArray:
-    """``RepeatedImpulses.pairs`` (nt, n, 5) of rows t at other times: of the step that each is in, works as they grow."""
+    """``RepeatedImpulses.pairs`` of rows t at other times: of the step that each is in, works as they grow."""
     if times is None:
         return pairs
     asked = np.atleast_1d(np.asarray(times, float))

@@ -27,14 +27,14 @@ def box(scene, name, place, velocity=(0.0,) * 6, turn=(1.0, 0.0, 0.0, 0.0), side
     return contact.Box(body.frame(), sides)
 
 
-def heap(count=12):
-    """Boxes askew above each other, in three columns, without overlaps, above a floor."""
+def heap(count=8):
+    """Boxes askew above each other, in four columns, without overlaps, above a floor."""
     random = np.random.default_rng(3)
     scene = fm.System(gravity=(0.0, 0.0, -G))
     shapes = []
     for k in range(count):
         turn = np.array([1.0, 0.0, 0.0, 0.0]) + 0.3 * random.normal(size=4)
-        place = (1.6 * (k % 3), 0.05 * random.normal(), 1.0 + 1.5 * (k // 3))
+        place = (1.6 * (k % 4), 0.05 * random.normal(), 1.0 + 1.5 * (k // 4))
         shapes.append(box(scene, f"box {k}", place, turn=tuple(turn / np.linalg.norm(turn))))
     law = contact.Hard(mu=0.5)
     floor = contact.HalfSpace(scene.ground.frame())
@@ -63,7 +63,7 @@ def test_a_tower_of_ten_boxes_stands_and_each_bears_those_above():
 
 def test_a_heap_settles_without_gain_overlap_or_more_than_coulombs_friction():
     scene, _, pairs = heap()
-    run = scene.simulate(2.5, h=5e-3, rtol=1e-4)
+    run = scene.simulate(4.0, h=5e-3, rtol=1e-4)
     energy = run.energy()
     assert np.diff(energy.total).max() < 1e-6 * energy.total[0]
     among = run.contacts(pairs)
@@ -125,9 +125,10 @@ def test_room_for_points_grows_and_a_restart_goes_on_to_the_bit(monkeypatch):
 
 def test_what_joints_join_does_not_touch_and_what_does_not_go_is_refused():
     scene = fm.System()
-    one, other = box(scene, "one", (0.0, 0.0, 0.0)), box(scene, "other", (0.9, 0.0, 0.0))
-    scene._connections.pop()
-    scene.connect(fm.joint.Revolute("z"), one.frame.body.frame(p=(0.45, 0.0, 0.0)), other.frame.body.frame(p=(-0.45, 0, 0)))
+    one = box(scene, "one", (0.0, 0.0, 0.0))
+    hung = scene.add(fm.RigidBody(480.0, (40.0, 54.4, 65.6)))
+    other = contact.Box(hung.frame(), SIDES)
+    scene.connect(fm.joint.Revolute("z"), one.frame.body.frame(p=(0.45, 0, 0)), hung.frame(p=(-0.45, 0, 0)))
     (group,) = scene.touch([one, other], [one, other], contact.Hard())
     run = scene.simulate(0.01, h=1e-3)
     assert len(run.contacts(group)[0].row) == 0

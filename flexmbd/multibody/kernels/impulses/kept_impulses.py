@@ -21,7 +21,7 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class KeptImpulses(ArrayStruct):
-    """A table of ``key`` (2^p,) with open addressing, -1 where it is free, and the ``impulse`` (2^p, 3), N s, of each."""
+    """A table with open addressing: ``key`` (2^p,), -1 where it is free, ``impulse`` (2^p, 3), N s, of each."""
 
     key: IntArray
     impulse: FloatArray

@@ -37,7 +37,8 @@ class Watched(ArrayStruct):
         shapes: (k, 2) those of G and F in their table; -1 of pairs.
         id: (k,) what each is known by from step to step.
         law: (k, 2) coefficients of restitution and of friction.
-        point, normal: (k, 3) m, midway where G is nearest to F, and out of F there.  gap: (k,) m, negative where they overlap.
+        point, normal: (k, 3) m, midway where G is nearest to F, and out of F there.
+        gap: (k,) m, negative where they overlap.
         before, free: (k, 3) m/s, velocity of G's point against F's at a step's begin, and as it would be at its end
             without impulses.
     """
