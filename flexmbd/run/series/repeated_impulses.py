@@ -87,7 +87,7 @@ def repeated_impulses(
     number, count = np.zeros(st.N_NUMBER), np.zeros(st.N_COUNT, np.int64)
     bound_by_span(number, t_start=float(t[0]), t_end=float(t[-1]) or 1.0, h=float(np.diff(t).max(initial=1e-300)))
     number[st.TOLERANCE], number[st.LATEST], count[st.FIXED_STEP] = 1e-6, np.inf, 1
-    state = st.State(x[0].copy(), v[0].copy(), *np.zeros((1, scene.nv)), np.zeros(len(scene.plan.rows)), number, count)
+    state = st.State(x[0].copy(), v[0].copy(), np.zeros(scene.nv), np.zeros(len(scene.plan.rows)), number, count)
     departing = v.copy()
     for one in departures:
         departing[one.row] = one.v

@@ -9,6 +9,7 @@ import flexmbd as fm
 from flexmbd import contact
 from flexmbd.errors import SceneError
 from flexmbd.integrate.moreau import shape_groups
+from flexmbd.multibody.kernels.contact.finding.shape_table import new_contact_points
 
 G = 9.81
 SIDES = np.array([1.0, 0.8, 0.6])
@@ -116,8 +117,7 @@ def test_room_for_points_grows_and_a_restart_goes_on_to_the_bit(monkeypatch):
     whole = scene.simulate(0.8, h=5e-3, rtol=1e-4, checkpoints=[0.6])
     rest = scene.simulate(0.8, h=5e-3, rtol=1e-4, restart=whole.checkpoints[0])
     assert np.array_equal(whole.x[-1], rest.x[-1])
-    made = shape_groups.new_contact_points
-    monkeypatch.setattr(shape_groups, "new_contact_points", lambda room: made(1))
+    monkeypatch.setattr(shape_groups, "new_contact_points", lambda room: new_contact_points(1))
     small = scene.simulate(0.8, h=5e-3, rtol=1e-4, checkpoints=[0.6])
     assert np.array_equal(whole.x[-1], small.x[-1])
     assert small.stats.rejected == 0

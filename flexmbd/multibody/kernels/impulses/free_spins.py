@@ -55,7 +55,7 @@ class FreeSpins(ArrayStruct):
 def new_free_spins(plan: Plan) -> FreeSpins:
     """Those of a plan: on a free joint of the ground at their centre of mass, without children, modes and loops."""
     tree: Any = plan.tree.tolist()
-    driven = set(plan.driven[:, at.DRIVEN_V].tolist())
+    driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
     held = {row[at.PARENT] for row in tree} | {b for row in plan.rows for b in row_bodies(plan, row)}
     first, inertias = [], []
     for b, row in enumerate(tree):

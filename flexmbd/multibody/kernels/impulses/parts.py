@@ -48,7 +48,7 @@ class Parts(ArrayStruct):
 
 def new_parts(plan: Plan, reached: Iterable[int]) -> Parts:
     """The parts of a plan that hold the bodies ``reached`` (rows of ``Plan.tree``, -1 the ground)."""
-    above: list[int] = plan.tree[:, at.PARENT].tolist()
+    above: Any = plan.tree[:, at.PARENT].tolist()
     joined = {b: b for b in range(len(above))}
     ties = [(b, p) for b, p in enumerate(above) if p >= 0]
     for row in plan.rows:
@@ -73,7 +73,8 @@ def new_parts(plan: Plan, reached: Iterable[int]) -> Parts:
         np.array([k for one in own for k in one], np.int64),
         square,
         np.zeros(int(square[-1])),
-        *np.zeros((2, 1, nv)),
+        np.zeros((1, nv)),
+        np.zeros((1, nv)),
         np.array([max(sizes, default=0)], np.int64),
     )
 
