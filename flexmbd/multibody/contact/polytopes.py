@@ -197,7 +197,7 @@ def _planes(
     areas = np.array([_area(points[list(loop)]) for loop in loops])
     sizes = np.linalg.norm(areas, axis=1)
     group = [-1] * len(loops)
-    for first in np.argsort(-sizes, kind="stable").tolist():
+    for first in map(int, np.argsort(-sizes, kind="stable")):
         if group[first] >= 0:
             continue
         normal, origin = areas[first] / sizes[first], points[loops[first][0]]

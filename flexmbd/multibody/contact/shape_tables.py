@@ -127,8 +127,9 @@ class _Rows:
 
     def add(self, shape: TouchShape) -> None:
         """Append a shape."""
-        core, scale, radius, offset = -1, np.ones(3), 0.0, np.zeros(3)
-        bound = np.inf
+        core, radius, bound = -1, 0.0, np.inf
+        scale: FloatArray = np.ones(3)
+        offset: FloatArray = np.zeros(3)
         if isinstance(shape, Vertex):
             core, bound = POINT, 0.0
         elif isinstance(shape, Sphere):
@@ -173,7 +174,9 @@ def cores(forms: Sequence[Polytope]) -> Cores:
     point = Polytope(np.zeros((1, 3)), (), none, np.zeros((0, 4), np.int64))
     segment = Polytope(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]), (), none, np.array([[0, 1, -1, -1]]))
     every = [point, segment, cube(), *forms]
-    head, face_at, corner_list, side_list, around_at, around = [], [0], [], [], [0], []
+    head: list[tuple[int, ...]] = []
+    face_at, around_at = [0], [0]
+    corner_list, side_list, around = list[int](), list[int](), list[int]()
     vertices = faces = edges = 0
     for form in every:
         head.append((vertices, len(form.vertices), faces, len(form.faces), edges, len(form.edges)))

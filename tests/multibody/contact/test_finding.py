@@ -167,6 +167,38 @@ def test_the_least_gap_is_the_signed_distance(one, other):
     assert max(depths) > 0.0
 
 
+ALIGNED = {
+    "box": SOLIDS["box"],
+    "cube": (contact.Box, (1.0, 1.0, 1.0)),
+    "capsule": (contact.Capsule, 0.2, 0.8),
+    "octahedron": (contact.ConvexPolytope, 0.6 * np.vstack((np.eye(3), -np.eye(3)))),
+    "prism": (
+        contact.ConvexPolytope,
+        np.array([(0.5 * np.cos(k), 0.5 * np.sin(k), z) for k in np.arange(12) * np.pi / 6 for z in (-0.3, 0.3)]),
+    ),
+}
+
+
+@pytest.mark.parametrize(("one", "other"), [(a, b) for i, a in enumerate(ALIGNED) for b in list(ALIGNED)[i:]])
+def test_aligned_bodies(one, other):
+    """Faces, edges and corners that lie along and on each other, exactly and almost."""
+    random = np.random.default_rng(6)
+    bodies = pair_of(ALIGNED[one], ALIGNED[other])
+    table = bodies.table()
+    cores = [core_of(shape) for shape in bodies.shapes]
+    for size in (0.0, 1e-15, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3):
+        for step in (np.pi / 2, np.pi / 4):
+            for _ in range(2):
+                off = size * random.standard_normal((3, 3))
+                x = np.array([np.zeros(3), 0.1 * random.integers(-12, 13, 3) + off[2]])
+                R = Rotation.from_euler("xyz", step * random.integers(0, 8, (2, 3)) + off[:2]).as_matrix()
+                points = found(table, x, R, margin=5.0)
+                a, b = (core[0] @ turn.T + place for core, turn, place in zip(cores, R, x, strict=True))
+                distance, _ = signed_distance(a, b)
+                assert points["gap"].min() == pytest.approx(distance - cores[0][1] - cores[1][1], abs=2e-8)
+                assert len(set(points["id"])) == len(points["id"]) <= 8
+
+
 def heap(count, random, *, kinds=tuple(SOLIDS), density=1.0):
     bodies = Bodies()
     for k in range(count):
@@ -293,6 +325,22 @@ def test_stacked_boxes_touch_at_the_corners_of_their_overlap(aside, turn):
     assert corners_found.volume == pytest.approx(ConvexHull(expected).volume, abs=1e-9)
     for place in points["position_a"][:, :2] - x[0, :2]:
         assert np.linalg.norm(expected - place, axis=1).min() < 1e-9
+
+
+def test_ids_last_where_corners_lie_on_each_other():
+    """Of a stack of equal boxes that is a little disturbed, by more than round-off or less."""
+    bodies = pair_of((contact.Box, SIDES), (contact.Box, SIDES))
+    table = bodies.table()
+    random = np.random.default_rng(4)
+    names = set()
+    for size in (0.0, 1e-15, 1e-13, 1e-11, 1e-9, 1e-8):
+        for _ in range(10):
+            x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.6]]) + size * random.standard_normal((2, 3))
+            R = Rotation.from_rotvec(size * random.standard_normal((2, 3))).as_matrix()
+            points = found(table, x, R, margin=1e-3)
+            assert len(points["gap"]) == 4
+            names.add(tuple(sorted(points["id"].tolist())))
+    assert len(names) == 1
 
 
 def clipped(polygon, window):

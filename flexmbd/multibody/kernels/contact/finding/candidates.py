@@ -19,22 +19,29 @@ def feature(kind, one, other):
 
 @kernel
 def add_point(work, found, on_a, on_b, normal, gap, name, same):
-    """Add a point unless there is one within ``same`` (m) of its place on a; how many there are.
+    """Add a point; how many there are.
 
+    Points of one name, or within ``same`` (m) on a, are one: it has the name of the first and the place of the deepest.
     Those beyond the room, which is for all that can be, are left out.
     """
+    at = found
     for k in range(found):
         off = sub3(load3(work.candidates[k], 0), on_a)
-        if dot3(off, off) <= same * same:
-            return found
-    if found == work.candidates.shape[0]:
+        if work.features[k] == name or dot3(off, off) <= same * same:
+            if gap >= work.candidates[k, _GAP]:
+                return found
+            at = k
+            break
+    if at == work.candidates.shape[0]:
         return found
-    row = work.candidates[found]
+    row = work.candidates[at]
     store3(row, 0, on_a)
     store3(row, 3, on_b)
     store3(row, 6, normal)
     row[_GAP] = gap
-    work.features[found] = name
+    if at < found:
+        return found
+    work.features[at] = name
     return found + 1
 
 

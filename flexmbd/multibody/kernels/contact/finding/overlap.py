@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.contact.finding.shape_table import (
 )
 from flexmbd.round_off import EQUAL, SAME_PLACE, SEVEN_DIGITS
 
-#: Of the smaller shape's size: within this a corner lies on a border, and two corners are one point.
+#: Of the smaller shape's size: within this two points are one, and a point is at a corner.
 SAME = SEVEN_DIGITS
 
 
@@ -73,7 +73,7 @@ def _foremost_face(cores, head, vertices, direction, own, same):
 
 
 @kernel
-def _lay_face(cores, core, vertices, turn, direction, u, v, n, polygon, names, same):
+def _lay_face(cores, core, vertices, turn, direction, u, v, n, polygon, names, same, exact):
     """Write the face that looks along ``direction``, seen along n: places and height of its vertices, their numbers.
 
     Returns how many they are, and the slope of the height along u and v.
@@ -94,7 +94,7 @@ def _lay_face(cores, core, vertices, turn, direction, u, v, n, polygon, names, s
                 polygon[0, c] = polygon[1, c]
             names[0, 0] = 1
         return 1, 0.0, 0.0
-    face = _foremost_face(cores, head, vertices, direction, rotate_back(turn, direction), same)
+    face = _foremost_face(cores, head, vertices, direction, rotate_back(turn, direction), exact)
     begin = cores.face_at[face]
     count = cores.face_at[face + 1] - begin
     for k in range(count):
@@ -106,6 +106,15 @@ def _lay_face(cores, core, vertices, turn, direction, u, v, n, polygon, names, s
     if abs(up) < EQUAL:  # seen edge-on: its corners alone have heights
         return count, 0.0, 0.0
     return count, -dot3(m, u) / up, -dot3(m, v) / up
+
+
+@kernel
+def _height(polygon, count, slope_x, slope_y, x, y):
+    """The height of a face at a place; of a segment never beyond its ends."""
+    height = polygon[0, 2] + slope_x * (x - polygon[0, 0]) + slope_y * (y - polygon[0, 1])
+    if count != 2:
+        return height
+    return min(max(height, min(polygon[0, 2], polygon[1, 2])), max(polygon[0, 2], polygon[1, 2]))
 
 
 @kernel
@@ -142,8 +151,8 @@ def overlap(work, cores, core_a, core_b, R, n, axes, centre, radius_a, radius_b,
     P, Q, own = work.polygon_a, work.polygon_b, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     back = scale3(-1.0, n)
     same, exact = SAME * size, SAME_PLACE * size
-    ka, ax, ay = _lay_face(cores, core_a, work.vertices_a, own, back, u, v, n, P, work.names_a, exact)
-    kb, bx, by = _lay_face(cores, core_b, work.vertices_b, R, n, u, v, n, Q, work.names_b, exact)
+    ka, ax, ay = _lay_face(cores, core_a, work.vertices_a, own, back, u, v, n, P, work.names_a, same, exact)
+    kb, bx, by = _lay_face(cores, core_b, work.vertices_b, R, n, u, v, n, Q, work.names_b, same, exact)
     normal = rotate(axes, n)
     found, least = 0, math.inf
     for kind in range(VERTEX_OF_A, TWO_EDGES + 1):
@@ -153,30 +162,50 @@ def overlap(work, cores, core_a, core_b, R, n, axes, centre, radius_a, radius_b,
             for j in range(inner):
                 if kind == VERTEX_OF_A:
                     x, y, above = P[i, 0], P[i, 1], P[i, 2]
-                    depth = _within(Q, kb, 1.0, x, y)
-                    below = Q[0, 2] + bx * (x - Q[0, 0]) + by * (y - Q[0, 1])
-                    name = feature(kind, work.names_a[i, 0], 0)
+                    depth, below = _within(Q, kb, 1.0, x, y), _height(Q, kb, bx, by, x, y)
                 elif kind == VERTEX_OF_B:
                     x, y, below = Q[i, 0], Q[i, 1], Q[i, 2]
-                    depth = _within(P, ka, -1.0, x, y)
-                    above = P[0, 2] + ax * (x - P[0, 0]) + ay * (y - P[0, 1])
-                    name = feature(kind, work.names_b[i, 0], 0)
+                    depth, above = _within(P, ka, -1.0, x, y), _height(P, ka, ax, ay, x, y)
                 else:
                     x, y, above, below, depth = _crossing(P, ka, i, Q, kb, j)
-                    name = feature(kind, work.names_a[i, 1], work.names_b[j, 1])
-                gap = above - below
-                if not depth >= -same:
+                if not depth >= -exact:
                     continue
-                if depth >= -exact:
-                    least = min(least, gap)
+                gap = above - below
+                least = min(least, gap)
                 if gap - radius_a - radius_b > reach:
                     continue
                 flat = add3(scale3(x, u), scale3(y, v))
                 on_a = add3(centre, rotate(axes, add3(flat, scale3(above, n))))
                 on_b = add3(centre, rotate(axes, add3(flat, scale3(below, n))))
                 on_a, on_b, gap = between(on_a, on_b, gap, radius_a, radius_b, normal)
+                name = _name(work, kind, i, j, ka, kb, x, y, same)
                 found = add_point(work, found, on_a, on_b, normal, gap, name, same)
     return found, least
+
+
+@kernel
+def _near(polygon, count, x, y, same):
+    """The vertex of a polygon that is within ``same`` of a place; -1: none."""
+    for k in range(count):
+        dx, dy = polygon[k, 0] - x, polygon[k, 1] - y
+        if dx * dx + dy * dy <= same * same:
+            return k
+    return -1
+
+
+@kernel
+def _name(work, kind, i, j, ka, kb, x, y, same):
+    """What touches at a place: a vertex of a if one is there, else one of b, else two edges.
+
+    So corners that lie on each other, or on a border, keep their name whichever is a little outside.
+    """
+    k = i if kind == VERTEX_OF_A else _near(work.polygon_a, ka, x, y, same)
+    if k >= 0:
+        return feature(VERTEX_OF_A, work.names_a[k, 0], 0)
+    k = i if kind == VERTEX_OF_B else _near(work.polygon_b, kb, x, y, same)
+    if k >= 0:
+        return feature(VERTEX_OF_B, work.names_b[k, 0], 0)
+    return feature(TWO_EDGES, work.names_a[i, 1], work.names_b[j, 1])
 
 
 @kernel

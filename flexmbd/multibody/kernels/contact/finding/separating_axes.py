@@ -23,10 +23,10 @@ from flexmbd.multibody.kernels.contact.finding.shape_table import (
     VERTEX_OF_B,
     VERTICES,
 )
-from flexmbd.round_off import EQUAL
+from flexmbd.round_off import EPSILON
 
 _ZERO = (0.0, 0.0, 0.0)
-_PARALLEL = EQUAL  # of the squared sine between two edges: their common normal has no direction
+_PARALLEL = EPSILON  # of the squared sine between two edges: fewer than half of their normal's digits are right
 
 
 @kernel
