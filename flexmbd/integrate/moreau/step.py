@@ -249,10 +249,11 @@ def _touch(s, state, h):
         if c.friction[i] > 0.0 and _is_painleve(s, state, i, 2.0 * kick):
             return -1.0
         _begin(s, i)
-    least = _OF_TOLERANCE * state.numbers[st.TOLERANCE] * speed
+    speed, nothing = max(speed, kick), EQUAL * s.watched.fastest[0]
+    least = max(_OF_TOLERANCE * state.numbers[st.TOLERANCE] * speed, nothing)
     sweeps, change = solve_impulses(s.parts, c, s.last, least, _SWEEPS)
     state.counts[st.ITERATIONS] += sweeps
-    if not change <= _STUCK * speed:
+    if not change <= max(_STUCK * speed, nothing):
         state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
         return -1.0
     return kick

@@ -139,3 +139,16 @@ def test_what_joints_join_does_not_touch_and_what_does_not_go_is_refused():
         scene.touch([one], [one], contact.Hard())
     with pytest.raises(SceneError, match="point mass"):
         scene.touch([one, contact.Vertex(scene.add(fm.PointMass(1.0)).frame())], [one], contact.Hard())
+
+
+@pytest.mark.parametrize("gravity", [0.0, G])
+def test_what_moves_together_touches_without_impulses(gravity):
+    """Two boxes face to face that fly, or fall, at one velocity: round-off between them is nothing to solve for."""
+    scene = fm.System(gravity=(0.0, 0.0, -gravity))
+    velocity = (3.0, 1.7, 0.3, 0.0, 0.0, 0.0)
+    shapes = [box(scene, f"box {k}", (0.1 * k, 0.0, 100.3 + 0.6 * k), velocity) for k in range(2)]
+    (pair,) = scene.touch(*shapes, contact.Hard(mu=0.5))
+    run = scene.simulate(1.0, h=1e-2)
+    exact = np.array([*velocity[:2], 0.3 - gravity, 0.0, 0.0, 0.0] * 2)
+    assert run.v[-1] == pytest.approx(exact, abs=1e-9)
+    assert len(run.contacts(pair)[0].row) > 0

@@ -13,6 +13,7 @@ from flexmbd.multibody.kernels.impulses.point_law import point_impulse
 
 _OF_POSITION = 1e-3  # of the deepest overlap: what a projection may leave
 _SWEEPS_OF_POSITION = 50
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @kernel
@@ -29,6 +30,8 @@ def _own_part(W, P):
 def _solve_point(parts, contacts, i, v):
     """Give contact i the impulse that its law asks for; by how much its velocity changes (m/s)."""
     W, P = load9(contacts.own[i], 0), load3(contacts.impulse[i], 0)
+    if P == _ZERO and normal_at(parts, contacts, i, v) >= contacts.bound[i]:
+        return 0.0  # as most contacts that may touch do not
     q = sub3(velocity_at(parts, contacts, i, v), _own_part(W, P))
     found = point_impulse(W, contacts.friction[i], (q[0] - contacts.bound[i], q[1], q[2]), P)
     change = sub3(found, P)

@@ -31,7 +31,7 @@ class Watched(ArrayStruct):
     Those of pairs, which are always there, stand first; behind them those of groups of shapes, as they are found.
 
     Attributes:
-        count: (1,).
+        count: (1,).  fastest: (1,) m/s, the largest speed of a point without impulses, in the inertial frame.
         element: (n,) row of ``Plan.elements`` that each of the pairs is of; number: (n,) that element's in the scene.
         frames: (k, 2) rows of ``Plan.frames`` of F and G.
         shapes: (k, 2) those of G and F in their table; -1 of pairs.
@@ -44,6 +44,7 @@ class Watched(ArrayStruct):
     """
 
     count: IntArray
+    fastest: FloatArray
     element: IntArray
     number: IntArray
     frames: IntArray
@@ -67,7 +68,7 @@ def new_watched(plan: Plan, room: int = 0) -> Watched:
     law[:n] = plan.data[rows[:, [at.EL_DATA]] + np.array([RESTITUTION, FRICTION])]
     ids[:n] = -2 - np.arange(n)
     return Watched(
-        np.array([n]), chosen.astype(np.int64), np.ascontiguousarray(rows[:, at.EL_NUMBER]), frames,
+        np.array([n]), zeros(1), chosen.astype(np.int64), np.ascontiguousarray(rows[:, at.EL_NUMBER]), frames,
         np.full((k, 2), -1), ids, law, zeros((k, 3)), zeros((k, 3)), zeros(k), zeros((k, 3)), zeros((k, 3)),
     )  # fmt: skip
 
@@ -128,11 +129,15 @@ def place(plan, work, watched, groups, h):
 @kernel
 def foresee(plan, work, watched):
     """Write the velocities without impulses, by the kinematics in ``work``; the largest change since ``before``."""
-    largest = 0.0
+    largest, fastest = 0.0, 0.0
     for i in range(watched.count[0]):
         point = load3(watched.point[i], 0)
-        free = relative_velocity(plan, work, watched.frames[i, 0], watched.frames[i, 1], point)
+        one = point_velocity(plan, work, watched.frames[i, 0], point)
+        other = point_velocity(plan, work, watched.frames[i, 1], point)
+        free = sub3(other, one)
         store3(watched.free[i], 0, free)
+        fastest = max(fastest, dot3(one, one), dot3(other, other))
         change = sub3(free, load3(watched.before[i], 0))
         largest = max(largest, dot3(change, change))
+    watched.fastest[0] = math.sqrt(fastest)
     return math.sqrt(largest)
