@@ -20,6 +20,7 @@ from flexmbd.multibody.contact.shapes import HollowCylinder as HollowCylinder
 from flexmbd.multibody.contact.shapes import HollowSphere as HollowSphere
 from flexmbd.multibody.contact.shapes import Sphere as Sphere
 from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
+from flexmbd.multibody.contact.shapes import TouchShape as TouchShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries

@@ -32,9 +32,9 @@ from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
 from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
-from flexmbd.multibody.kernels.impulses.group_points import Groups
+from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
 from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
-from flexmbd.multibody.kernels.impulses.parts import Parts, size_of
+from flexmbd.multibody.kernels.impulses.parts import CoupledParts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
@@ -80,10 +80,10 @@ class MoreauWorkspace(ArrayStruct):
 
     machine: ExplicitMachine
     watched: Watched
-    groups: Groups
+    groups: ShapeGroups
     kept: KeptImpulses
     spins: FreeSpins
-    parts: Parts
+    parts: CoupledParts
     contacts: Contacts
     memory: MoreauMemory
     moves: IntArray

@@ -135,7 +135,7 @@ class ElementTable(Protocol):
     def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:
         """Let a shape on F and a sphere that G carries touch without entering each other.
 
-        ``numbers``: of the shape, the law and the sphere (``kernels.elements.hard_contact``).
+        ``numbers``: of the shape, the law and the sphere (``kernels.elements.hard_element``).
         """
 
     def hard_group(self, what: str, frames: Sequence[Frame], *, law: ArrayLike, numbers: ArrayLike) -> None:

@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.elements.frame_states import (
     ROUGH_CONTACT,
     frame_states_scratch,
 )
-from flexmbd.multibody.kernels.elements.hard_contact import HARD_CONTACT, HARD_GROUP
+from flexmbd.multibody.kernels.elements.hard_element import HARD_CONTACT, HARD_GROUP
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.state_loads import (

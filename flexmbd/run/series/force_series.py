@@ -14,7 +14,6 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
 from flexmbd.multibody.force.protocol import Force
@@ -197,33 +196,45 @@ class ForceSeries(MotionSeries):
 
     @checked("t")
     def contacts(
-        self, touching: AnyContact | Sequence[AnyContact], *, t: ArrayLike | None = None
+        self,
+        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        *,
+        t: ArrayLike | None = None,
+        rtol: float = 1e-6,
     ) -> tuple[ContactSeries | HardGroupSeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
         Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once
-        more, for the rows hold no impulses.  Each acts as a force over its step.
+        more, for the rows hold no impulses, by ``rtol`` as of ``simulate``.  Each acts as a force over its step.
 
         Raises:
             SceneError: it is no contact, or of another scene.
         """
         some = [touching] if isinstance(touching, Contact | HardContact | HardGroup) else [*touching]
-        return tuple(self._contact(one, t) for one in some)
+        return tuple(self._contact(one, t, rtol) for one in some)
 
-    def _contact(self, one: AnyContact, t: ArrayLike | None) -> ContactSeries | HardGroupSeries:
+    def _contact(
+        self, one: Contact | HardContact | HardGroup, t: ArrayLike | None, rtol: float
+    ) -> ContactSeries | HardGroupSeries:
         if isinstance(one, HardGroup):
             if t is not None:
                 raise SceneError(f"{one.what}: its points are told at the ends of steps alone; leave `t` out")
-            return group_series(self.scene, one, self._impulses.groups, rows=len(self.t))
+            return group_series(self.scene, one, self._impulses(rtol).groups, rows=len(self.t))
         series = (self.x, self.v, self.a) if t is None else self.motion(t)
         if isinstance(one, HardContact):
-            return hard_contact_rows(self.scene, one, *series, impulses_at(self._impulses.pairs, self.t, t))
+            return hard_contact_rows(self.scene, one, *series, impulses_at(self._impulses(rtol).pairs, self.t, t))
         return contact_rows(self.scene, one, *series)
 
     @cached_property
-    def _impulses(self) -> RepeatedImpulses:
-        scene = self.scene if self.kept_rows is None else self.scene.keep_rows(self.kept_rows)
-        return repeated_impulses(scene, self.t, self.x, self.v, self.departures)
+    def _repeated(self) -> dict[float, RepeatedImpulses]:
+        return {}
+
+    def _impulses(self, rtol: float) -> RepeatedImpulses:
+        if rtol not in self._repeated:
+            scene = self.scene if self.kept_rows is None else self.scene.keep_rows(self.kept_rows)
+            found = repeated_impulses(scene, self.t, self.x, self.v, self.departures, rtol=rtol)
+            self._repeated[rtol] = found
+        return self._repeated[rtol]
 
     def _interior(self, body: ContinuumBody) -> int:
         """Which of the interiors is the body's."""

@@ -32,8 +32,6 @@ from flexmbd.run.snapshot import bound_by_span, new_groups
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_RTOL = 1e-5  # of the impulses: a trajectory does not know that of its run
-
 
 @dataclass(frozen=True, eq=False)
 class FoundPoints:
@@ -73,9 +71,9 @@ class RepeatedImpulses:
 
 
 def repeated_impulses(
-    scene: CompiledScene, t: FloatArray, x: FloatArray, v: FloatArray, departures: Sequence[Departure]
+    scene: CompiledScene, t: FloatArray, x: FloatArray, v: FloatArray, departures: Sequence[Departure], *, rtol: float
 ) -> RepeatedImpulses:
-    """Take the steps again; ``scene`` with the rows that were kept; t (nt,) s, x (nt, nx), v (nt, nv).
+    """Take the steps again, impulses to ``rtol``; ``scene`` with the kept rows; t (nt,) s, x (nt, nx), v (nt, nv).
 
     Functions of time are evaluated anew.
 
@@ -88,7 +86,7 @@ def repeated_impulses(
     told, found = np.zeros((len(t), pairs, 5)), [_points(s, 0, np.zeros(0, np.int64))]
     number, count = np.zeros(st.N_NUMBER), np.zeros(st.N_COUNT, np.int64)
     bound_by_span(number, t_start=float(t[0]), t_end=float(t[-1]) or 1.0, h=float(np.diff(t).max(initial=1e-300)))
-    number[st.TOLERANCE], number[st.LATEST], count[st.FIXED_STEP] = _RTOL, np.inf, 1
+    number[st.TOLERANCE], number[st.LATEST], count[st.FIXED_STEP] = rtol, np.inf, 1
     state = st.State(x[0].copy(), v[0].copy(), np.zeros(scene.nv), np.zeros(len(scene.plan.rows)), number, count)
     departing = v.copy()
     for one in departures:

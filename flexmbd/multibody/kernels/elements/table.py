@@ -34,7 +34,7 @@ from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.halfway_bushing import HALFWAY_BUSHING
-from flexmbd.multibody.kernels.elements.hard_contact import HARD_CONTACT, HARD_GROUP
+from flexmbd.multibody.kernels.elements.hard_element import HARD_CONTACT, HARD_GROUP
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE

@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Groups(ArrayStruct):
+class ShapeGroups(ArrayStruct):
     """All shapes of groups, and what finding them takes.
 
     Attributes:

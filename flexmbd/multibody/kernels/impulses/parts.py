@@ -23,7 +23,7 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Parts(ArrayStruct):
+class CoupledParts(ArrayStruct):
     """The parts that contacts reach.
 
     Attributes:
@@ -46,7 +46,7 @@ class Parts(ArrayStruct):
     largest: IntArray
 
 
-def new_parts(plan: Plan, reached: Iterable[int]) -> Parts:
+def new_parts(plan: Plan, reached: Iterable[int]) -> CoupledParts:
     """The parts of a plan that hold the bodies ``reached`` (rows of ``Plan.tree``, -1 the ground)."""
     above: Any = plan.tree[:, at.PARENT].tolist()
     joined = {b: b for b in range(len(above))}
@@ -67,7 +67,7 @@ def new_parts(plan: Plan, reached: Iterable[int]) -> Parts:
     sizes = [len(one) for one in own]
     nv = len(plan.free) + len(plan.driven)
     square = np.cumsum([0, *(n * n for n in sizes)], dtype=np.int64)
-    return Parts(
+    return CoupledParts(
         np.array(of, np.int64),
         np.cumsum([0, *sizes], dtype=np.int64),
         np.array([k for one in own for k in one], np.int64),

@@ -15,7 +15,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.signed_distance import distance
-from flexmbd.multibody.kernels.elements.hard_contact import CENTRE, FRICTION, HARD_CONTACT, RADIUS, RESTITUTION
+from flexmbd.multibody.kernels.elements.hard_element import CENTRE, FRICTION, HARD_CONTACT, RADIUS, RESTITUTION
 from flexmbd.multibody.kernels.elements.table import are_of
 from flexmbd.multibody.kernels.impulses.group_points import find_groups
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion

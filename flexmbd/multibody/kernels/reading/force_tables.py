@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
-from flexmbd.multibody.kernels.elements.hard_contact import (
+from flexmbd.multibody.kernels.elements.hard_element import (
     FRICTION,
     GROUP_FRAMES,
     GROUP_FRICTION,
