@@ -106,7 +106,7 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
         new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
         new_free_spins(plan), parts,
         new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
-        zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)), zeros(len(plan.rows)),
+        zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip
 
 

@@ -89,6 +89,7 @@ class MoreauWorkspace(ArrayStruct):
     moves: IntArray
     extent: FloatArray
     told: FloatArray
+    multipliers: FloatArray
     x: FloatArray
     end: FloatArray
     u: FloatArray
@@ -97,7 +98,6 @@ class MoreauWorkspace(ArrayStruct):
     free: FloatArray
     last: FloatArray
     a: FloatArray
-    multipliers: FloatArray
 
 
 @kernel
