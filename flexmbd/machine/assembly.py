@@ -17,9 +17,11 @@ from flexmbd.given import checked, numbers, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
-from flexmbd.multibody.contact.hard_contact import Hard
-from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts
+from flexmbd.multibody.contact.hard_contact import Hard, HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.touch import Touching, contacts
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.force.states import Followed, StateEquation, States, linear_equations
@@ -225,7 +227,7 @@ class MachineAssembly:
 
     def touch(
         self, one: Touching, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
-    ) -> tuple[AnyContact, ...]:
+    ) -> tuple[Contact | HardContact | HardGroup, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
