@@ -8,6 +8,9 @@ from flexmbd.multibody.contact.contact_laws import Friction as Friction
 from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
 from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
+from flexmbd.multibody.contact.hard_contact import Hard as Hard
+from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.profile import Profile as Profile
 from flexmbd.multibody.contact.shapes import Box as Box
@@ -19,7 +22,10 @@ from flexmbd.multibody.contact.shapes import HollowCylinder as HollowCylinder
 from flexmbd.multibody.contact.shapes import HollowSphere as HollowSphere
 from flexmbd.multibody.contact.shapes import Sphere as Sphere
 from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
+from flexmbd.multibody.contact.shapes import TouchShape as TouchShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface as TriangleSurface
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries
+from flexmbd.multibody.results.contact_series import HardContactSeries as HardContactSeries
+from flexmbd.multibody.results.contact_series import HardGroupSeries as HardGroupSeries

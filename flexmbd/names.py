@@ -43,6 +43,7 @@ from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta a
 from flexmbd.integrate.explicit.explicit_runge_kutta import Rotations as Rotations
 from flexmbd.integrate.explicit.tableau import Pair as Pair
 from flexmbd.integrate.explicit.tableau import Tableau as Tableau
+from flexmbd.integrate.moreau.moreau_jean import MoreauJean as MoreauJean
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA
 from flexmbd.machine.compiled_machine import CompiledMachine as CompiledMachine
 from flexmbd.machine.linearized_machine import LinearizedMachine as LinearizedMachine

@@ -29,7 +29,7 @@ PAGES = {
     "integrators": (
         "Integrators",
         "GeneralizedAlpha AlphaFamily RadauIIA ExplicitRungeKutta "
-        "Pair Tableau Rotations CentralDifference EnergyMomentum",
+        "Pair Tableau Rotations CentralDifference EnergyMomentum MoreauJean",
         "integrate",
     ),
     "bodies": (

@@ -32,6 +32,7 @@ from flexmbd.integrate.explicit.tableau import Pair as Pair
 from flexmbd.integrate.explicit.tableau import Tableau as Tableau
 from flexmbd.integrate.explicit.tableau import TableauArrays as TableauArrays
 from flexmbd.integrate.interior_support import refuse_interiors as refuse_interiors
+from flexmbd.integrate.moreau.moreau_jean import MoreauJean as MoreauJean
 from flexmbd.integrate.protocol import Integrator as Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA as RadauIIA
 from flexmbd.integrate.state import ERROR_RATIO as ERROR_RATIO

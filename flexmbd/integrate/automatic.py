@@ -8,18 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.errors import SceneError
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.explicit.central_difference import CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.integrate.explicit.tableau import Pair
 from flexmbd.integrate.machine_rates import MachineRates, machine_rates, rates_of_many
+from flexmbd.integrate.moreau.moreau_jean import MoreauJean
 from flexmbd.integrate.predicted_cost import CENTRAL, ORDER_5, ORDER_8, RADAU, RADAU_GRIPPED, StepModel, counts
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
-from flexmbd.multibody.kernels.reading.force_tables import force_elements
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, has_hard_contacts
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
 
 _TIGHT = 1e-4  # rtol from which the pair of order 8 costs less than that of order 5
@@ -49,10 +52,14 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     Fixed steps: generalized-alpha, which stays stable whatever they do not resolve.  Error control: an explicit pair
     where nothing in the scene can be stiff; with modes, springs, exact beams, stops or friction the method that is
     predicted to take least time (``predicted_cost``); Radau IIA where users' laws may be stiff.
-    Bodies with history leave generalized-alpha, or central differences where an interior can step explicitly alone.
+    Hard contacts leave Moreau's and Jean's method.  Bodies with history leave generalized-alpha, or central differences
+    where an interior can step explicitly alone.
     """
     if start.scene.interiors is not None:
         return _with_history(start.scene.interiors)
+    if has_hard_contacts(start.scene.plan):
+        told = "hard contacts, which it alone solves for" if h is not None else "hard contacts: give its step, h=1e-3"
+        return IntegratorChoice(MoreauJean(), told)
     if h is not None:
         return IntegratorChoice(GeneralizedAlpha(), "fixed steps, which may leave vibrations unresolved")
     elements = dict.fromkeys(force_elements(start.scene.plan).behaviour)
@@ -69,6 +76,16 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     if rates is None:
         return IntegratorChoice(RadauIIA(), f"stiff: {_in_a_large_machine(start, elements)}")
     return _cheapest(start, rates, pairs, rtol=rtol)
+
+
+def check_method(method: Integrator, scene: CompiledScene) -> None:
+    """Raise SceneError where a method cannot run a scene, with one that can."""
+    method.check(scene)
+    if has_hard_contacts(scene.plan) and not isinstance(method, MoreauJean):
+        raise SceneError(
+            f"{method.name} does not know the hard contacts of this scene (fm.contact.Hard), which act by impulses; "
+            "take integrator=fm.MoreauJean() with a step h=..., or a smooth law as fm.contact.PowerLaw"
+        )
 
 
 def _cheapest(start: Start, rates: MachineRates, pairs: Sequence[Pair], *, rtol: float) -> IntegratorChoice:

@@ -22,9 +22,11 @@ IntArray = NDArray[np.int64]
 # Codes that a stepper returns.  DONE: the end is reached.  OUTPUT: the record is full.  The others are the failure of a
 # step that cannot be made shorter: a user's function; an interior; Newton's iteration; constraint rows that are
 # dependent, or a singular matrix; loops that do not close; a result that is not finite; an error above tolerance; rows
-# that an augmented Lagrangian does not close; jumps that follow each other endlessly.
+# that an augmented Lagrangian does not close; jumps that follow each other endlessly; a sliding hard contact that is
+# pressed the more the more it is pushed apart (WORST: its element's number, ERROR_RATIO: the angle of
+# ``moreau.step``); points of contact without room, which the method's stepper makes.
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
-NOT_ENFORCED, ENDLESS_JUMPS = 9, 10
+NOT_ENFORCED, ENDLESS_JUMPS, PAINLEVE, NO_ROOM = 9, 10, 11, 12
 
 # Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)

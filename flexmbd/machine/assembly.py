@@ -19,6 +19,8 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.hard_contact import Hard, HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.touch import Touching, contacts
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
@@ -224,8 +226,8 @@ class MachineAssembly:
         return force
 
     def touch(
-        self, one: Touching, other: Touching, law: NormalLaw, *, friction: Friction | None = None
-    ) -> tuple[Contact, ...]:
+        self, one: Touching, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
+    ) -> tuple[Contact | HardContact | HardGroup, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
@@ -234,7 +236,8 @@ class MachineAssembly:
         Args:
             one: a shape of ``flexmbd.contact``, or a list of them.
             other: likewise.
-            law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...).
+            law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...); or fm.contact.Hard(...), which
+                nothing enters, with friction and impacts of its own (``fm.MoreauJean`` alone).
             friction: fm.contact.Friction(...); None: smooth.
 
         Returns:
@@ -244,13 +247,14 @@ class MachineAssembly:
             SceneError: shapes of another scene, on one body, or a pair that is not known; a law that is none.
         """
         held = (c for c in self._connections if not isinstance(c.joint, Free))
-        pairs = ((c.parent.body, c.child.body) for c in held)
-        joined = {frozenset((id(a), id(b))) for a, b in pairs if self.ground is not a and self.ground is not b}
+        pairs = [(c.parent.body, c.child.body) for c in held]
+        pairs = [(a, b) for a, b in pairs if self.ground is not a and self.ground is not b]
+        joined = {frozenset((id(a), id(b))) for a, b in pairs}
 
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined
 
-        found = contacts(one, other, law, friction, are_joined=are_joined)
+        found = contacts(one, other, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:
             self._check_force(contact)
         self._forces.extend(found)

@@ -24,7 +24,7 @@ from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.kernels.base.compiling import is_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
-from flexmbd.multibody.plan.built_of import KeptWhile, SceneParts
+from flexmbd.multibody.plan.built_of import GivenParts, KeptWhile
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, build
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.given_start import with_given_start
@@ -183,7 +183,7 @@ class CompilableMachine(MachineAssembly):
         """The machine as it is now: with its plan and workspaces that of the run before, if nothing changed since."""
         if self.team.size > 1 or self._continua or self._controllers:
             return self.compile()
-        parts = SceneParts(
+        parts = GivenParts(
             self.ground, self._bodies, self._connections, self._forces, self._couplings, self.gravity, self.team
         )
         return self._kept.of(parts, self.compile)

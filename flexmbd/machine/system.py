@@ -29,6 +29,7 @@ from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.reading.force_tables import refuse_hard_contacts
 from flexmbd.multibody.linear.equilibrium import ToldEquilibrium, equilibrium_at_rest, find_equilibrium
 from flexmbd.multibody.linear.path.continuation import equilibrium_path
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
@@ -121,6 +122,7 @@ class System(CompilableMachine, Steppable):
                 )
             t = about.t
         start = self._start(self._compile(()), t, about)
+        refuse_hard_contacts(start.scene.plan, "an equilibrium")
         work = new_work(start.scene.plan)
         evaluate_inputs(start.scene, work, t)
         ranges = RangeWatch(start.scene, self._bodies if self.team.is_root else ())
@@ -197,6 +199,7 @@ class System(CompilableMachine, Steppable):
         whole = self._compile(added)
         t = float(about.t[-1]) if isinstance(about, Trajectory) else t if about is None else about.t
         start = self._start(without_inputs(whole, added), t)
+        refuse_hard_contacts(start.scene.plan, "the linear machine")
         bodies = {body.name: body for body in self._bodies}
         point = working_point(start, about, t)
         machine = linear_machine(

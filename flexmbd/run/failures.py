@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.integrate import state as st
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.reading.force_tables import friction_of_hard_contact
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.run.stepping import Integration
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
@@ -90,6 +93,8 @@ def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
     t, h = state.numbers[st.TIME], state.numbers[st.STEP]
     if code == st.NOT_ENFORCED:
         return _left_open(scene, t)
+    if code == st.PAINLEVE:
+        return _painleve(scene, state)
     worst = scene.velocity_names[int(state.counts[st.WORST])] if scene.nv else "nothing"
     why, remedy = _CAUSES[code]
     if state.counts[st.FIXED_STEP] == 1:
@@ -100,6 +105,19 @@ def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
     return (
         f"the simulation stopped at t = {t:.6g} s: {why}; the worst coordinate was {worst!r}; "
         f"{remedy}; what was computed up to then is in the error's trajectory"
+    )
+
+
+def _painleve(scene: CompiledScene, state: st.State) -> str:
+    """That a contact slides in Painlevé's case, with its coefficient of friction and the angle."""
+    number = int(state.counts[st.WORST])
+    mu, angle = friction_of_hard_contact(scene.plan, number), float(np.rad2deg(state.numbers[st.ERROR_RATIO]))
+    return (
+        f"the simulation stopped at t = {state.numbers[st.TIME]:.6g} s: {scene.element_names[number]} slides in "
+        f"Painlevé's case: a push along the normal moves its point at {angle:.4g} degrees to the normal, along the "
+        f"slip, and friction of mu = {mu:.6g} then presses it the more the more it is pushed apart (from "
+        f"{np.rad2deg(np.arctan2(1.0, mu)):.4g} degrees on), so that no force is right; take a smaller mu, or a "
+        "smooth contact, fm.contact.PowerLaw(...); what was computed up to then is in the error's trajectory"
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import FlexmbdError
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
+from flexmbd.integrate.automatic import check_method
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum
 from flexmbd.integrate.explicit.central_difference import CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
@@ -133,7 +134,7 @@ def _finest(fine: Rung, repeat: Callable[[Rung], Run], scene: CompiledScene) -> 
     better: Integrator = ExplicitRungeKutta(Pair.DORMAND_PRINCE_8) if explicit else RadauIIA()
     if fine.method.order < better.order:
         try:
-            better.check(scene)
+            check_method(better, scene)
             other = replace(fine, method=better)
             return other, repeat(other)
         except FlexmbdError:

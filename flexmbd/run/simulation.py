@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import FlexmbdError, RecordError, SceneError
 from flexmbd.integrate import state as st
+from flexmbd.integrate.automatic import check_method
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
@@ -64,7 +65,7 @@ def run(
 
     ``explicit_steps``: (1/s), as of ``IntegratorChoice``.
     """
-    method.check(start.scene)
+    check_method(method, start.scene)
     start.scene.callbacks.reset()
     purpose = type(method).__name__
     if team.is_root:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, shown
 from flexmbd.integrate import state as st
+from flexmbd.integrate.automatic import check_method
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.functions.signal import Signal
@@ -151,7 +152,7 @@ def stepped_scene(
     refuse_no_inputs(start.scene, named, controllers)
     refuse_no_outputs(outputs)
     method = settings.method(start)
-    method.check(start.scene)
+    check_method(method, start.scene)
     without = replace(settings, about=None, integrator=method)
     return SteppedScene(
         start, method, without, open_end, named, interpolation == "linear", outputs, bodies, controllers, team

@@ -43,6 +43,7 @@ from flexmbd.export.functional_mockup.unit_build import (
 from flexmbd.files.whole_file import write_file
 from flexmbd.given import checked, refuse_no_truth, refuse_other
 from flexmbd.integrate import state as st
+from flexmbd.integrate.automatic import check_method
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import Frame
@@ -129,7 +130,7 @@ def fmu_machine(
     given = [force for _, force in named(inputs)]
     start = scene.start_with([force for _, force in forces], instead_of=given, about=about)
     refuse_functions(start.scene)
-    integrator.check(start.scene)
+    check_method(integrator, start.scene)
     drives = [drive for name, one in forces for drive in drives_of(start.scene, one, name)]
     parts = parts_of(start, integrator, h)
     parts = with_tangents(parts, start.scene) if model_exchange else parts

@@ -9,11 +9,10 @@ import numpy as np
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
-from flexmbd.multibody.contact.shape_table import TableShape
 from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
+from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
-from flexmbd.multibody.kernels.contact.signed_distance import TABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,7 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
     @property
     def shared_numbers(self) -> tuple[SharedNumbers, ...]:
         """The shape's table, if it has one."""
-        return (self.shape.table,) if isinstance(self.shape, TableShape) else ()
+        return tables_of(self.shape)
 
     def assemble(self, table: ElementTable) -> None:
         """One row; with friction three states, how far it has slid."""
@@ -70,9 +69,6 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         k = self.law.stiffness(self.shape, self.radius, self.what)
         normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
         friction = [0.0] * 5 if rough is None else rough.numbers()
-        shape = self.shape.numbers()
-        if isinstance(self.shape, TableShape):
-            shape[TABLE] = table.shared(self.shape.table)
-        numbers = np.array([*shape, *normal, *friction, *self.centre])
+        numbers = np.array([*placed_numbers(self.shape, table), *normal, *friction, *self.centre])
         bristle = None if rough is None else rough.stretch()
         table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)

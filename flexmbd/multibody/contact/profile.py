@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_no_truth, refuse_other
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.contact.shape_table import TableShape, tabulated
+from flexmbd.multibody.contact.table_shape import TableShape, tabulated
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import planar_profile as at
 from flexmbd.multibody.kernels.contact import signed_distance as kinds

@@ -21,6 +21,7 @@ from flexmbd.multibody.contact.shapes import (
     Vertex,
     corners,
 )
+from flexmbd.multibody.contact.table_shape import refuse_table
 from flexmbd.multibody.kernels.contact.finding.shape_table import (
     CUBE,
     MOST_SHAPES,
@@ -126,7 +127,12 @@ class _Rows:
         self._known: dict[int, int] = {}
 
     def add(self, shape: TouchShape) -> None:
-        """Append a shape."""
+        """Append a shape.
+
+        Raises:
+            SceneError: spheres alone touch it.
+        """
+        refuse_table(shape)
         core, radius, bound = -1, 0.0, np.inf
         scale: FloatArray = np.ones(3)
         offset: FloatArray = np.zeros(3)

@@ -12,6 +12,8 @@ from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.hard_contact import Hard, HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.shapes import (
     SHAPES,
     Box,
@@ -28,30 +30,39 @@ from flexmbd.multibody.contact.shapes import (
 
 FloatArray = NDArray[np.float64]
 Touching = TouchShape | Sequence[TouchShape]
+AnyContact = Contact | HardContact | HardGroup
 
 
 def contacts(
     one: Touching,
     other: Touching,
-    law: NormalLaw,
+    law: NormalLaw | Hard,
     friction: Friction | None,
     *,
     are_joined: Callable[[Body, Body], bool],
-) -> list[Contact]:
+    joined: Sequence[tuple[Body, Body]] = (),
+) -> list[AnyContact]:
     """All contacts of a shape or of each of a group with another one, or with each of another group.
 
     Each pair of shapes touches once, in whatever lists they stand.  Of groups, pairs on one body and pairs of bodies
-    that ``are_joined`` are left out.
+    that ``are_joined`` are left out; ``joined`` are these.  Hard contacts of groups, and of other pairs than of spheres
+    or points, are one group, whose points are found in each step.
 
     Raises:
         SceneError: what is no shape; a pair of one body; a pair that does not touch by spheres or points.
     """
-    refuse_other(law, NormalLaw, "the law of a contact", wanted="fm.contact.Hertz(...) or fm.contact.PowerLaw(...)")
+    wanted = "fm.contact.Hertz(...), fm.contact.PowerLaw(...) or fm.contact.Hard(...)"
+    refuse_other(law, (NormalLaw, Hard), "the law of a contact", wanted=wanted)
+    if isinstance(law, Hard) and friction is not None:
+        raise SceneError("a hard contact has its own friction, fm.contact.Hard(mu=...): leave `friction` out")
     if friction is not None:
         refuse_other(friction, Friction, "friction", wanted="fm.contact.Friction(...)")
     first, second = _group(one), _group(other)
     single = len(first) == len(second) == 1
-    found: list[Contact] = []
+    if isinstance(law, Hard) and not any(shape.frame.modes is not None for shape in (*first, *second)):
+        if not (single and _is_known(first[0], second[0])):
+            return [HardGroup(tuple(first), tuple(second), law, tuple(joined))]
+    found: list[AnyContact] = []
     known: set[frozenset[int]] = set()
     for a in first:
         for b in second:
@@ -84,7 +95,7 @@ def _group(given: Touching) -> list[TouchShape]:
     return [shape for shape in shapes if isinstance(shape, SHAPES)]
 
 
-def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | None) -> list[Contact]:
+def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Friction | None) -> list[AnyContact]:
     """The contacts of two shapes.
 
     Raises:
@@ -98,11 +109,19 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw, friction: Friction | Non
             places, radius = spheres
             frame = touching.frame
             centres = [(float(x), float(y), float(z)) for x, y, z in places]
+            if isinstance(law, Hard):
+                return [HardContact(touched, frame, radius, law, place) for place in centres]
             return [Contact(touched, frame, radius, law, friction, place) for place in centres]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape but "
         "a ConvexPolytope; a Capsule, a Box and a ConvexPolytope touch a HalfSpace"
     )
+
+
+def _is_known(a: TouchShape, b: TouchShape) -> bool:
+    """Whether one of two shapes touches the other by spheres or points that are always the same."""
+    pairs = ((a, b), (b, a))
+    return any(not isinstance(x, Vertex | ConvexPolytope) and _spheres(y, x) is not None for x, y in pairs)
 
 
 def _spheres(touching: TouchShape, touched: TouchedShape) -> tuple[FloatArray, float] | None:

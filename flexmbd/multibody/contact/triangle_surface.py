@@ -15,7 +15,7 @@ from flexmbd.multibody.bodies.closed_surface import whole_rows
 from flexmbd.multibody.bodies.shape import Shape
 from flexmbd.multibody.contact.curved_triangles import control_points, corner_normals
 from flexmbd.multibody.contact.facets import Facets
-from flexmbd.multibody.contact.shape_table import TableShape, tabulated
+from flexmbd.multibody.contact.table_shape import TableShape, tabulated
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.multibody.kernels.contact import triangle_distance as at

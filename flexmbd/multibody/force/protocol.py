@@ -140,6 +140,18 @@ class ElementTable(Protocol):
         that is ``WithStates``.
         """
 
+    def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:
+        """Let a shape on F and a sphere that G carries touch without entering each other.
+
+        ``numbers``: of the shape, the law and the sphere (``kernels.elements.hard_element``).
+        """
+
+    def hard_group(self, what: str, frames: Sequence[Frame], *, law: ArrayLike, numbers: ArrayLike) -> None:
+        """Let shapes on many frames touch without entering each other.
+
+        ``law``: restitution and friction.  ``numbers``: what tells the shapes from others.
+        """
+
     def pairs(
         self, law: Compiled | PairsElement, what: str, group: Sequence[Frame], *, own: ArrayLike = ((),),
         numbers: ArrayLike = (),

@@ -12,6 +12,7 @@ from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.protocol import Joint, step_turn
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.reactions import row_reactions, tree_reactions
+from flexmbd.multibody.kernels.reading.force_tables import refuse_hard_contacts
 from flexmbd.multibody.kernels.reading.tree import joint_frame, outboard
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.moving_frames import MovingFrames
@@ -36,6 +37,7 @@ def reactions(
         SceneError: the joint is not of this scene, or a user's function of force failed, which is asked anew.
     """
     refuse_other(connection, Connection, "what is asked for", wanted="a joint, as scene.connect(...) gives it")
+    refuse_hard_contacts(scene.plan, "the reaction of a joint")
     out: FloatArray = np.zeros((len(t), 6))
     scene.forget_failure()
     series = (t, x, v, a, multipliers, np.zeros(scene.nv), out)

@@ -50,7 +50,7 @@ OF_FIELDS_ALONE = (
 ).split()
 
 
-class SceneParts(NamedTuple):
+class GivenParts(NamedTuple):
     """The parts of a scene, as its user put them together."""
 
     ground: Ground
@@ -72,7 +72,7 @@ class KeptWhile(Generic[T]):
         """Copies and pickles have none."""
         return KeptWhile, ()
 
-    def of(self, parts: SceneParts, make: Callable[[], T]) -> T:
+    def of(self, parts: GivenParts, make: Callable[[], T]) -> T:
         """What was made of these parts where none of them has changed since; else what ``make`` makes now."""
         kept = self._kept
         if kept is not None and kept[0].is_untouched(parts):
@@ -106,7 +106,7 @@ class BuiltOf:
     numbers: tuple[Any, ...]
     lists: list[tuple[list[Any], Any]]
 
-    def is_untouched(self, parts: SceneParts) -> bool:
+    def is_untouched(self, parts: GivenParts) -> bool:
         """Whether the parts are these very ones, and nothing in them was given anew or changed in place.
 
         What is frozen holds what it held, so that its values need not be read again: a scene of a hundred thousand
@@ -124,7 +124,7 @@ class BuiltOf:
             return False
 
 
-def built_of(parts: SceneParts) -> BuiltOf | None:
+def built_of(parts: GivenParts) -> BuiltOf | None:
     """What a scene is built of; None where it holds anything of which it is not known what may change in it."""
     read = _Reader()
     try:
@@ -145,7 +145,7 @@ def built_of(parts: SceneParts) -> BuiltOf | None:
     return BuiltOf(values, objects, arrays, _numbers(arrays), list(read.lists.values()))
 
 
-def _objects(parts: SceneParts) -> list[object]:
+def _objects(parts: GivenParts) -> list[object]:
     """The parts of a scene, and the attributes of those that are not frozen."""
     known = [parts.team, parts.gravity, parts.ground, parts.ground.name]
     attributes = [chain.from_iterable(map(_attributes_of(kind), own)) for kind, own in _by_kind(parts.bodies)]

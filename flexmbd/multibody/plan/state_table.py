@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.contact.bristle import N_KEPT
 from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES, frame_states_scratch
+from flexmbd.multibody.kernels.elements.hard_element import HARD_CONTACT, HARD_GROUP
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME, STATES
 from flexmbd.multibody.plan.numbering import Numbering
 from flexmbd.multibody.plan.state_loads import (
@@ -119,6 +120,17 @@ class StateTable(ABC):
         f, g = self.frame(frame_F), self.frame(frame_G)
         kept = () if bristle is None else _KEPT
         self.element(kind, what, f=f, g=g, v=first, data=data, count=N_KEPT, memory=self.late_memory(kept))
+
+    def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:
+        """Let a shape on F and a sphere that G carries touch without entering each other."""
+        f, g = self.frame(frame_F), self.frame(frame_G)
+        self.element(HARD_CONTACT, what, f=f, g=g, data=self.numbers(flat(numbers)))
+
+    def hard_group(self, what: str, frames: Sequence[Frame], *, law: ArrayLike, numbers: ArrayLike) -> None:
+        """Let shapes on many frames touch without entering each other."""
+        rows = [self.frame(frame) for frame in frames]
+        data = self.numbers([*flat(law), *rows, *flat(numbers)])
+        self.element(HARD_GROUP, what, f=rows[0], g=rows[-1], data=data, count=len(rows))
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.hard_contact import HardContact
+from flexmbd.multibody.contact.shapes import TouchShape
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.reading.force_tables import hard_contact_places
 from flexmbd.multibody.kernels.sampling import contacts as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -46,6 +49,14 @@ class ContactSeries:
         return self.force - self.normal_force[:, None] * self.normal
 
 
+def _element(scene: CompiledScene, contact: Contact | HardContact) -> int:
+    """Its row of ``Plan.elements``."""
+    rows = scene.index.forces.get(contact)
+    if rows is None or not rows.elements:
+        raise SceneError(f"{contact.what} is not in this trajectory's scene")
+    return rows.elements.start
+
+
 def contact_rows(
     scene: CompiledScene, contact: Contact, t: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray
 ) -> ContactSeries:
@@ -55,10 +66,74 @@ def contact_rows(
         SceneError: it is no contact, or of another scene.
     """
     refuse_other(contact, Contact, "what is asked for a contact's series", wanted="what System.touch returned")
-    rows = scene.index.forces.get(contact)
-    if rows is None or not rows.elements:
-        raise SceneError(f"{contact.what} is not in this trajectory's scene")
     out = np.zeros((len(x), at.N_CONTACT))
-    at.contact_series(scene.plan, new_work(scene.plan), rows.elements.start, t, x, v, a, out)
+    at.contact_series(scene.plan, new_work(scene.plan), _element(scene, contact), t, x, v, a, out)
     parts = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
     return ContactSeries(parts[0][:, 0], *parts[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class HardContactSeries(ContactSeries):
+    """A hard contact along a motion: forces are impulses over the steps in which they act.
+
+    Attributes:
+        normal_work, friction_work: (nt,) J, what both have done on the machine since the start: of impacts that lose
+            speed and of what slides it is negative.
+    """
+
+    normal_work: FloatArray
+    friction_work: FloatArray
+
+
+def hard_contact_rows(
+    scene: CompiledScene, contact: HardContact, x: FloatArray, v: FloatArray, a: FloatArray, told: FloatArray
+) -> HardContactSeries:
+    """The series of a hard contact at rows x (nt, nx), v, a (nt, nv).
+
+    ``told`` (nt, n, 5) of all: force on the sphere (N, inertial axes), and both works since the start.
+
+    Raises:
+        SceneError: it is of another scene.
+    """
+    row = _element(scene, contact)
+    out = np.zeros((len(x), at.N_CONTACT))
+    at.hard_contact_series(scene.plan, new_work(scene.plan), row, x, v, a, out)
+    gap, normal, _, slip, point = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
+    own = told[:, int(np.searchsorted(hard_contact_places(scene.plan), row))]
+    return HardContactSeries(gap[:, 0], normal, own[:, :3], slip, point, own[:, 3], own[:, 4])
+
+
+@dataclass(frozen=True, eq=False)
+class HardGroupSeries:
+    """The points of a group of shapes along a motion, those of all rows one after the other; in inertial axes.
+
+    Attributes:
+        row: (k,) of the trajectory, at the end of whose step each acted.
+        pair: (k, 2) places of the two shapes in ``shapes``.
+        shapes: all of the group.
+        point: (k, 3) m.  normal: (k, 3) out of the second shape onto the first.  gap: (k,) m, within the step.
+        force: (k, 3) N on the first shape, the impulse over the step.
+        slip: (k, 3) m/s, of the first against the second at the step's end, in the tangent plane.
+        normal_work, friction_work: (nt,) J, what all of them have done on the machine since the start.
+    """
+
+    row: NDArray[np.int64]
+    pair: NDArray[np.int64]
+    shapes: tuple[TouchShape, ...]
+    point: FloatArray
+    normal: FloatArray
+    gap: FloatArray
+    force: FloatArray
+    slip: FloatArray
+    normal_work: FloatArray
+    friction_work: FloatArray
+
+    @property
+    def normal_force(self) -> FloatArray:
+        """(k,) N along the normal."""
+        return np.asarray(np.einsum("ij,ij->i", self.normal, self.force))
+
+    @property
+    def friction(self) -> FloatArray:
+        """(k, 3) N on the first shape in the tangent plane."""
+        return self.force - self.normal_force[:, None] * self.normal

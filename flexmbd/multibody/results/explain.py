@@ -18,7 +18,7 @@ from flexmbd.multibody.joint.fixed import Fixed
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.forward_dynamics.shortcuts import shortcuts
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
-from flexmbd.multibody.kernels.reading.force_tables import force_elements
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, hard_contact_places
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, rotates, shaft_inertias
 from flexmbd.multibody.start.consistent_start import Start
 
@@ -230,7 +230,9 @@ def _elements(start: Start) -> list[str]:
     for v, inertia in shaft_inertias(scene.plan):
         text = f"one-dimensional inertia of {inertia:.6g} on {{}}: in the mass matrix"
         lines[_Line(text, (scene.velocity_names[v],), "one-dimensional inertias")] = None
-    return _told(list(lines))
+    watched = len(hard_contact_places(scene.plan))
+    told = [f"{_counted(watched, 'hard contact')} watched, by impulses"] if watched else []
+    return [*_told(list(lines)), *told]
 
 
 def _skipped(start: Start) -> list[str]:

@@ -12,22 +12,30 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.hard_contact import HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces, refuse_hard_contacts
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import coordinate_force, reactions
-from flexmbd.multibody.results.contact_series import ContactSeries, contact_rows
+from flexmbd.multibody.results.contact_series import (
+    ContactSeries,
+    HardGroupSeries,
+    contact_rows,
+    hard_contact_rows,
+)
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
 from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.series.motion_series import MotionSeries, single
+from flexmbd.run.series.repeated_impulses import RepeatedImpulses, group_series, impulses_at, repeated_impulses
 
 FloatArray = NDArray[np.float64]
 
@@ -119,6 +127,7 @@ class ForceSeries(MotionSeries):
             return coordinate_force(connection.joint, self.reaction(connection))
         slots = self._slots(connection)
         plan = self.scene.plan
+        refuse_hard_contacts(plan, "the drive of a joint")
         elements = force_elements(plan)
         plan = keep_forces(plan, [], np.array([not one.drives for one in elements.behaviour], bool))
         if not (force_elements(plan).time >= 0).any():
@@ -187,17 +196,46 @@ class ForceSeries(MotionSeries):
 
     @checked("t")
     def contacts(
-        self, touching: Contact | Sequence[Contact], *, t: ArrayLike | None = None
-    ) -> tuple[ContactSeries, ...]:
+        self,
+        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        *,
+        t: ArrayLike | None = None,
+        rtol: float = 1e-6,
+    ) -> tuple[ContactSeries | HardGroupSeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
+
+        Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once
+        more, for the rows hold no impulses, by ``rtol`` as of ``simulate``.  Each acts as a force over its step.
 
         Raises:
             SceneError: it is no contact, or of another scene.
         """
-        some = [touching] if isinstance(touching, Contact) else [*touching]
+        some = [touching] if isinstance(touching, Contact | HardContact | HardGroup) else [*touching]
+        return tuple(self._contact(one, t, rtol) for one in some)
+
+    def _contact(
+        self, one: Contact | HardContact | HardGroup, t: ArrayLike | None, rtol: float
+    ) -> ContactSeries | HardGroupSeries:
+        if isinstance(one, HardGroup):
+            if t is not None:
+                raise SceneError(f"{one.what}: its points are told at the ends of steps alone; leave `t` out")
+            return group_series(self.scene, one, self._impulses(rtol).groups, rows=len(self.t))
         series = (self.x, self.v, self.a) if t is None else self.motion(t)
+        if isinstance(one, HardContact):
+            return hard_contact_rows(self.scene, one, *series, impulses_at(self._impulses(rtol).pairs, self.t, t))
         times = self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))
-        return tuple(contact_rows(self.scene, one, times, *series) for one in some)
+        return contact_rows(self.scene, one, times, *series)
+
+    @cached_property
+    def _repeated(self) -> dict[float, RepeatedImpulses]:
+        return {}
+
+    def _impulses(self, rtol: float) -> RepeatedImpulses:
+        if rtol not in self._repeated:
+            scene = self.scene if self.kept_rows is None else self.scene.keep_rows(self.kept_rows)
+            found = repeated_impulses(scene, self.t, self.x, self.v, self.departures, rtol=rtol)
+            self._repeated[rtol] = found
+        return self._repeated[rtol]
 
     def _interior(self, body: ContinuumBody) -> int:
         """Which of the interiors is the body's."""

@@ -45,6 +45,7 @@ class Behaviour:
         damper: its numbers that make it dissipate, the first and how many: without them it stores all that it takes.
         lets_go: whether it is no spring that lasts, as a contact is, so that what swings fast on it is a blow and no
             vibration: all of its error counts.
+        hard: whether it is no force but a contact that a method solves for by impulses.
         remembers: whether it has a memory, so that what it stores hangs on the way and not on where it is alone.
     """
 
@@ -59,6 +60,7 @@ class Behaviour:
     damper: tuple[int, int] = (0, 0)
     remembers: bool = False
     lets_go: bool = False
+    hard: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.elements.contact_wrench import ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
+from flexmbd.multibody.kernels.elements.hard_element import (
+    FRICTION,
+    GROUP_FRAMES,
+    GROUP_FRICTION,
+    HARD_CONTACT,
+    HARD_GROUP,
+)
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
-from flexmbd.multibody.kernels.elements.table import are_of, behaviours, stores
+from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
 FloatArray = NDArray[np.float64]
@@ -86,6 +94,44 @@ def can_vibrate(plan: Plan) -> bool:
     Stops, friction and contacts do not, whose grip passes, and neither do dampers: what they hold comes to rest.
     """
     return _has_springs(plan) or bool(constraint_rows(plan).augmented.any())
+
+
+def hard_contact_places(plan: Plan) -> IntArray:
+    """(n,) rows of the elements that are hard contacts."""
+    return np.flatnonzero(are_of(plan, HARD_CONTACT))
+
+
+def has_hard_contacts(plan: Plan) -> bool:
+    """Whether there are contacts that a method solves for by impulses."""
+    return any(one.hard for one in behaviours(plan))
+
+
+def friction_of_hard_contact(plan: Plan, number: int) -> float:
+    """The coefficient of friction of the hard contact that is this element of the scene."""
+    row = plan.elements[plan.elements[:, at.EL_NUMBER] == number][0]
+    place = GROUP_FRICTION if row[at.EL_KIND] == kind_of(HARD_GROUP) else FRICTION
+    return float(plan.data[row[at.EL_DATA] + place])
+
+
+def group_frames(plan: Plan, row: int) -> IntArray:
+    """(n,) rows of the frames of the shapes of the group of hard contacts in this row of the elements."""
+    element = plan.elements[row]
+    first = element[at.EL_DATA] + GROUP_FRAMES
+    return plan.data[first : first + element[at.EL_COUNT]].astype(np.int64)
+
+
+def element_numbers(plan: Plan, rows: Sequence[int]) -> IntArray:
+    """(k,) the numbers in the scene of these rows of the elements."""
+    return np.ascontiguousarray(plan.elements[list(rows), at.EL_NUMBER])
+
+
+def refuse_hard_contacts(plan: Plan, what: str) -> None:
+    """Raise SceneError where there are contacts that act by impulses, of which ``what`` knows nothing."""
+    if has_hard_contacts(plan):
+        raise SceneError(
+            f"{what} is not known in a scene with hard contacts (fm.contact.Hard), whose impulses are no forces of the "
+            "equations; take a smooth law, as fm.contact.PowerLaw, where it is needed"
+        )
 
 
 def has_stiff_elements(plan: Plan) -> bool:

@@ -10,6 +10,7 @@ from flexmbd.multibody.kernels.contact.normal_force import RADIUS
 from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.contact_wrench import centre_motion, law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
+from flexmbd.multibody.kernels.impulses.touching import nearest_point, relative_velocity
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
 
@@ -57,3 +58,17 @@ def depth_series(plan, work, elements, x, v, out):
             depth = plan.data[o + RADIUS] - distance(plan.data, o, place)[0]
             way = way_to_middle(plan.data, o)
             out[k, j] = depth / way if depth > 0.0 else 0.0
+
+
+@entry_kernel
+def hard_contact_series(plan, work, i, x, v, a, out):
+    """As ``contact_series`` of a hard contact in row i; its FORCE is left to who solved for it."""
+    row = plan.elements[i]
+    for k in range(x.shape[0]):
+        forward_kinematics(plan, work, x[k], v[k], a[k])
+        point, normal, gap = nearest_point(plan, work, row)
+        slip = relative_velocity(plan, work, row[at.EL_F], row[at.EL_G], point)
+        out[k, GAP] = gap
+        store3(out[k], NORMAL, normal)
+        store3(out[k], SLIDING, sub3(slip, scale3(dot3(normal, slip), normal)))
+        store3(out[k], POINT, point)

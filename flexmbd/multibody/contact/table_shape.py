@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.force.protocol import ElementTable
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import signed_distance as at
 
@@ -19,6 +21,13 @@ FloatArray = NDArray[np.float64]
 _MOST_BALLS = 30  # shrinkings of one, most take five
 _SAMPLES = 500  # of the points at which the thickness is looked for
 _OPPOSED = -0.5  # cosine of the normals at both ends, below which a ball is between two sides, not in a corner
+
+
+class NumberedShape(Protocol):
+    """A shape that numbers tell."""
+
+    def numbers(self) -> FloatArray:
+        """(4,) its kind and sizes (``kernels.contact.signed_distance``)."""
 
 
 class TableShape(ABC):
@@ -124,3 +133,25 @@ def _box_tree(low: FloatArray, high: FloatArray) -> FloatArray:
         place = np.concatenate([place + 1, place + 2 * half])
         count = np.concatenate([half, count - half])
     return nodes
+
+
+def tables_of(shape: object) -> tuple[SharedNumbers, ...]:
+    """The table of a shape, if it has one."""
+    return (shape.table,) if isinstance(shape, TableShape) else ()
+
+
+def placed_numbers(shape: NumberedShape, table: ElementTable) -> FloatArray:
+    """(4,) a shape's numbers, with the place of its table, if it has one."""
+    found = shape.numbers()
+    if isinstance(shape, TableShape):
+        found[at.TABLE] = table.shared(shape.table)
+    return found
+
+
+def refuse_table(shape: object) -> None:
+    """Raise SceneError for a shape with a table among shapes whose contacts are found in each step."""
+    if isinstance(shape, TableShape):
+        raise SceneError(
+            f"{type(shape).__name__} on {shape.frame.label}: spheres and vertices alone touch it, one by one; call "
+            "touch for it and each of them, not for a list"
+        )

@@ -1,0 +1,363 @@
+"""A step of Moreau's and Jean's method.
+
+    x_m = x_n moved by h/2 v_n,    v_f = v_n + h a(x_m, (v_n + v_f) / 2),
+    v_n+1 = v_f + M^-1 J^T P,      x_n+1 = x_m moved by h/2 v_n+1,
+
+at x_m the contacts, M and J.  Smooth motion is of order 2 (position Verlet, its velocities by the implicit midpoint
+rule); the spins of bodies that fly by themselves keep their angular momentum (``free_spins``).  A contact is in the
+step where it touches, or would by the end: its normal velocity then ends at e times that of its approach at least
+(Newton's law of impact), and where it does not approach, or e = 0, its gap does not close beyond zero.  Overlaps that
+an impact within a step leaves are opened by a displacement, the least in the metric of the masses, which changes no
+velocity (``solve_positions``); what flies apart by itself is left alone, so that an elastic impact keeps the energy.
+Sources: Moreau 1988, 1999; Jean 1999; Acary & Brogliato 2008, chapter 10; Schindler & Acary 2014.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.integrate import state as st
+from flexmbd.integrate.controller import Rule, next_step
+from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accelerate, accept, close_loops, move
+from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_tangent
+from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3
+from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
+from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
+from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
+from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
+from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
+from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
+from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
+from flexmbd.multibody.kernels.impulses.parts import CoupledParts, size_of
+from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
+from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
+from flexmbd.round_off import EQUAL, ROUND_OFF, TEN_DIGITS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Steps are fixed: nothing follows from it.
+RULE = Rule(exponent=0.5)
+
+_EVALUATIONS = 30  # of the smooth forces in a step
+_SWEEPS = 1000
+_OF_TOLERANCE = 0.1  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
+_STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
+
+#: Columns of what a step tells of each contact: the force on G (N, inertial axes), the work (J) of its normal
+#: part and of friction, the slip (m/s) at its end.
+TOLD_FORCE, TOLD_NORMAL, TOLD_FRICTION, TOLD_SLIP, N_TOLD = 0, 3, 4, 5, 8
+
+
+@dataclass(frozen=True, eq=False)
+class MoreauMemory(ArrayStruct):
+    """Of the loops; impulses of the last step, where the next one begins, are forgotten as factors are."""
+
+    loops: LoopMemory
+
+
+@dataclass(frozen=True, eq=False)
+class MoreauWorkspace(ArrayStruct):
+    """The machine, its contacts, and the vectors of a step.
+
+    Attributes:
+        moves: (nv,) whether each velocity is free.
+        extent: (1,) m, of the machine.
+        told: (k, N_TOLD) of each contact.
+        x, u: the middle of the step, and a displacement.  end: its end.
+        begin: the velocity at the step's begin, as of free spins in the middle.
+        v: that at which forces are evaluated; free: at the end without impulses; last: with them.
+        a, multipliers: of the smooth forces.
+    """
+
+    machine: ExplicitMachine
+    watched: Watched
+    groups: ShapeGroups
+    kept: KeptImpulses
+    spins: FreeSpins
+    parts: CoupledParts
+    contacts: Contacts
+    memory: MoreauMemory
+    moves: IntArray
+    extent: FloatArray
+    told: FloatArray
+    multipliers: FloatArray
+    x: FloatArray
+    end: FloatArray
+    u: FloatArray
+    begin: FloatArray
+    v: FloatArray
+    free: FloatArray
+    last: FloatArray
+    a: FloatArray
+
+
+@kernel
+def _smooth(s, state, groups, h):
+    """Write the velocity at the end without impulses; False where that failed."""
+    middle = state.numbers[st.TIME] + 0.5 * h
+    for k in range(s.v.shape[0]):
+        s.begin[k] = state.v[k]
+    to_middle(s.spins, h, s.begin)
+    for k in range(s.v.shape[0]):
+        s.v[k] = s.begin[k]
+        s.free[k] = s.begin[k]
+    before = math.inf
+    for _ in range(_EVALUATIONS):
+        if not accelerate(s.machine, state, middle, s.x, s.v, s.a, s.multipliers):
+            return False
+        without_gyration(s.spins, s.v, s.a)
+        change = 0.0
+        for k in range(s.v.shape[0]):
+            if s.moves[k] == 0:
+                s.free[k] = s.v[k]
+                continue
+            end = s.begin[k] + h * s.a[k]
+            size = st.group_speed(groups, groups.of[k], state.numbers[st.RATE]) + abs(end)
+            found = abs(end - s.free[k]) / size
+            if not found <= change:
+                change = found
+                state.counts[st.WORST] = k
+            s.free[k] = end
+            s.v[k] = 0.5 * (s.begin[k] + end)
+        if not math.isfinite(change):
+            state.counts[st.OUTCOME] = st.NOT_FINITE
+            return False
+        if change <= ROUND_OFF or (change <= TEN_DIGITS and not change < 0.5 * before):
+            return True
+        before = change
+    state.counts[st.OUTCOME] = st.NOT_CONVERGED
+    return False
+
+
+@kernel
+def _invert(plan, work, aw, loops, parts):
+    """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once."""
+    for j in range(parts.largest[0]):
+        for k in range(parts.unit.shape[1]):
+            parts.unit[0, k] = 0.0
+        for c in range(parts.first.shape[0] - 1):
+            if j < size_of(parts, c):
+                parts.unit[0, parts.velocity[parts.first[c] + j]] = 1.0
+        solve_mass(plan, work, aw, parts.unit, parts.answer)
+        if plan.rows.shape[0] > 0:
+            project_onto_tangent(plan, work, aw, loops, parts.answer[0])
+        for c in range(parts.first.shape[0] - 1):
+            n = size_of(parts, c)
+            if j < n:
+                for i in range(n):
+                    value = parts.answer[0, parts.velocity[parts.first[c] + i]]
+                    parts.inverse[parts.square[c] + i * n + j] = value
+
+
+@kernel
+def _speed(watched, i):
+    """The larger of the speeds of a point at the step's begin and, without impulses, at its end (m/s)."""
+    before, free = load3(watched.before[i], 0), load3(watched.free[i], 0)
+    return math.sqrt(max(dot3(before, before), dot3(free, free)))
+
+
+@kernel
+def _choose(s, h, kick):
+    """List the contacts of the step with their bounds; the largest speed among them (m/s).
+
+    ``kick`` (m/s): the velocity that smooth forces make in the step, by which what rests is told from what strikes.
+    """
+    w, c = s.watched, s.contacts
+    near = ROUND_OFF * s.extent[0] + 0.5 * h * kick
+    fastest = 0.0
+    for i in range(w.count[0]):
+        fastest = max(fastest, _speed(w, i))
+    n, speed = 0, 0.0
+    for i in range(w.count[0]):
+        normal, gap = load3(w.normal[i], 0), w.gap[i]
+        e, approach = w.law[i, 0], dot3(normal, load3(w.before[i], 0))
+        closes = gap <= near or gap + 0.5 * h * dot3(normal, load3(w.free[i], 0)) < 0.0
+        if not closes and (e > 0.0 or gap > h * fastest):
+            continue
+        bound = -max(gap, 0.0) / h  # touching at the middle of the next step
+        if e > 0.0 and approach < 0.0:
+            bound = -e * approach
+        c.watched[n], c.bound[n], c.friction[n] = i, bound, w.law[i, 1]
+        speed = max(speed, _speed(w, i))
+        n += 1
+    c.count[0] = n
+    return speed
+
+
+@kernel
+def _begin(s, i):
+    """The impulse of contact i in the last step, within the friction cone."""
+    c, k = s.contacts, s.contacts.watched[i]
+    P = rotate(load9(c.basis[i], 0), recall(s.kept, s.watched.id[k]))
+    most, size = c.friction[i] * max(P[0], 0.0), math.sqrt(P[1] * P[1] + P[2] * P[2])
+    share = most / size if size > most else 1.0
+    store3(c.impulse[i], 0, (max(P[0], 0.0), share * P[1], share * P[2]))
+
+
+@kernel
+def _is_painleve(s, state, i, kick):
+    """Whether a contact that rests and slides would be pressed the more it is pushed apart (Painlevé 1895)."""
+    c, w, k = s.contacts, s.watched, s.contacts.watched[i]
+    u = rotate(load9(c.basis[i], 0), load3(w.before[k], 0))
+    f = rotate(load9(c.basis[i], 0), load3(w.free[k], 0))
+    slip = math.sqrt(u[1] * u[1] + u[2] * u[2])
+    if abs(u[0]) > kick or not slip > kick or f[0] >= 0.0:
+        return False
+    across = (c.own[i, 1] * u[1] + c.own[i, 2] * u[2]) / slip
+    if c.own[i, 0] > c.friction[i] * across:
+        return False
+    state.counts[st.OUTCOME] = st.PAINLEVE
+    of_pairs = w.number.shape[0]
+    state.counts[st.WORST] = w.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+    state.numbers[st.ERROR_RATIO] = math.atan2(across, c.own[i, 0])
+    return True
+
+
+@kernel
+def _touch(s, state, h):
+    """Write the velocity at the end, the impulses in ``contacts``; False where they are not found."""
+    m, c = s.machine, s.contacts
+    plan, work = m.plan, m.work
+    c.count[0] = 0
+    if s.watched.gap.shape[0] == 0:
+        return 0.0
+    forward_kinematics(plan, work, s.x, s.begin, m.aw.zeros)
+    found = place(plan, work, s.watched, s.groups, h)
+    if found < 0:
+        state.counts[st.OUTCOME] = st.NO_ROOM if found == TOO_SMALL else st.NOT_FINITE
+        return -1.0
+    forward_kinematics(plan, work, s.x, s.free, m.aw.zeros)
+    weight = load3(plan.gravity, 0)
+    kick = foresee(plan, work, s.watched) + h * math.sqrt(dot3(weight, weight))
+    speed = _choose(s, h, kick)
+    n = c.count[0]
+    if n == 0:
+        return kick
+    _invert(plan, work, m.aw, m.loops, s.parts)
+    for i in range(n):
+        k = c.watched[i]
+        enter(plan, work, s.parts, c, i, s.watched.frames[k], s.watched.point[k], s.watched.normal[k])
+        if c.friction[i] > 0.0 and _is_painleve(s, state, i, 2.0 * kick):
+            return -1.0
+        _begin(s, i)
+    speed, nothing = max(speed, kick), EQUAL * s.watched.fastest[0]
+    least = max(_OF_TOLERANCE * state.numbers[st.TOLERANCE] * speed, nothing)
+    sweeps, change = solve_impulses(s.parts, c, s.last, least, _SWEEPS)
+    state.counts[st.ITERATIONS] += sweeps
+    if not change <= max(_STUCK * speed, nothing):
+        state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+        return -1.0
+    return kick
+
+
+@kernel
+def _overlap(s, h, kick):
+    """Write the gaps at the step's end, none of what flies apart by itself; whether there are overlaps."""
+    c = s.contacts
+    overlaps = False
+    for i in range(c.count[0]):
+        away = normal_at(s.parts, c, i, s.last)
+        gap = s.watched.gap[c.watched[i]] + 0.5 * h * away
+        c.shift[i] = max(gap, 0.0) if away > kick else gap
+        overlaps = overlaps or c.shift[i] < -EQUAL * s.extent[0]
+    return overlaps
+
+
+@kernel
+def _tell(s, h):
+    """Keep the impulses; write what they are as forces and do as work."""
+    c = s.contacts
+    clear(s.kept)
+    for i in range(c.count[0]):
+        k = c.watched[i]
+        basis, P = load9(c.basis[i], 0), load3(c.impulse[i], 0)
+        whole = rotate_back(basis, P)
+        keep(s.kept, s.watched.id[k], whole)
+        store3(s.told[i], TOLD_FORCE, scale3(1.0 / h, whole))
+        after = velocity_at(s.parts, c, i, s.last)
+        u = scale3(0.5, add3(rotate(basis, load3(s.watched.before[k], 0)), after))
+        s.told[i, TOLD_NORMAL] = P[0] * u[0]
+        s.told[i, TOLD_FRICTION] = P[1] * u[1] + P[2] * u[2]
+        store3(s.told[i], TOLD_SLIP, rotate_back(basis, (0.0, after[1], after[2])))
+
+
+@kernel
+def attempt(s, state, groups, h):
+    """An attempt at a step, see ``controller``."""
+    state.numbers[st.ERROR_RATIO] = math.inf
+    m = s.machine
+    for k in range(s.u.shape[0]):
+        s.u[k] = 0.5 * h * state.v[k]
+    move(m, state.x, s.u, s.x)
+    if not _smooth(s, state, groups, h):
+        return
+    for k in range(s.last.shape[0]):
+        s.last[k] = s.free[k]
+    kick = _touch(s, state, h)
+    if kick < 0.0:
+        return
+    overlaps = _overlap(s, h, kick)
+    _tell(s, h)
+    if not to_end(s.spins, h, s.last):
+        state.counts[st.OUTCOME] = st.NOT_CONVERGED
+        return
+    for k in range(s.u.shape[0]):
+        s.u[k] = 0.5 * h * s.last[k]
+    move(m, s.x, s.u, s.end)
+    if overlaps:
+        solve_positions(s.parts, s.contacts, s.u)
+        move(m, s.end, s.u, s.end)
+    _finish(s, state, groups, h)
+
+
+@kernel
+def _finish(s, state, groups, h):
+    """Bring prescribed coordinates and loops to the step's end, and accept it."""
+    m = s.machine
+    evaluate_times(m.plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), m.work.time)
+    if m.plan.flag[0] != 0:
+        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+        return
+    drive(m.plan, m.work, s.end, s.last, s.a)
+    if not close_loops(m, state, groups, s.end, s.last):
+        return
+    for k in range(s.a.shape[0]):
+        if s.moves[k] == 1:
+            s.a[k] = (s.last[k] - state.v[k]) / h
+    state.numbers[st.ERROR_RATIO] = 0.0
+    accept(m, state, s.end, s.last, s.a, s.multipliers)
+
+
+@entry_kernel
+def advance(s, rule, knots, state, groups, record):
+    """Step until the end, a full record, or a failure; see ``controller``."""
+    h = 0.0
+    while True:
+        h = next_step(s.machine.plan, rule, knots, state, groups, record, h)
+        if h == 0.0:
+            return state.counts[st.OUTCOME]
+        attempt(s, state, groups, h)
+
+
+@entry_kernel
+def repeat(s, state, groups, t, end, x, v):
+    """Take the step from t to ``end`` (s) that began at x (nx,), v (nv,) once more; the outcome."""
+    for k in range(state.x.shape[0]):
+        state.x[k] = x[k]
+    for k in range(state.v.shape[0]):
+        state.v[k] = v[k]
+    state.numbers[st.TIME] = t
+    state.numbers[st.STEP_END] = end
+    state.numbers[st.RATE] = st.machine_rate(state, groups)
+    state.counts[st.OUTCOME] = st.DONE
+    attempt(s, state, groups, end - t)
+    return state.counts[st.OUTCOME]

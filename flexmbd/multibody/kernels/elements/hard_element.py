@@ -1,0 +1,27 @@
+"""A sphere or a point that a shape lets in nowhere: no force, but impulses, which a method solves for.
+
+Numbers: the shape's (``contact.signed_distance``), then those whose places have names below.
+"""
+
+from __future__ import annotations
+
+from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
+from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement
+
+#: Places of the numbers: the sphere's radius (m); the coefficients of restitution and of friction; the sphere's centre
+#: in the axes of its own frame G (3, m).
+RADIUS, RESTITUTION, FRICTION, CENTRE = range(SHAPE_NUMBERS, SHAPE_NUMBERS + 4)
+
+
+@kernel
+def _wrench(plan, work, row, d, R, rate, spin):
+    return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+HARD_CONTACT = FrameElement(Behaviour("hard contacts", hard=True, lets_go=True), _wrench)
+
+#: The same of groups of shapes, whose points are found in each step.  Numbers: restitution, friction, how many shapes
+#: (EL_COUNT), the row of ``Plan.frames`` of each, and what tells the shapes.
+HARD_GROUP = FrameElement(Behaviour("groups of hard contacts", hard=True, lets_go=True), _wrench)
+GROUP_RESTITUTION, GROUP_FRICTION, GROUP_FRAMES = 0, 1, 2
