@@ -55,7 +55,7 @@ class HardGroup(BetweenFrames):
         return f"hard contact of {sizes} shapes, {ends}"
 
     def check(self) -> None:
-        """Raise SceneError for a law that is none, a shape that only spheres touch, a shape on a point mass, or one body alone."""
+        """Raise SceneError for a law that is none, shapes that spheres alone touch, on a point mass, or on one body."""
         self.law.check(self.what)
         for shape in self.shapes:
             refuse_table(shape)
