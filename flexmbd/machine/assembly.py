@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -224,6 +224,14 @@ class MachineAssembly:
         self._check_force(force)
         self._forces.append(force)
         return force
+
+    @overload
+    def touch(
+        self, one: Touching, other: Touching, law: NormalLaw, *, friction: Friction | None = None
+    ) -> tuple[Contact, ...]: ...
+
+    @overload
+    def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
 
     def touch(
         self, one: Touching, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None

@@ -212,7 +212,7 @@ def test_an_unchanged_system_is_not_read_again(build: Callable[[], Built], monke
     built = build()
     read, counted = built_of_module.built_of, []
 
-    def counting(parts: built_of_module.SceneParts) -> Any:
+    def counting(parts: built_of_module.GivenParts) -> Any:
         counted.append(parts)
         return read(parts)
 

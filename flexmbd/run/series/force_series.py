@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -193,6 +194,20 @@ class ForceSeries(MotionSeries):
             SceneError: the force remembers nothing, or is not in the scene.
         """
         return memory_series(self.scene.index, force, self.x if t is None else self.motion(t)[0])
+
+    @overload
+    def contacts(
+        self, touching: Contact | Sequence[Contact], *, t: ArrayLike | None = None
+    ) -> tuple[ContactSeries, ...]: ...
+
+    @overload
+    def contacts(
+        self,
+        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        *,
+        t: ArrayLike | None = None,
+        rtol: float = 1e-6,
+    ) -> tuple[ContactSeries | HardGroupSeries, ...]: ...
 
     @checked("t")
     def contacts(
