@@ -89,7 +89,7 @@ def marker(body: Body, p: ArrayLike, R: ArrayLike | None, name: str) -> Frame:
     if position.shape != (3,) or not np.isfinite(position).all():
         raise SceneError(f"frame {label}: p must be three finite numbers (m), got {p!r}")
     rotation = np.eye(3) if R is None else check_rotation(R, f"frame {label}: R")
-    return Frame(body, position, rotation, None, label)
+    return Frame(body, position.copy(), rotation.copy(), None, label)
 
 
 def interface_frame(body: Body, record: ReducedBody, interface: InterfaceFrame, label: str) -> Frame:

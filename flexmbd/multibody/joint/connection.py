@@ -163,7 +163,7 @@ class Connection:
                 f"joint {self.name!r}: {what} of a {type(self.joint).__name__} takes {size} "
                 f"finite number(s), got {value!r}"
             )
-        return vector
+        return vector.copy()
 
 
 def motion_name(connection: Connection) -> str:

@@ -225,7 +225,10 @@ class ForceSeries(MotionSeries):
         Raises:
             SceneError: it is no contact, or of another scene.
         """
-        some = [touching] if isinstance(touching, Contact | HardContact | HardGroup) else [*touching]
+        kinds = (Contact, HardContact, HardGroup)
+        some = [*touching] if isinstance(touching, Sequence) else [touching]
+        for one in some:
+            refuse_other(one, kinds, "what is asked for a contact's series", wanted="what System.touch returned")
         return tuple(self._contact(one, t, rtol) for one in some)
 
     def _contact(

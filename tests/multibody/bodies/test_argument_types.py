@@ -206,3 +206,21 @@ def test_a_method_of_the_users_own_is_taken_by_what_it_has():
     rule = fm.ExplicitRungeKutta()
     own = SimpleNamespace(name="mine", order=rule.order, check=rule.check, stepper=rule.stepper)
     assert scene.simulate(0.1, integrator=own).stats.integrator == "mine"
+
+
+def test_what_is_given_as_an_array_may_be_used_again():
+    """Places and axes of frames, and positions of joints, are those of when they were given."""
+    scene = fm.System()
+    body = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="body")
+    place, axes, frames = np.zeros(3), np.eye(3), []
+    for _ in range(3):
+        frames.append(body.frame(p=place, R=axes))
+        place[0] += 0.5
+        axes[:] = axes @ [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    assert [frame.p_BF_B[0] for frame in frames] == [0.0, 0.5, 1.0]
+    assert [frame.R_BF[0, 0] for frame in frames] == [1.0, 0.0, -1.0]
+    joint = scene.connect(fm.joint.Spherical(), scene.ground.frame(), body.frame())
+    given = np.array([1.0, 0.0, 0.0, 0.0])
+    joint.position = given
+    given[0] = 2.0
+    assert joint.position[0] == 1.0
