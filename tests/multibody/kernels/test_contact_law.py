@@ -9,7 +9,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.multibody.kernels.contact.bristle import stretch
 from flexmbd.multibody.kernels.contact.contact_law import contact, contact_energy, contact_variation
-from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS
+from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS, normal_force
 
 SHAPES = {
     "sphere": ([kinds.SPHERE, 0.5, 0.0, 0.0], (0.3, -0.2, 0.4)),
@@ -59,8 +59,9 @@ def lead(memory, data, path, depth, out):
     """The stretch after a second on a way in the xy plane; 1 m/N is how far it goes before it slides."""
     zero = 0.0, 0.0, 0.0
     way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
+    law = data, 0, 1.0, 0.0, normal_force(data, 0, depth[0], depth[1])[0], 0.0
     end, _, _, _ = stretch(
-        memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), (data, 0, 1.0, 0.0), (depth[0], depth[1]), (0.0, 0.0)
+        memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), law, (depth[0], depth[1]), (0.0, 0.0)
     )
     out[0], out[1], out[2] = end
 

@@ -30,6 +30,7 @@ _PIECES = 12  # at most: 8^-12 of it is below round-off
 _PARTS = 4  # of a way that bends
 _TURNED = 8.0  # stretches after which nothing is left of the direction before
 _FAR = 0.5  # of s at both ends: a stretch and a way that are shorter together slide nowhere
+_ASIDE = 4.0 / 27.0  # of the rates at both ends, the farthest that a cubic goes because of them
 _HALVINGS = 52
 _SECTIONS = 32  # golden: 2e-7 of a piece, about a maximum
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -111,7 +112,9 @@ def _slide(z, dz, move, dmove, before, s, ds):
 @kernel
 def _longest(law, depth, e):
     """s, and its variation, where the share e of the time is left; 0 where nothing touches."""
-    data, o, per, dper = law
+    data, o, per, dper, N, dN = law
+    if e == 0.0:
+        return per * N, dper * N + per * dN
     duration, last, (first, second, third), dlast, (dfirst, dsecond, dthird) = depth
     deep, ddeep = last[0] + e * (first + e * (second + e * third)), dlast[0] + e * (dfirst + e * (dsecond + e * dthird))
     rate, drate = last[1], dlast[1]
@@ -172,7 +175,8 @@ def _lead(law, depth, way, dway, begin, end):
     """
     z, dz, left = begin
     place, there = _from_end(way[0], way[1], way[2], left), _from_end(way[0], way[1], way[2], end)
-    s = _longest(law, depth, end)[0]
+    last, dlast = _longest(law, depth, end)
+    s = last
     move = sub3(there, place)
     reached = add3(z, move)
     bends = dot3(reached, reached) > s * s and dot3(move, move) < _TURNED * _TURNED * s * s
@@ -183,7 +187,7 @@ def _lead(law, depth, way, dway, begin, end):
     for part in range(parts):
         here = end + (parts - 1 - part) * step
         there, dthere = _from_end(way[0], way[1], way[2], here), _from_end(dway[0], dway[1], dway[2], here)
-        s, ds = _longest(law, depth, here)
+        s, ds = (last, dlast) if part == parts - 1 else _longest(law, depth, here)
         z, dz, slides = _slide(z, dz, sub3(there, place), sub3(dthere, dplace), before, s, ds)
         place, dplace, before = there, dthere, s
     return z, dz, slides
@@ -200,9 +204,6 @@ def follow(z, way, dway, law, depth):
     s = _longest(law, depth, 0.0)[0]
     if left < 1.0:
         z = _ZERO
-    elif _length(z) + _length(way[0]) + _length(way[1]) + _length(way[2]) < _FAR * min(s, _longest(law, depth, 1.0)[0]):
-        whole, dwhole = _from_end(way[0], way[1], way[2], 1.0), _from_end(dway[0], dway[1], dway[2], 1.0)
-        return sub3(z, whole), scale3(-1.0, dwhole), False, False  # it sticks, far from sliding
     turns = _turns(way[0], way[1], way[2])
     for piece in range(2 + _PIECES):
         if piece < 2:
@@ -231,7 +232,8 @@ def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
     """The stretch at t (s), its variation across n, whether it slides there and whether before, of the memory at m.
 
     ``way``: to where it has come, and its rate; ``depth``: likewise; then the variations of both.  ``law``: where the
-    normal force's numbers are, and the length at which the bristle slides under 1 N (m/N), with its variation.
+    normal force's numbers are, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal
+    force at t (N) with its own.
     """
     duration = t - memory[m + at.MEMORY_TIME]
     duration = duration if duration > 0.0 else 0.0  # before a start has written it: straight on
@@ -241,10 +243,15 @@ def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
     z = flat(n, load3(memory, o + STRETCH))
     grown, first, last = depth[0] - memory[o + DEPTH], duration * memory[o + DEPTH_RATE], duration * depth[1]
     dlast = duration * ddepth[1]
+    end, dwhole = scale3(duration, way[1]), flat(n, dway[0])
+    if memory[o + DEPTH] >= 0.0:
+        data, numbers, per, _, N, _ = law
+        farthest = _length(z) + _length(whole) + _ASIDE * (_length(before) + _length(end))
+        if farthest < _FAR * per * min(N, normal_force(data, numbers, memory[o + DEPTH], memory[o + DEPTH_RATE])[0]):
+            return add3(z, whole), dwhole, False, False  # it sticks, far from sliding
+    dend = scale3(duration, flat(n, dway[1]))
     cubic = -last, 2.0 * last + first - 3.0 * grown, 2.0 * grown - first - last
     dcubic = -dlast, 2.0 * dlast - 3.0 * ddepth[0], 2.0 * ddepth[0] - dlast
-    end, dend = scale3(duration, way[1]), scale3(duration, flat(n, dway[1]))
-    dwhole = flat(n, dway[0])
     back = (
         scale3(-1.0, end), sub3(add3(scale3(2.0, end), before), scale3(3.0, whole)),
         sub3(scale3(2.0, whole), add3(before, end)),

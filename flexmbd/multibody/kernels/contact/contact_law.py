@@ -62,28 +62,28 @@ def _coefficient(data, o, v):
 
 
 @kernel
-def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
+def _stretch(data, o, way, n, depth, v, N, dway, ddepth, dv, dN):
     """The bristle's stretch and its variation; mu N and its variation; whether it slides, and whether before.
 
     ``way``: the memory, where in it the bristle's begins, the time (s), and how far the surfaces have slid (m).
-    ``depth``: how deep they are pressed into each other (m), and its rate (m/s).
+    ``depth``: how deep they are pressed into each other (m), and its rate (m/s); N: the normal force.
     """
     memory, m, t, y = way
     mu, slope = _coefficient(data, o, v)
     dmu = slope * dot3(v, dv)
     k = data[o + BRISTLE]
-    z, dz, slides, slid = stretch(memory, m, t, n, (y, v), (dway, dv), (data, o, mu / k, dmu / k), depth, ddepth)
-    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
-    return z, dz, mu * N, dmu * N + mu * (by_depth * ddepth[0] + by_rate * ddepth[1]), (slides, slid)
+    law = data, o, mu / k, dmu / k, N, dN
+    z, dz, slides, slid = stretch(memory, m, t, n, (y, v), (dway, dv), law, depth, ddepth)
+    return z, dz, mu * N, dmu * N + mu * dN, (slides, slid)
 
 
 @kernel
-def _friction(data, o, way, n, depth, v):
+def _friction(data, o, way, n, depth, v, N):
     """Friction on the sphere (N) at the sliding velocity v; the bristle's stretch (m); the piece of the law.
 
     And whether the law bends between there and where the step began.
     """
-    z, _, most, _, (slides, slid) = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
+    z, _, most, _, (slides, slid) = _stretch(data, o, way, n, depth, v, N, _ZERO, (0.0, 0.0), _ZERO, 0.0)
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
     size = math.sqrt(dot3(pull, pull))
     full = size > most
@@ -94,9 +94,9 @@ def _friction(data, o, way, n, depth, v):
 
 
 @kernel
-def _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv):
+def _friction_variation(data, o, way, n, depth, v, N, dway, dn, ddepth, dv, dN):
     """Friction, and its variation for a way longer by dway, n + dn, v + dv, and that of the depth and its rate."""
-    z, dz, most, dmost, _ = _stretch(data, o, way, n, depth, v, dway, ddepth, dv)
+    z, dz, most, dmost, _ = _stretch(data, o, way, n, depth, v, N, dway, ddepth, dv, dN)
     dz = sub3(dz, scale3(dot3(dn, z), n))  # it stays in the tangent plane
     pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
     dpull = add3(scale3(data[o + BRISTLE], dz), scale3(data[o + BRISTLE_DAMPING], dv))
@@ -153,13 +153,14 @@ def contact(data, o, rough, way, d, rate, spin, out):
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
-    force, torque = scale3(normal_force(data, o, depth[0], depth[1])[0], n), _ZERO
+    N = normal_force(data, o, depth[0], depth[1])[0]
+    force, torque = scale3(N, n), _ZERO
     bends = False
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
     if rough:
         arm, _, sliding = _slides(data, o, n, rate, spin)
         if touches:
-            friction, _, _, bends = _friction(data, o, way, n, depth, sliding)
+            friction, _, _, bends = _friction(data, o, way, n, depth, sliding, N)
             force, torque = add3(force, friction), cross3(arm, friction)
         store3(out, 6, sliding)
     if gap != gap:
@@ -195,7 +196,7 @@ def contact_variation(data, o, rough, way, motion, change, out):
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
         if touches:
-            friction, dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
+            friction, dfriction = _friction_variation(data, o, way, n, depth, v, N, dway, dn, ddepth, dv, dN)
             force, dforce = add3(force, friction), add3(dforce, dfriction)
             dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
         store3(out, 6, dv)
@@ -214,7 +215,7 @@ def remember_contact(data, o, way, d, rate, spin, x):
     _, _, v = _slides(data, o, n, rate, spin)
     z, piece = _ZERO, _FREE
     if gap < 0.0:
-        _, z, piece, _ = _friction(data, o, way, n, depth, v)
+        _, z, piece, _ = _friction(data, o, way, n, depth, v, normal_force(data, o, depth[0], depth[1])[0])
     keep(x, m, t, piece, z, (y, v), depth)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
 
@@ -13,12 +15,22 @@ RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, B
 
 
 @kernel
+def _power(depth, p):
+    """depth^p, and of the exponents of a spring and of Hertz without a general power, which takes ten times as long."""
+    if p == 1.0:
+        return depth
+    if p == 1.5:
+        return depth * math.sqrt(depth)
+    return depth**p
+
+
+@kernel
 def normal_force(data, o, depth, rate):
     """N, its derivatives by the depth and by the depth's rate."""
     if not depth > 0.0:
         return 0.0, 0.0, 0.0
     p = data[o + EXPONENT]
-    elastic = data[o + STIFFNESS] * depth**p
+    elastic = data[o + STIFFNESS] * _power(depth, p)
     factor = 1.0 + data[o + DISSIPATION] * rate
     if not factor > 0.0:
         return 0.0, 0.0, 0.0
