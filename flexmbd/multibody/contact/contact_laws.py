@@ -204,6 +204,8 @@ class Friction:
         load: N, a typical normal force; rtol is relative to the bristle's stretch under it.
         static: coefficient at rest, mu or more; None: mu.
         stribeck: m/s, the sliding speed over which the coefficient falls from ``static`` to ``mu``.
+        rolling, spinning: m, arms at which N is resisted where a sphere rolls and where it spins about the normal: a
+            moment that holds it up to arm times N, by bristles of the same stiffness and damping at its radius.
     """
 
     mu: float
@@ -212,13 +214,15 @@ class Friction:
     load: float
     static: float | None = None
     stribeck: float | None = None
+    rolling: float = 0.0
+    spinning: float = 0.0
 
     def check(self, what: str) -> None:
         """Raise SceneError for numbers that no friction has."""
         check_numbers(
             what,
             positive={"stiffness": self.stiffness, "damping": self.damping, "load": self.load},
-            least={"mu": self.mu},
+            least={"mu": self.mu, "rolling": self.rolling, "spinning": self.spinning},
         )
         if self.static is None:
             if self.stribeck is not None:
@@ -239,3 +243,12 @@ class Friction:
     def stretch(self) -> float:
         """Of the bristle under the typical load (m)."""
         return max(self.mu, self.static or 0.0) * self.load / self.stiffness
+
+    @property
+    def resists(self) -> bool:
+        """Whether it resists rolling or spinning."""
+        return self.rolling > 0.0 or self.spinning > 0.0
+
+    def turn(self, radius: float) -> float:
+        """How far a sphere of this radius (m) turns, times the radius, before it rolls or spins under the load (m)."""
+        return max(self.rolling, self.spinning) / radius * self.load / self.stiffness

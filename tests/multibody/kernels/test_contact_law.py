@@ -61,7 +61,7 @@ def lead(memory, data, path, depth, out):
     way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
     law = data, 0, 1.0, 0.0, normal_force(data, 0, depth[0], depth[1])[0], 0.0
     end, _, _, _ = stretch(
-        memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), law, (depth[0], depth[1]), (0.0, 0.0)
+        (memory, 0, 1.0, 0, True), (0.0, 0.0, 1.0), way, (zero, zero), law, (depth[0], depth[1]), (0.0, 0.0)
     )
     out[0], out[1], out[2] = end
 

@@ -24,6 +24,9 @@ from flexmbd.multibody.kernels.contact.normal_force import normal_force
 #: What is kept of the last step's end, behind the head of a memory: the stretch (3, m); the way (3, m) and its rate
 #: (3, m/s); how deep it is pressed in (m), and its rate (m/s).
 STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, N_KEPT = 0, 3, 6, 9, 10, 11
+#: Of a contact that resists rolling and spinning (``resistance``) then the stretch, the way and its rate of a second
+#: one; and on which piece of their laws its parts across and along the normal are.
+TURN, ROLLS, SPINS, N_KEPT_TURNING = 11, 20, 21, 22
 
 _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
@@ -228,28 +231,39 @@ def follow(z, way, dway, law, depth):
 
 
 @kernel
-def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
-    """The stretch at t (s), its variation across n, whether it slides there and whether before, of the memory at m.
+def _part(n, across, v):
+    """The part of a vector across the unit vector n, or along it."""
+    along = scale3(dot3(n, v), n)
+    return sub3(v, along) if across else along
 
-    ``way``: to where it has come, and its rate; ``depth``: likewise; then the variations of both.  ``law``: where the
-    normal force's numbers are, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal
-    force at t (N) with its own.
+
+@kernel
+def stretch(kept, n, way, dway, law, depth, ddepth):
+    """The stretch at the end of a way, its variation, whether it slides there and whether before.
+
+    ``kept``: the memory, where a contact's begins, the time (s), where in that the bristle's stretch, way and rate
+    begin, and whether the bristle lies across the unit vector n or along it.  ``way``: to where it has come, and its
+    rate, which has no other part; ``depth``: likewise; then the variations of both.  ``law``: where the normal force's
+    numbers are, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal force at the
+    end (N) with its own.
     """
+    memory, m, t, bristle, across = kept
     duration = t - memory[m + at.MEMORY_TIME]
     duration = duration if duration > 0.0 else 0.0  # before a start has written it: straight on
     o = m + at.N_MEMORY_HEAD
-    whole = flat(n, sub3(way[0], load3(memory, o + WAY)))
-    before = scale3(duration, flat(n, load3(memory, o + RATE)))
-    z = flat(n, load3(memory, o + STRETCH))
+    b = o + bristle
+    whole = _part(n, across, sub3(way[0], load3(memory, b + WAY)))
+    before = scale3(duration, _part(n, across, load3(memory, b + RATE)))
+    z = _part(n, across, load3(memory, b + STRETCH))
     grown, first, last = depth[0] - memory[o + DEPTH], duration * memory[o + DEPTH_RATE], duration * depth[1]
     dlast = duration * ddepth[1]
-    end, dwhole = scale3(duration, way[1]), flat(n, dway[0])
+    end, dwhole = scale3(duration, way[1]), _part(n, across, dway[0])
     if memory[o + DEPTH] >= 0.0:
         data, numbers, per, _, N, _ = law
         farthest = _length(z) + _length(whole) + _ASIDE * (_length(before) + _length(end))
         if farthest < _FAR * per * min(N, normal_force(data, numbers, memory[o + DEPTH], memory[o + DEPTH_RATE])[0]):
             return add3(z, whole), dwhole, False, False  # it sticks, far from sliding
-    dend = scale3(duration, flat(n, dway[1]))
+    dend = scale3(duration, _part(n, across, dway[1]))
     cubic = -last, 2.0 * last + first - 3.0 * grown, 2.0 * grown - first - last
     dcubic = -dlast, 2.0 * dlast - 3.0 * ddepth[0], 2.0 * ddepth[0] - dlast
     back = (

@@ -1,7 +1,8 @@
 """Where the states and the numbers of a law between two frames stand, and contact, which is one of them.
 
 A row's numbers: see ``frame_states``.  Contact's answer stands at the beginning of ``work.generalized``: the force on
-the sphere, the torque about G's origin, and with friction the rates of its states, how far the surfaces have slid.
+the sphere, the torque about G's origin, and with friction the rates of its states, how far the surfaces have slid, and
+where it resists rolling and spinning how far the sphere has turned, times its radius.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from flexmbd.multibody.kernels.contact.contact_law import (
     remember_contact,
 )
 from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
+from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
 
 HEAD = 3  #: Numbers before the scales.
-_ANSWER = 9
+_WRENCH = 6
+_RESISTS = 6  # states of a contact that resists rolling and spinning
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -70,14 +73,24 @@ def _way(plan, work, row):
 
 
 @kernel
+def _turn(plan, work, row):
+    """Of a contact that resists rolling and spinning what it remembers, where, the time, how far it has turned (m)."""
+    y = state_value(plan, work, row, 3), state_value(plan, work, row, 4), state_value(plan, work, row, 5)
+    return work.memory, row[at.EL_MEMORY], work.time[plan.times.shape[0], 0], y
+
+
+@kernel
 def _wrench(plan, work, row, d, R, rate, spin):
-    out = work.generalized[:_ANSWER]
+    out = work.generalized[: _WRENCH + state_count(plan, row)]
     numbers = law_numbers(plan, row)
     rough, way = _way(plan, work, row)
     arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
     longest, bends = contact(plan.data, numbers, rough, way, place, speed, spin, out)
     force = load3(out, 0)
     torque = add3(load3(out, 3), cross3(arm, force))
+    if state_count(plan, row) == _RESISTS:
+        moment, turns = resist(plan.data, numbers, _turn(plan, work, row), place, speed, spin, out[_WRENCH + 3 :])
+        torque, bends = add3(torque, moment), bends or turns
     plan.horizon[0] = min(plan.horizon[0], longest)
     if bends:
         plan.horizon[1] = 1.0
@@ -90,24 +103,28 @@ def _wrench(plan, work, row, d, R, rate, spin):
 
 
 @kernel
-def _vary(plan, work, row, motion, change, dway):
+def _vary(plan, work, row, motion, change, dway, dturn):
     d, R, rate, spin = motion
     dd, dtheta, drate, dspin = change
-    out = work.generalized[:_ANSWER]
+    out = work.generalized[: _WRENCH + state_count(plan, row)]
     numbers = law_numbers(plan, row)
     rough, way = _way(plan, work, row)
     arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
     turned = cross3(dtheta, arm)
     quicker = add3(drate, add3(cross3(dspin, arm), cross3(spin, turned)))
-    change = add3(dd, turned), quicker, dspin, dway
-    force = contact_variation(plan.data, numbers, rough, way, (place, speed, spin), change, out)
+    motion, moved = (place, speed, spin), add3(dd, turned)
+    force = contact_variation(plan.data, numbers, rough, way, motion, (moved, quicker, dspin, dway), out)
     dforce = load3(out, 0)
-    return dforce, add3(load3(out, 3), add3(cross3(turned, force), cross3(arm, dforce)))
+    dtorque = add3(load3(out, 3), add3(cross3(turned, force), cross3(arm, dforce)))
+    if state_count(plan, row) == _RESISTS:
+        way, change = _turn(plan, work, row), (moved, quicker, dspin, dturn)
+        dtorque = add3(dtorque, resist_variation(plan.data, numbers, way, motion, change, out[_WRENCH + 3 :]))
+    return dforce, dtorque
 
 
 @kernel
 def _variation(plan, work, row, d, R, rate, spin, dd, dtheta, drate, dspin, step):
-    return _vary(plan, work, row, (d, R, rate, spin), (dd, dtheta, drate, dspin), _ZERO)
+    return _vary(plan, work, row, (d, R, rate, spin), (dd, dtheta, drate, dspin), _ZERO, _ZERO)
 
 
 @kernel
@@ -115,14 +132,19 @@ def contact_by_way(plan, work, row, d, R, rate, spin, i):
     """Change of force and torque by the velocity of state i's link."""
     scale = plan.data[row[at.EL_DATA] + HEAD + i]
     dway = (scale if i == 0 else 0.0, scale if i == 1 else 0.0, scale if i == 2 else 0.0)
-    return _vary(plan, work, row, (d, R, rate, spin), (_ZERO, _ZERO, _ZERO, _ZERO), dway)
+    dturn = (scale if i == 3 else 0.0, scale if i == 4 else 0.0, scale if i == 5 else 0.0)
+    return _vary(plan, work, row, (d, R, rate, spin), (_ZERO, _ZERO, _ZERO, _ZERO), dway, dturn)
 
 
 @kernel
 def _energy(plan, work, row, d, R, rate, spin):
     numbers = law_numbers(plan, row)
     rough, way = _way(plan, work, row)
-    return contact_energy(plan.data, numbers, rough, way, centre_motion(plan, numbers, d, R, rate, spin)[1])
+    _, place, _ = centre_motion(plan, numbers, d, R, rate, spin)
+    energy = contact_energy(plan.data, numbers, rough, way, place)
+    if state_count(plan, row) == _RESISTS:
+        energy += turn_energy(plan.data, numbers, way, place)
+    return energy
 
 
 @kernel
@@ -130,6 +152,9 @@ def _remember(plan, work, row, x, d, R, rate, spin, t):
     numbers = law_numbers(plan, row)
     _, (memory, m, _, y) = _way(plan, work, row)
     _, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    if state_count(plan, row) == _RESISTS:
+        _, _, _, turned = _turn(plan, work, row)
+        remember_turn(plan.data, numbers, (memory, m, t, turned), place, speed, spin, x)
     remember_contact(plan.data, numbers, (memory, m, t, y), place, speed, spin, x)
 
 
