@@ -10,6 +10,7 @@ from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.multibody.kernels.contact.bristle import stretch
 from flexmbd.multibody.kernels.contact.contact_law import contact, contact_energy, contact_variation
 from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS, normal_force
+from flexmbd.multibody.kernels.contact.resistance import resist, resist_variation
 
 SHAPES = {
     "sphere": ([kinds.SPHERE, 0.5, 0.0, 0.0], (0.3, -0.2, 0.4)),
@@ -124,6 +125,52 @@ def test_variations_are_those_of_differences(name, slid):
         expected = (wrench(data, motion + h * change, memory) - wrench(data, motion - h * change, memory)) / (2.0 * h)
         near = 2e-5 if slid is None or slid < 1e-3 else SLIDING
         assert found == pytest.approx(expected, rel=near, abs=near * np.abs(expected).max())
+
+
+@entry_kernel
+def turn(data, memory, y, motion, out):
+    m = motion
+    way = memory, 0, STEP, (y[0], y[1], y[2])
+    moment, _ = resist(data, 0, way, (m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8]), out[3:])
+    out[0], out[1], out[2] = moment
+
+
+@entry_kernel
+def vary_turn(data, memory, y, motion, change, out):
+    m, c = motion, change
+    way = memory, 0, STEP, (y[0], y[1], y[2])
+    out[0], out[1], out[2] = resist_variation(
+        data, 0, way, ((m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8])),
+        ((c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]), (c[9], c[10], c[11])), out[3:],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("size", [1e-7, 1e-3])  # both stick; both slide
+def test_variations_of_rolling_resistance_are_those_of_differences(name, size):
+    shape, place = SHAPES[name]
+    data = np.concatenate([numbers(shape), [2e-2, 3e-2]])
+    rng = np.random.default_rng(5)
+    motion = np.concatenate([place, 0.1 * rng.normal(size=3), size / STEP / RADIUS * rng.normal(size=3)])
+    memory = np.concatenate([remembered(depth=(0.03, 0.0)), 0.1 * size * rng.normal(size=9), np.zeros(2)])
+    y = memory[18:21] + STEP * RADIUS * motion[6:]
+
+    def asked(at):
+        out = np.zeros(6)
+        turn(data, memory, y + at[9:], motion + at[:9], out)
+        return out
+
+    for _ in range(4):
+        change = rng.normal(size=12)
+        change[9:] *= size
+        change[6:9] *= size / STEP
+        change[:3] *= 1.0 if size < 1e-5 else 0.0  # what slides is not varied to first order as its normal turns
+        h = 1e-5
+        found = np.zeros(6)
+        vary_turn(data, memory, y, motion, change, found)
+        expected = (asked(h * change) - asked(-h * change)) / (2.0 * h)
+        near = 2e-5 if size < 1e-5 else SLIDING
+        assert found == pytest.approx(expected, rel=near, abs=near * np.abs(expected[:3]).max())
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, scale3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, scale3, sub3
+from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.contact.bristle import stretch
+from flexmbd.multibody.kernels.contact.bristle import STRETCH, WAY, stretch
 from flexmbd.multibody.kernels.contact.normal_force import BRISTLE, BRISTLE_DAMPING
 
 FREE, _STICKS = 0.0, 1.0  # pieces of the law; one more where the bristle slides, two where it bears mu N
@@ -43,11 +44,15 @@ def bristle_force_variation(data, o, kept, normal, way, depth, law):
     memory, m, t, first, across, _ = kept
     k = data[o + BRISTLE]
     law = data, o, mu / k, dmu / k, N, dN
-    z, dz, _, _ = stretch((memory, m, t, first, across), n, (y, v), (dy, dv), law, depth, ddepth)
+    z, dz, slides, _ = stretch((memory, m, t, first, across), n, (y, v), (dy, dv), law, depth, ddepth)
+    whole = z
+    if not slides:  # what a turn of the normal moves from one part of the whole to the other
+        b = m + at.N_MEMORY_HEAD + first
+        whole = add3(load3(memory, b + STRETCH), sub3(y, load3(memory, b + WAY)))
     if across:
-        dz = sub3(dz, scale3(dot3(dn, z), n))  # it stays in the tangent plane
+        dz = sub3(dz, add3(scale3(dot3(dn, z), n), scale3(dot3(n, whole), dn)))  # it stays in the tangent plane
     else:
-        dz = add3(dz, scale3(dot3(n, z), dn))
+        dz = add3(dz, add3(scale3(dot3(n, z), dn), scale3(dot3(dn, whole), n)))
     most, dmost = mu * N, dmu * N + mu * dN
     pull = add3(scale3(k, z), scale3(data[o + BRISTLE_DAMPING], v))
     dpull = add3(scale3(k, dz), scale3(data[o + BRISTLE_DAMPING], dv))
