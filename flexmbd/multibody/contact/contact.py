@@ -73,7 +73,8 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         if rough is not None and rough.stretch() == 0.0 and not rough.resists:
             rough = None
         k = self.law.stiffness(self.shape, self.radius, self.what)
-        normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
+        D = self.law.dissipation()
+        normal = [self.radius, k, self.law.exponent, D]
         friction = [0.0] * 5 if rough is None else rough.numbers()
         shape = self.shape.numbers()
         if isinstance(self.shape, TableShape):
@@ -86,4 +87,4 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
                 turn = rough.turn(self.radius)
                 bristle = bristle or turn
                 numbers += [rough.rolling, rough.spinning]
-        table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle, turn=turn)
+        table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle, turn=turn, remembers=D < 0.0)

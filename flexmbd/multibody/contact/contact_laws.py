@@ -35,7 +35,7 @@ class NormalLaw(Protocol):
         """Its p."""
 
     def dissipation(self) -> float:
-        """Its D (s/m)."""
+        """Its D (s/m); negative: -D of 1 m/s, divided by the speed at which the surfaces meet."""
 
 
 def dissipation_of(restitution: float, speed: float) -> float:
@@ -64,16 +64,18 @@ class _Impact:
     """What an impact leaves of the speed."""
 
     restitution: float = 1.0
-    speed: float = 1.0
+    speed: float | None = 1.0
 
     def _check_impact(self, what: str) -> None:
-        check_numbers(what, positive={"restitution": self.restitution, "speed": self.speed})
+        check_numbers(what, positive={"restitution": self.restitution})
+        if self.speed is not None:
+            check_numbers(what, positive={"speed": self.speed})
         if self.restitution > 1.0:
             raise SceneError(f"{what}: restitution = {self.restitution} makes energy; it is between 0 and 1")
 
     def dissipation(self) -> float:
-        """D (s/m)."""
-        return dissipation_of(self.restitution, self.speed)
+        """D (s/m); without a speed -D of 1 m/s, which the kernels divide by the speed at which the surfaces meet."""
+        return dissipation_of(self.restitution, self.speed) if self.speed else -dissipation_of(self.restitution, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +90,7 @@ class Hertz(_Impact):
         E_other, nu_other: of the touched shape; None: the same.
         restitution: share of its speed that an impact at ``speed`` leaves, between 0 and 1; at other speeds it is
             nearer to 1 the slower they are (Hunt & Crossley 1975).
-        speed: m/s.
+        speed: m/s; None: ``restitution`` at every speed, by that at which the surfaces meet.
     """
 
     E: float = 0.0
@@ -158,14 +160,14 @@ class PowerLaw(_Impact):
         p: the exponent, 1 or more.
         restitution: share of its speed that an impact at ``speed`` leaves, between 0 and 1; at other speeds it is
             nearer to 1 the slower they are (Hunt & Crossley 1975).
-        speed: m/s.
+        speed: m/s; None: ``restitution`` at every speed, by that at which the surfaces meet.
     """
 
     k: float = 0.0
     p: float = 1.0
 
     @classmethod
-    def bearing(cls, load: float, *, depth: float, restitution: float = 1.0, speed: float = 1.0) -> PowerLaw:
+    def bearing(cls, load: float, *, depth: float, restitution: float = 1.0, speed: float | None = 1.0) -> PowerLaw:
         """The linear one that bears a load (N) at a depth (m).
 
         Raises:

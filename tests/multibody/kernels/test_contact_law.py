@@ -60,7 +60,7 @@ def lead(memory, data, path, depth, out):
     """The stretch after a second on a way in the xy plane; 1 m/N is how far it goes before it slides."""
     zero = 0.0, 0.0, 0.0
     way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
-    law = data, 0, 1.0, 0.0, normal_force(data, 0, depth[0], depth[1])[0], 0.0
+    law = data, 0, 0.0, 1.0, 0.0, normal_force(data, 0, 0.0, depth[0], depth[1])[0], 0.0
     end, _, _, _ = stretch(
         (memory, 0, 1.0, 0, True), (0.0, 0.0, 1.0), way, (zero, zero), law, (depth[0], depth[1]), (0.0, 0.0)
     )
@@ -86,7 +86,7 @@ def numbers(shape, *, D=0.05, mu=0.4, static=0.6):
 
 def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), depth=(0.0, 0.0)):
     """Of time 0, where nothing had slid yet."""
-    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, *depth])
+    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, *depth, 0.0])
 
 
 def wrench(data, motion, memory=None):
@@ -153,7 +153,7 @@ def test_variations_of_rolling_resistance_are_those_of_differences(name, size):
     rng = np.random.default_rng(5)
     motion = np.concatenate([place, 0.1 * rng.normal(size=3), size / STEP / RADIUS * rng.normal(size=3)])
     memory = np.concatenate([remembered(depth=(0.03, 0.0)), 0.1 * size * rng.normal(size=9), np.zeros(2)])
-    y = memory[18:21] + STEP * RADIUS * motion[6:]
+    y = memory[19:22] + STEP * RADIUS * motion[6:]
 
     def asked(at):
         out = np.zeros(6)

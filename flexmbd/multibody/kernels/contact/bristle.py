@@ -22,11 +22,11 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.normal_force import normal_force
 
 #: What is kept of the last step's end, behind the head of a memory: the stretch (3, m); the way (3, m) and its rate
-#: (3, m/s); how deep it is pressed in (m), and its rate (m/s).
-STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, N_KEPT = 0, 3, 6, 9, 10, 11
+#: (3, m/s); how deep it is pressed in (m), and its rate (m/s); the speed (m/s) at which the surfaces met.
+STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, ONSET, N_KEPT = 0, 3, 6, 9, 10, 11, 12
 #: Of a contact that resists rolling and spinning (``resistance``) then the stretch, the way and its rate of a second
 #: one; and on which piece of their laws its parts across and along the normal are.
-TURN, ROLLS, SPINS, N_KEPT_TURNING = 11, 20, 21, 22
+TURN, ROLLS, SPINS, N_KEPT_TURNING = 12, 21, 22, 23
 
 _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
@@ -115,7 +115,7 @@ def _slide(z, dz, move, dmove, before, s, ds):
 @kernel
 def _longest(law, depth, e):
     """s, and its variation, where the share e of the time is left; 0 where nothing touches."""
-    data, o, per, dper, N, dN = law
+    data, o, D, per, dper, N, dN = law
     if e == 0.0:
         return per * N, dper * N + per * dN
     duration, last, (first, second, third), dlast, (dfirst, dsecond, dthird) = depth
@@ -124,7 +124,7 @@ def _longest(law, depth, e):
     if duration > 0.0:
         rate = -(first + e * (2.0 * second + e * 3.0 * third)) / duration
         drate = -(dfirst + e * (2.0 * dsecond + e * 3.0 * dthird)) / duration
-    N, by_depth, by_rate = normal_force(data, o, deep, rate)
+    N, by_depth, by_rate = normal_force(data, o, D, deep, rate)
     return per * N, dper * N + per * (by_depth * ddeep + by_rate * drate)
 
 
@@ -244,7 +244,7 @@ def stretch(kept, n, way, dway, law, depth, ddepth):
     ``kept``: the memory, where a contact's begins, the time (s), where in that the bristle's stretch, way and rate
     begin, and whether the bristle lies across the unit vector n or along it.  ``way``: to where it has come, and its
     rate, which has no other part; ``depth``: likewise; then the variations of both.  ``law``: where the normal force's
-    numbers are, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal force at the
+    numbers are, its D, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal force at the
     end (N) with its own.
     """
     memory, m, t, bristle, across = kept
@@ -259,9 +259,10 @@ def stretch(kept, n, way, dway, law, depth, ddepth):
     dlast = duration * ddepth[1]
     end, dwhole = scale3(duration, way[1]), _part(n, across, dway[0])
     if memory[o + DEPTH] >= 0.0:
-        data, numbers, per, _, N, _ = law
+        data, numbers, D, per, _, N, _ = law
+        first_N = normal_force(data, numbers, D, memory[o + DEPTH], memory[o + DEPTH_RATE])[0]
         farthest = _length(z) + _length(whole) + _ASIDE * (_length(before) + _length(end))
-        if farthest < _FAR * per * min(N, normal_force(data, numbers, memory[o + DEPTH], memory[o + DEPTH_RATE])[0]):
+        if farthest < _FAR * per * min(N, first_N):
             return add3(z, whole), dwhole, False, False  # it sticks, far from sliding
     dend = scale3(duration, _part(n, across, dway[1]))
     cubic = -last, 2.0 * last + first - 3.0 * grown, 2.0 * grown - first - last
@@ -277,8 +278,12 @@ def stretch(kept, n, way, dway, law, depth, ddepth):
 
 
 @kernel
-def keep(x, m, t, piece, z, way, depth):
-    """Write into the configuration x what a bristle remembers: its stretch, the way and the depth with their rates."""
+def keep(x, m, t, piece, z, way, depth, onset):
+    """Write into the configuration x what a contact remembers.
+
+    The time, the piece of friction's law, the stretch, the way and the depth with their rates, the speed at which the
+    surfaces met.
+    """
     x[m + at.MEMORY_TIME] = t
     x[m + at.MEMORY_PIECE] = piece
     x[m + at.MEMORY_DEFORMATION] = math.sqrt(dot3(z, z))
@@ -288,3 +293,4 @@ def keep(x, m, t, piece, z, way, depth):
     store3(x, o + WAY, way[0])
     store3(x, o + RATE, way[1])
     x[o + DEPTH], x[o + DEPTH_RATE] = depth
+    x[o + ONSET] = onset

@@ -15,18 +15,18 @@ _ZERO = (0.0, 0.0, 0.0)
 
 
 @kernel
-def bristle_force(data, o, kept, n, way, depth, mu, N):
+def bristle_force(data, o, kept, n, way, depth, mu, D, N):
     """The force (N) at the end of a way; the bristle's stretch (m); the piece of the law.
 
     And whether the law bends between there and where the step began.
 
     ``kept``: see ``stretch``, and where in the memory the piece of the law stands at the step's begin.  ``way``: how
     far the surfaces have slid (m), and the sliding velocity.  ``depth``: how deep they are pressed into each other (m),
-    and its rate (m/s); N: the normal force.
+    and its rate (m/s); D, N: of the normal force.
     """
     memory, m, t, first, across, piece_at = kept
     k = data[o + BRISTLE]
-    law = data, o, mu / k, 0.0, N, 0.0
+    law = data, o, D, mu / k, 0.0, N, 0.0
     z, _, slides, slid = stretch((memory, m, t, first, across), n, way, (_ZERO, _ZERO), law, depth, (0.0, 0.0))
     pull = add3(scale3(k, z), scale3(data[o + BRISTLE_DAMPING], way[1]))
     size, most = math.sqrt(dot3(pull, pull)), mu * N
@@ -39,11 +39,11 @@ def bristle_force(data, o, kept, n, way, depth, mu, N):
 
 @kernel
 def bristle_force_variation(data, o, kept, normal, way, depth, law):
-    """The force and its variation; ``normal``, ``way``, ``depth`` and ``law``, which is mu and N, with theirs."""
-    (n, dn), (y, v, dy, dv), (depth, ddepth), (mu, dmu, N, dN) = normal, way, depth, law
+    """The force and its variation; ``normal``, ``way``, ``depth`` and ``law``, which is mu, D and N, with theirs."""
+    (n, dn), (y, v, dy, dv), (depth, ddepth), (mu, dmu, D, N, dN) = normal, way, depth, law
     memory, m, t, first, across, _ = kept
     k = data[o + BRISTLE]
-    law = data, o, mu / k, dmu / k, N, dN
+    law = data, o, D, mu / k, dmu / k, N, dN
     z, dz, slides, _ = stretch((memory, m, t, first, across), n, (y, v), (dy, dv), law, depth, ddepth)
     whole = z
     if not slides:  # what a turn of the normal moves from one part of the whole to the other

@@ -34,6 +34,7 @@ from flexmbd.multibody.kernels.contact.normal_force import (
     STRIBECK,
     normal_force,
 )
+from flexmbd.multibody.kernels.contact.restitution import dissipation, speed_at_touch
 from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
@@ -61,23 +62,23 @@ def _coefficient(data, o, v):
 
 
 @kernel
-def _friction(data, o, way, n, depth, v, N):
+def _friction(data, o, way, n, depth, v, D, N):
     """Friction on the sphere (N), the bristle's stretch (m), the piece of the law, and whether it bends in the step.
 
     ``way``: the memory, where in it the contact's begins, the time (s), and how far the surfaces have slid (m).
     """
     memory, m, t, y = way
     mu, _ = _coefficient(data, o, v)
-    return bristle_force(data, o, (memory, m, t, 0, True, m + at.MEMORY_PIECE), n, (y, v), depth, mu, N)
+    return bristle_force(data, o, (memory, m, t, 0, True, m + at.MEMORY_PIECE), n, (y, v), depth, mu, D, N)
 
 
 @kernel
-def _friction_variation(data, o, way, n, depth, v, N, dway, dn, ddepth, dv, dN):
+def _friction_variation(data, o, way, n, depth, v, D, N, dway, dn, ddepth, dv, dN):
     """Friction, and its variation for a way longer by dway, n + dn, v + dv, and that of the depth and its rate."""
     memory, m, t, y = way
     mu, slope = _coefficient(data, o, v)
     kept = memory, m, t, 0, True, m + at.MEMORY_PIECE
-    law = mu, slope * dot3(v, dv), N, dN
+    law = mu, slope * dot3(v, dv), D, N, dN
     return bristle_force_variation(data, o, kept, (n, dn), (y, v, dway, dv), (depth, ddepth), law)
 
 
@@ -126,14 +127,15 @@ def contact(data, o, rough, way, d, rate, spin, out):
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
-    N = normal_force(data, o, depth[0], depth[1])[0]
+    D = dissipation(data, o, way[:3], depth)
+    N = normal_force(data, o, D, depth[0], depth[1])[0]
     force, torque = scale3(N, n), _ZERO
     bends = False
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
     if rough:
         arm, _, sliding = _slides(data, o, n, rate, spin)
         if touches:
-            friction, _, _, bends = _friction(data, o, way, n, depth, sliding, N)
+            friction, _, _, bends = _friction(data, o, way, n, depth, sliding, D, N)
             force, torque = add3(force, friction), cross3(arm, friction)
         store3(out, 6, sliding)
     if gap != gap:
@@ -160,7 +162,8 @@ def contact_variation(data, o, rough, way, motion, change, out):
         return _ZERO
     dn = gradient_variation(data, o, d, dd)
     depth, ddepth = (-gap, -dot3(n, rate)), (-dot3(n, dd), -dot3(dn, rate) - dot3(n, drate))
-    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    D = dissipation(data, o, way[:3], depth)
+    N, by_depth, by_rate = normal_force(data, o, D, depth[0], depth[1])
     dN = by_depth * ddepth[0] + by_rate * ddepth[1]
     force, dforce, dtorque = scale3(N, n), add3(scale3(dN, n), scale3(N, dn)), _ZERO
     if rough:
@@ -169,7 +172,7 @@ def contact_variation(data, o, rough, way, motion, change, out):
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
         if touches:
-            friction, dfriction = _friction_variation(data, o, way, n, depth, v, N, dway, dn, ddepth, dv, dN)
+            friction, dfriction = _friction_variation(data, o, way, n, depth, v, D, N, dway, dn, ddepth, dv, dN)
             force, dforce = add3(force, friction), add3(dforce, dfriction)
             dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
         store3(out, 6, dv)
@@ -179,17 +182,18 @@ def contact_variation(data, o, rough, way, motion, change, out):
 
 
 @kernel
-def remember_contact(data, o, way, d, rate, spin, x):
-    """Write into the configuration x what the bristle remembers of where it is."""
+def remember_contact(data, o, rough, way, d, rate, spin, x):
+    """Write into the configuration x what the contact remembers of where it is."""
     _, m, t, y = way
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
     _, _, v = _slides(data, o, n, rate, spin)
     z, piece = _ZERO, FREE
-    if gap < 0.0:
-        _, z, piece, _ = _friction(data, o, way, n, depth, v, normal_force(data, o, depth[0], depth[1])[0])
-    keep(x, m, t, piece, z, (y, v), depth)
+    if rough and gap < 0.0:
+        D = dissipation(data, o, way[:3], depth)
+        _, z, piece, _ = _friction(data, o, way, n, depth, v, D, normal_force(data, o, D, depth[0], depth[1])[0])
+    keep(x, m, t, piece, z, (y, v), depth, speed_at_touch(way[:3], depth))
 
 
 @kernel

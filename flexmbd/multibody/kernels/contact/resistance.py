@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.bristle import RATE, ROLLS, SPINS, STRETCH, TURN, WAY, flat
 from flexmbd.multibody.kernels.contact.bristle_force import FREE, bristle_force, bristle_force_variation
 from flexmbd.multibody.kernels.contact.normal_force import BRISTLE, RADIUS, ROLLING, SPINNING, normal_force
+from flexmbd.multibody.kernels.contact.restitution import dissipation
 from flexmbd.multibody.kernels.contact.signed_distance import distance, gradient_variation
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -34,14 +35,15 @@ def _bear(data, o, way, d, rate, spin):
     depth = R - gap, -dot3(n, rate)
     if not depth[0] > 0.0:
         return _ZERO, _ZERO, FREE, FREE, False
-    N = normal_force(data, o, depth[0], depth[1])[0]
+    D = dissipation(data, o, (memory, m, t), depth)
+    N = normal_force(data, o, D, depth[0], depth[1])[0]
     v = scale3(R, spin)
     rolls, spins = flat(n, v), scale3(dot3(n, v), n)
     one, z, piece, bends = bristle_force(
-        data, o, _kept(memory, m, t, True), n, (y, rolls), depth, data[o + ROLLING] / R, N
+        data, o, _kept(memory, m, t, True), n, (y, rolls), depth, data[o + ROLLING] / R, D, N
     )  # fmt: skip
     other, z_n, piece_n, bends_n = bristle_force(
-        data, o, _kept(memory, m, t, False), n, (y, spins), depth, data[o + SPINNING] / R, N
+        data, o, _kept(memory, m, t, False), n, (y, spins), depth, data[o + SPINNING] / R, D, N
     )  # fmt: skip
     return add3(one, other), add3(z, z_n), piece, piece_n, bends or bends_n
 
@@ -72,17 +74,18 @@ def resist_variation(data, o, way, motion, change, out):
         return _ZERO
     dn = gradient_variation(data, o, d, dd)
     ddepth = -dot3(n, dd), -dot3(dn, rate) - dot3(n, drate)
-    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    D = dissipation(data, o, (memory, m, t), depth)
+    N, by_depth, by_rate = normal_force(data, o, D, depth[0], depth[1])
     dN = by_depth * ddepth[0] + by_rate * ddepth[1]
     spins = scale3(dot3(n, v), n)
     dspins = add3(scale3(dot3(dn, v) + dot3(n, dv), n), scale3(dot3(n, v), dn))
     _, one = bristle_force_variation(
         data, o, _kept(memory, m, t, True), (n, dn), (y, sub3(v, spins), dy, sub3(dv, dspins)), (depth, ddepth),
-        (data[o + ROLLING] / R, 0.0, N, dN),
+        (data[o + ROLLING] / R, 0.0, D, N, dN),
     )  # fmt: skip
     _, other = bristle_force_variation(
         data, o, _kept(memory, m, t, False), (n, dn), (y, spins, dy, dspins), (depth, ddepth),
-        (data[o + SPINNING] / R, 0.0, N, dN),
+        (data[o + SPINNING] / R, 0.0, D, N, dN),
     )  # fmt: skip
     return scale3(R, add3(one, other))
 

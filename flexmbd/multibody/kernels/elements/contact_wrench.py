@@ -67,7 +67,7 @@ def _way(plan, work, row):
     """Whether it is rough; and then what it remembers, where, the time (s), and how far the surfaces have slid (m)."""
     t = work.time[plan.times.shape[0], 0]
     if state_count(plan, row) == 0:
-        return False, (work.memory, 0, t, _ZERO)
+        return False, (work.memory, row[at.EL_MEMORY], t, _ZERO)
     y = state_value(plan, work, row, 0), state_value(plan, work, row, 1), state_value(plan, work, row, 2)
     return True, (work.memory, row[at.EL_MEMORY], t, y)
 
@@ -150,12 +150,12 @@ def _energy(plan, work, row, d, R, rate, spin):
 @kernel
 def _remember(plan, work, row, x, d, R, rate, spin, t):
     numbers = law_numbers(plan, row)
-    _, (memory, m, _, y) = _way(plan, work, row)
+    rough, (memory, m, _, y) = _way(plan, work, row)
     _, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
     if state_count(plan, row) == _RESISTS:
         _, _, _, turned = _turn(plan, work, row)
         remember_turn(plan.data, numbers, (memory, m, t, turned), place, speed, spin, x)
-    remember_contact(plan.data, numbers, (memory, m, t, y), place, speed, spin, x)
+    remember_contact(plan.data, numbers, rough, (memory, m, t, y), place, speed, spin, x)
 
 
 # without states and signals the law's numbers follow the head and their count
@@ -163,7 +163,7 @@ _NAME = "contacts, which are stiffer than at the start"
 CONTACT = FrameElement(
     Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy
 )
-#: The same with friction, whose bristle is no potential.
+#: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
     Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember
 )
