@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
@@ -60,7 +58,7 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         if self.friction is not None:
             self.friction.check(self.what)
             if self.friction.resists and self.radius == 0.0:
-                raise SceneError(f"{self.what}: a point neither rolls nor spins; give its friction no rolling, spinning")
+                raise SceneError(f"{self.what}: a point neither rolls nor spins; leave rolling and spinning out")
 
     @property
     def shared_numbers(self) -> tuple[SharedNumbers, ...]:
@@ -87,4 +85,6 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
                 turn = rough.turn(self.radius)
                 bristle = bristle or turn
                 numbers += [rough.rolling, rough.spinning]
-        table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle, turn=turn, remembers=D < 0.0)
+        table.contact(
+            self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle, turn=turn, remembers=D < 0.0
+        )

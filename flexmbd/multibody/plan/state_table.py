@@ -119,12 +119,12 @@ class StateTable(ABC):
         first, link = self._add_links(what, names, initial, sizes)
         n = len(initial)
         data = self.numbers([n, 0, link, *sizes, len(values), *values])
-        kept = _KEPT if turn is None else _KEPT_TURNING
         remembers = remembers or bristle is not None
+        kept = () if not remembers else _KEPT if turn is None else _KEPT_TURNING
         kind = ROUGH_CONTACT if remembers else CONTACT
         f, g = self.frame(frame_F), self.frame(frame_G)
         count = N_KEPT if turn is None else N_KEPT_TURNING
-        self.element(kind, what, f=f, g=g, v=first, data=data, count=count, memory=self.late_memory(kept if remembers else ()))
+        self.element(kind, what, f=f, g=g, v=first, data=data, count=count, memory=self.late_memory(kept))
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

@@ -7,6 +7,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import contact
+from flexmbd.errors import SceneError
 
 METHODS = {"radau": fm.RadauIIA(), "alpha": fm.GeneralizedAlpha(), "explicit": fm.ExplicitRungeKutta()}
 LAWS = {
@@ -83,3 +84,25 @@ def test_two_balls_part_at_their_share_whatever_their_masses():
     a, b = (run.velocity(ball.frame())[-1, 0] for ball in balls)
     assert b - a == pytest.approx(0.4 * 2.7, rel=1e-4)
     assert 0.3 * a + 0.1 * b == pytest.approx(0.3 * 2.0 - 0.1 * 0.7, rel=1e-9)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_what_is_pressed_in_at_the_start_has_met_nothing(rough):
+    friction = contact.Friction(0.4, stiffness=1e6, damping=60.0, load=1.0) if rough else None
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    ball = scene.add(fm.RigidBody(0.1, (1e-5,) * 3), name="ball")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), ball.frame())
+    free.position = (0.0, 0.0, 0.02 - 1e-6, 1.0, 0.0, 0.0, 0.0)
+    law = contact.PowerLaw(k=1e6, restitution=0.5, speed=None)
+    scene.touch(contact.HalfSpace(scene.ground.frame()), contact.Sphere(ball.frame(), 0.02), law, friction=friction)
+    with pytest.raises(SceneError, match="begin apart, or give the law a speed"):
+        scene.simulate(0.1)
+
+
+def test_a_run_is_stepped_through_contact_as_it_is_run():
+    scene, ball = bouncing(0.5)
+    whole = scene.simulate(0.5, h=1e-4, integrator=fm.RadauIIA())
+    parts = scene.stepper(h=1e-4, integrator=fm.RadauIIA())
+    for _ in range(1000):
+        parts.step(5e-4)
+    assert whole.position(ball.frame())[-1, 2] == pytest.approx(parts.now.position(ball.frame())[2], rel=1e-9)

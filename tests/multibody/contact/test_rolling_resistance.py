@@ -33,7 +33,8 @@ def placed(*, rolling=0.0, spinning=0.0, mu=0.5, slope=0.0, velocity=(0.0,) * 6,
     rough = contact.Friction(
         mu, stiffness=k, damping=0.3 * np.sqrt(k * mass), load=load, rolling=rolling * size, spinning=spinning * size
     )
-    pair = scene.touch(contact.HalfSpace(scene.ground.frame()), contact.Sphere(ball.frame(), radius), law, friction=rough)
+    floor, sphere = contact.HalfSpace(scene.ground.frame()), contact.Sphere(ball.frame(), radius)
+    pair = scene.touch(floor, sphere, law, friction=rough)
     return scene, ball, pair
 
 

@@ -244,8 +244,8 @@ def stretch(kept, n, way, dway, law, depth, ddepth):
     ``kept``: the memory, where a contact's begins, the time (s), where in that the bristle's stretch, way and rate
     begin, and whether the bristle lies across the unit vector n or along it.  ``way``: to where it has come, and its
     rate, which has no other part; ``depth``: likewise; then the variations of both.  ``law``: where the normal force's
-    numbers are, its D, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal force at the
-    end (N) with its own.
+    numbers are, its D, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal force
+    at the end (N) with its own.
     """
     memory, m, t, bristle, across = kept
     duration = t - memory[m + at.MEMORY_TIME]

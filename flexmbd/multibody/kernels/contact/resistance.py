@@ -92,7 +92,7 @@ def resist_variation(data, o, way, motion, change, out):
 
 @kernel
 def remember_turn(data, o, way, d, rate, spin, x):
-    """Write into the configuration x what the two bristles remember; before ``remember_contact``, which has the time."""
+    """Write into the configuration x what the two bristles remember; ``remember_contact`` has the time."""
     _, m, _, y = way
     _, z, piece, piece_n, _ = _bear(data, o, way, d, rate, spin)
     k = m + at.N_MEMORY_HEAD

@@ -13,6 +13,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.contact.bristle import DEPTH, ONSET
 from flexmbd.multibody.kernels.contact.contact_law import (
     contact,
     contact_energy,
@@ -21,7 +22,7 @@ from flexmbd.multibody.kernels.contact.contact_law import (
 )
 from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
 from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
-from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement, Stiffness
+from flexmbd.multibody.kernels.elements.element import Behaviour, FloatArray, FrameElement, Stiffness
 
 HEAD = 3  #: Numbers before the scales.
 _WRENCH = 6
@@ -158,6 +159,18 @@ def _remember(plan, work, row, x, d, R, rate, spin, t):
     remember_contact(plan.data, numbers, rough, (memory, m, t, y), place, speed, spin, x)
 
 
+def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
+    """A complaint where the loss follows the speed at which the surfaces meet, and they touch without having met."""
+    law = numbers[HEAD + int(numbers[0]) + int(numbers[1]) + 1 :]
+    depth, met = memory[at.N_MEMORY_HEAD + DEPTH], memory[at.N_MEMORY_HEAD + ONSET]
+    if law[DISSIPATION] >= 0.0 or not depth > 0.0 or met > 0.0:
+        return ""
+    return (
+        f"pressed in by {depth:.3g} m at the start, it has met nothing at a speed, of which the loss follows where a "
+        "restitution is for every speed: begin apart, or give the law a speed=... (m/s)"
+    )
+
+
 # without states and signals the law's numbers follow the head and their count
 _NAME = "contacts, which are stiffer than at the start"
 CONTACT = FrameElement(
@@ -165,5 +178,6 @@ CONTACT = FrameElement(
 )
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember
-)
+    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember,
+    _misplaced,
+)  # fmt: skip
