@@ -8,7 +8,7 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
 
 #: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m, see ``restitution``); mu, the static mu,
-#: the speed (m/s) over which it falls; k_t (N/m), c_t (N s/m); the sphere's centre in the axes of its own frame G (3, m).
+#: the speed (m/s) over which it falls; k_t (N/m), c_t (N s/m); the sphere's centre in its own frame G (3, m).
 #: Of a contact that resists rolling and spinning then the arms of both (m).
 RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, CENTRE = range(
     SHAPE_NUMBERS, SHAPE_NUMBERS + 10
