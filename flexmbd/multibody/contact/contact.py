@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
+from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
@@ -57,6 +56,8 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         self.law.stiffness(self.shape, self.radius, self.what)
         if self.friction is not None:
             self.friction.check(self.what)
+            if self.friction.resists and self.radius == 0.0:
+                raise SceneError(f"{self.what}: a point neither rolls nor spins; leave rolling and spinning out")
 
     @property
     def shared_numbers(self) -> tuple[SharedNumbers, ...]:
@@ -64,11 +65,22 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         return tables_of(self.shape)
 
     def assemble(self, table: ElementTable) -> None:
-        """One row; with friction three states, how far it has slid."""
-        rough = None if self.friction is None or self.friction.stretch() == 0.0 else self.friction
+        """One row; with friction three states, how far it has slid, and three more where it resists rolling."""
+        rough = self.friction
+        if rough is not None and rough.stretch() == 0.0 and not rough.resists:
+            rough = None
         k = self.law.stiffness(self.shape, self.radius, self.what)
-        normal = [self.radius, k, self.law.exponent, self.law.dissipation()]
+        D = self.law.dissipation()
+        normal = [self.radius, k, self.law.exponent, D]
         friction = [0.0] * 5 if rough is None else rough.numbers()
-        numbers = np.array([*placed_numbers(self.shape, table), *normal, *friction, *self.centre])
-        bristle = None if rough is None else rough.stretch()
-        table.contact(self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle)
+        numbers = [*placed_numbers(self.shape, table), *normal, *friction, *self.centre]
+        bristle = turn = None
+        if rough is not None:
+            bristle = rough.stretch()
+            if rough.resists:
+                turn = rough.turn(self.radius)
+                bristle = bristle or turn
+                numbers += [rough.rolling, rough.spinning]
+        table.contact(
+            self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle, turn=turn, remembers=D < 0.0
+        )

@@ -35,7 +35,7 @@ class NormalLaw(Protocol):
         """Its p."""
 
     def dissipation(self) -> float:
-        """Its D (s/m)."""
+        """Its D (s/m); negative: -D of 1 m/s, divided by the speed at which the surfaces meet."""
 
 
 def dissipation_of(restitution: float, speed: float) -> float:
@@ -64,16 +64,18 @@ class _Impact:
     """What an impact leaves of the speed."""
 
     restitution: float = 1.0
-    speed: float = 1.0
+    speed: float | None = 1.0
 
     def _check_impact(self, what: str) -> None:
-        check_numbers(what, positive={"restitution": self.restitution, "speed": self.speed})
+        check_numbers(what, positive={"restitution": self.restitution})
+        if self.speed is not None:
+            check_numbers(what, positive={"speed": self.speed})
         if self.restitution > 1.0:
             raise SceneError(f"{what}: restitution = {self.restitution} makes energy; it is between 0 and 1")
 
     def dissipation(self) -> float:
-        """D (s/m)."""
-        return dissipation_of(self.restitution, self.speed)
+        """D (s/m); without a speed -D of 1 m/s, which the kernels divide by the speed at which the surfaces meet."""
+        return dissipation_of(self.restitution, self.speed) if self.speed else -dissipation_of(self.restitution, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +90,7 @@ class Hertz(_Impact):
         E_other, nu_other: of the touched shape; None: the same.
         restitution: share of its speed that an impact at ``speed`` leaves, between 0 and 1; at other speeds it is
             nearer to 1 the slower they are (Hunt & Crossley 1975).
-        speed: m/s.
+        speed: m/s; None: ``restitution`` at every speed, by that at which the surfaces meet.
     """
 
     E: float = 0.0
@@ -158,14 +160,14 @@ class PowerLaw(_Impact):
         p: the exponent, 1 or more.
         restitution: share of its speed that an impact at ``speed`` leaves, between 0 and 1; at other speeds it is
             nearer to 1 the slower they are (Hunt & Crossley 1975).
-        speed: m/s.
+        speed: m/s; None: ``restitution`` at every speed, by that at which the surfaces meet.
     """
 
     k: float = 0.0
     p: float = 1.0
 
     @classmethod
-    def bearing(cls, load: float, *, depth: float, restitution: float = 1.0, speed: float = 1.0) -> PowerLaw:
+    def bearing(cls, load: float, *, depth: float, restitution: float = 1.0, speed: float | None = 1.0) -> PowerLaw:
         """The linear one that bears a load (N) at a depth (m).
 
         Raises:
@@ -204,6 +206,8 @@ class Friction:
         load: N, a typical normal force; rtol is relative to the bristle's stretch under it.
         static: coefficient at rest, mu or more; None: mu.
         stribeck: m/s, the sliding speed over which the coefficient falls from ``static`` to ``mu``.
+        rolling, spinning: m, arms at which N is resisted where a sphere rolls and where it spins about the normal: a
+            moment that holds it up to arm times N, by bristles of the same stiffness and damping at its radius.
     """
 
     mu: float
@@ -212,13 +216,15 @@ class Friction:
     load: float
     static: float | None = None
     stribeck: float | None = None
+    rolling: float = 0.0
+    spinning: float = 0.0
 
     def check(self, what: str) -> None:
         """Raise SceneError for numbers that no friction has."""
         check_numbers(
             what,
             positive={"stiffness": self.stiffness, "damping": self.damping, "load": self.load},
-            least={"mu": self.mu},
+            least={"mu": self.mu, "rolling": self.rolling, "spinning": self.spinning},
         )
         if self.static is None:
             if self.stribeck is not None:
@@ -239,3 +245,12 @@ class Friction:
     def stretch(self) -> float:
         """Of the bristle under the typical load (m)."""
         return max(self.mu, self.static or 0.0) * self.load / self.stiffness
+
+    @property
+    def resists(self) -> bool:
+        """Whether it resists rolling or spinning."""
+        return self.rolling > 0.0 or self.spinning > 0.0
+
+    def turn(self, radius: float) -> float:
+        """How far a sphere of this radius (m) turns, times the radius, before it rolls or spins under the load (m)."""
+        return max(self.rolling, self.spinning) / radius * self.load / self.stiffness

@@ -131,13 +131,15 @@ class ElementTable(Protocol):
         """
 
     def contact(
-        self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None
+        self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None,
+        turn: float | None = None, remembers: bool = False,
     ) -> None:
         """Let a shape on F and a sphere that G carries touch.
 
         ``numbers``: of the shape, the law and the sphere (``kernels.contact.contact_law``).  ``bristle``: the size (m)
-        to which rtol is relative for the stretch of friction's bristle, or None where there is no friction; for a force
-        that is ``WithStates``.
+        to which rtol is relative for the stretch of friction's bristle, or None where there is no friction; ``turn``
+        likewise of the bristles that resist rolling and spinning; for a force that is ``WithStates``.  ``remembers``:
+        also without friction, the speed at which the surfaces met.
         """
 
     def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:

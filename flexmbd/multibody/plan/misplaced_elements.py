@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.elements.element import CoordinateLaw
+from flexmbd.multibody.kernels.elements.element import CoordinateLaw, FrameElement
 from flexmbd.multibody.kernels.elements.table import ELEMENTS
 
 
@@ -22,7 +22,8 @@ def refuse_misplaced_elements(names: Sequence[str], plan: Plan, x: NDArray[np.fl
 
 def placed_elements(plan: Plan) -> list[NDArray[np.int64]]:
     """Rows of the elements that not every start suits."""
-    return [row for row in plan.elements if _misplaced(row) is not None]
+    kinds = [isinstance(one, CoordinateLaw | FrameElement) and one.misplaced is not None for one in ELEMENTS]
+    return [row for row in plan.elements if kinds[row[at.EL_KIND]]]
 
 
 def misplaced_elements(
@@ -30,12 +31,10 @@ def misplaced_elements(
 ) -> Iterator[tuple[NDArray[np.int64], str]]:
     """Those of the ``placed_elements`` that a start (nx,) does not suit, each with what is wrong."""
     for row in placed:
-        misplaced = _misplaced(row)
-        complaint = misplaced(plan.data[row[at.EL_DATA] :], float(x[row[at.EL_X]])) if misplaced is not None else ""
+        element, numbers, complaint = ELEMENTS[row[at.EL_KIND]], plan.data[row[at.EL_DATA] :], ""
+        if isinstance(element, CoordinateLaw) and element.misplaced is not None:
+            complaint = element.misplaced(numbers, float(x[row[at.EL_X]]))
+        elif isinstance(element, FrameElement) and element.misplaced is not None:
+            complaint = element.misplaced(numbers, x[row[at.EL_MEMORY] :])
         if complaint:
             yield row, complaint
-
-
-def _misplaced(row: NDArray[np.int64]) -> Callable[[NDArray[np.float64], float], str] | None:
-    element = ELEMENTS[row[at.EL_KIND]]
-    return element.misplaced if isinstance(element, CoordinateLaw) else None

@@ -18,7 +18,7 @@ from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.switched import Switched
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.contact.bristle import N_KEPT
+from flexmbd.multibody.kernels.contact.bristle import N_KEPT, N_KEPT_TURNING, TURN
 from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES, frame_states_scratch
 from flexmbd.multibody.kernels.elements.hard_element import HARD_CONTACT, HARD_GROUP
@@ -36,8 +36,10 @@ from flexmbd.multibody.scene_index import StatePlaces
 
 FloatArray = NDArray[np.float64]
 
+_SLID, _TURNED = ("slid x", "slid y", "slid z"), ("turned x", "turned y", "turned z")
 # what a rough contact remembers (``kernels.contact.bristle``); names with an underscore are not told
 _KEPT = ("stretch x", "stretch y", "stretch z", *(f"_{k}" for k in range(3, N_KEPT)))
+_KEPT_TURNING = (*_KEPT, "turn x", "turn y", "turn z", *(f"_{k}" for k in range(TURN + 3, N_KEPT_TURNING)))
 
 
 class StateTable(ABC):
@@ -107,19 +109,23 @@ class StateTable(ABC):
         )  # fmt: skip
 
     def contact(
-        self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None
+        self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike, bristle: float | None,
+        turn: float | None = None, remembers: bool = False,
     ) -> None:
         """Let a shape on F and a sphere that G carries touch."""
         values = flat(numbers)
-        names = () if bristle is None else ("slid x", "slid y", "slid z")
-        sizes, initial = state_sizes(bristle or 1.0, dict.fromkeys(names, 0.0), what)
+        names = () if bristle is None else _SLID if turn is None else (*_SLID, *_TURNED)
+        scales = [bristle or 1.0] * len(_SLID) + [turn or 1.0] * len(_TURNED)
+        sizes, initial = state_sizes(scales[: len(names)] or 1.0, dict.fromkeys(names, 0.0), what)
         first, link = self._add_links(what, names, initial, sizes)
         n = len(initial)
         data = self.numbers([n, 0, link, *sizes, len(values), *values])
-        kind = CONTACT if bristle is None else ROUGH_CONTACT
+        remembers = remembers or bristle is not None
+        kept = () if not remembers else _KEPT if turn is None else _KEPT_TURNING
+        kind = ROUGH_CONTACT if remembers else CONTACT
         f, g = self.frame(frame_F), self.frame(frame_G)
-        kept = () if bristle is None else _KEPT
-        self.element(kind, what, f=f, g=g, v=first, data=data, count=N_KEPT, memory=self.late_memory(kept))
+        count = N_KEPT if turn is None else N_KEPT_TURNING
+        self.element(kind, what, f=f, g=g, v=first, data=data, count=count, memory=self.late_memory(kept))
 
     def hard_contact(self, what: str, frame_F: Frame, frame_G: Frame, *, numbers: ArrayLike) -> None:
         """Let a shape on F and a sphere that G carries touch without entering each other."""

@@ -9,7 +9,8 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.multibody.kernels.contact.bristle import stretch
 from flexmbd.multibody.kernels.contact.contact_law import contact, contact_energy, contact_variation
-from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS
+from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS, normal_force
+from flexmbd.multibody.kernels.contact.resistance import resist, resist_variation
 
 SHAPES = {
     "sphere": ([kinds.SPHERE, 0.5, 0.0, 0.0], (0.3, -0.2, 0.4)),
@@ -59,8 +60,9 @@ def lead(memory, data, path, depth, out):
     """The stretch after a second on a way in the xy plane; 1 m/N is how far it goes before it slides."""
     zero = 0.0, 0.0, 0.0
     way = (path[0, 0], path[0, 1], path[0, 2]), (path[2, 0], path[2, 1], path[2, 2])
+    law = data, 0, 0.0, 1.0, 0.0, normal_force(data, 0, 0.0, depth[0], depth[1])[0], 0.0
     end, _, _, _ = stretch(
-        memory, 0, 1.0, (0.0, 0.0, 1.0), way, (zero, zero), (data, 0, 1.0, 0.0), (depth[0], depth[1]), (0.0, 0.0)
+        (memory, 0, 1.0, 0, True), (0.0, 0.0, 1.0), way, (zero, zero), law, (depth[0], depth[1]), (0.0, 0.0)
     )
     out[0], out[1], out[2] = end
 
@@ -84,7 +86,7 @@ def numbers(shape, *, D=0.05, mu=0.4, static=0.6):
 
 def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), depth=(0.0, 0.0)):
     """Of time 0, where nothing had slid yet."""
-    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, *depth])
+    return np.array([0.0, 0.0, 0.0, 0.0, *z, 0.0, 0.0, 0.0, *rate, *depth, 0.0])
 
 
 def wrench(data, motion, memory=None):
@@ -123,6 +125,52 @@ def test_variations_are_those_of_differences(name, slid):
         expected = (wrench(data, motion + h * change, memory) - wrench(data, motion - h * change, memory)) / (2.0 * h)
         near = 2e-5 if slid is None or slid < 1e-3 else SLIDING
         assert found == pytest.approx(expected, rel=near, abs=near * np.abs(expected).max())
+
+
+@entry_kernel
+def turn(data, memory, y, motion, out):
+    m = motion
+    way = memory, 0, STEP, (y[0], y[1], y[2])
+    moment, _ = resist(data, 0, way, (m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8]), out[3:])
+    out[0], out[1], out[2] = moment
+
+
+@entry_kernel
+def vary_turn(data, memory, y, motion, change, out):
+    m, c = motion, change
+    way = memory, 0, STEP, (y[0], y[1], y[2])
+    out[0], out[1], out[2] = resist_variation(
+        data, 0, way, ((m[0], m[1], m[2]), (m[3], m[4], m[5]), (m[6], m[7], m[8])),
+        ((c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]), (c[9], c[10], c[11])), out[3:],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("size", [1e-7, 1e-3])  # both stick; both slide
+def test_variations_of_rolling_resistance_are_those_of_differences(name, size):
+    shape, place = SHAPES[name]
+    data = np.concatenate([numbers(shape), [2e-2, 3e-2]])
+    rng = np.random.default_rng(5)
+    motion = np.concatenate([place, 0.1 * rng.normal(size=3), size / STEP / RADIUS * rng.normal(size=3)])
+    memory = np.concatenate([remembered(depth=(0.03, 0.0)), 0.1 * size * rng.normal(size=9), np.zeros(2)])
+    y = memory[19:22] + STEP * RADIUS * motion[6:]
+
+    def asked(at):
+        out = np.zeros(6)
+        turn(data, memory, y + at[9:], motion + at[:9], out)
+        return out
+
+    for _ in range(4):
+        change = rng.normal(size=12)
+        change[9:] *= size
+        change[6:9] *= size / STEP
+        change[:3] *= 1.0 if size < 1e-5 else 0.0  # what slides is not varied to first order as its normal turns
+        h = 1e-5
+        found = np.zeros(6)
+        vary_turn(data, memory, y, motion, change, found)
+        expected = (asked(h * change) - asked(-h * change)) / (2.0 * h)
+        near = 2e-5 if size < 1e-5 else SLIDING
+        assert found == pytest.approx(expected, rel=near, abs=near * np.abs(expected[:3]).max())
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -22,14 +22,18 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.normal_force import normal_force
 
 #: What is kept of the last step's end, behind the head of a memory: the stretch (3, m); the way (3, m) and its rate
-#: (3, m/s); how deep it is pressed in (m), and its rate (m/s).
-STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, N_KEPT = 0, 3, 6, 9, 10, 11
+#: (3, m/s); how deep it is pressed in (m), and its rate (m/s); the speed (m/s) at which the surfaces met.
+STRETCH, WAY, RATE, DEPTH, DEPTH_RATE, ONSET, N_KEPT = 0, 3, 6, 9, 10, 11, 12
+#: Of a contact that resists rolling and spinning (``resistance``) then the stretch, the way and its rate of a second
+#: one; and on which piece of their laws its parts across and along the normal are.
+TURN, ROLLS, SPINS, N_KEPT_TURNING = 12, 21, 22, 23
 
 _SHORTER = 0.125  # pieces of what is left of the way
 _PIECES = 12  # at most: 8^-12 of it is below round-off
 _PARTS = 4  # of a way that bends
 _TURNED = 8.0  # stretches after which nothing is left of the direction before
 _FAR = 0.5  # of s at both ends: a stretch and a way that are shorter together slide nowhere
+_ASIDE = 4.0 / 27.0  # of the rates at both ends, the farthest that a cubic goes because of them
 _HALVINGS = 52
 _SECTIONS = 32  # golden: 2e-7 of a piece, about a maximum
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -111,14 +115,16 @@ def _slide(z, dz, move, dmove, before, s, ds):
 @kernel
 def _longest(law, depth, e):
     """s, and its variation, where the share e of the time is left; 0 where nothing touches."""
-    data, o, per, dper = law
+    data, o, D, per, dper, N, dN = law
+    if e == 0.0:
+        return per * N, dper * N + per * dN
     duration, last, (first, second, third), dlast, (dfirst, dsecond, dthird) = depth
     deep, ddeep = last[0] + e * (first + e * (second + e * third)), dlast[0] + e * (dfirst + e * (dsecond + e * dthird))
     rate, drate = last[1], dlast[1]
     if duration > 0.0:
         rate = -(first + e * (2.0 * second + e * 3.0 * third)) / duration
         drate = -(dfirst + e * (2.0 * dsecond + e * 3.0 * dthird)) / duration
-    N, by_depth, by_rate = normal_force(data, o, deep, rate)
+    N, by_depth, by_rate = normal_force(data, o, D, deep, rate)
     return per * N, dper * N + per * (by_depth * ddeep + by_rate * drate)
 
 
@@ -172,7 +178,8 @@ def _lead(law, depth, way, dway, begin, end):
     """
     z, dz, left = begin
     place, there = _from_end(way[0], way[1], way[2], left), _from_end(way[0], way[1], way[2], end)
-    s = _longest(law, depth, end)[0]
+    last, dlast = _longest(law, depth, end)
+    s = last
     move = sub3(there, place)
     reached = add3(z, move)
     bends = dot3(reached, reached) > s * s and dot3(move, move) < _TURNED * _TURNED * s * s
@@ -183,7 +190,7 @@ def _lead(law, depth, way, dway, begin, end):
     for part in range(parts):
         here = end + (parts - 1 - part) * step
         there, dthere = _from_end(way[0], way[1], way[2], here), _from_end(dway[0], dway[1], dway[2], here)
-        s, ds = _longest(law, depth, here)
+        s, ds = (last, dlast) if part == parts - 1 else _longest(law, depth, here)
         z, dz, slides = _slide(z, dz, sub3(there, place), sub3(dthere, dplace), before, s, ds)
         place, dplace, before = there, dthere, s
     return z, dz, slides
@@ -200,9 +207,6 @@ def follow(z, way, dway, law, depth):
     s = _longest(law, depth, 0.0)[0]
     if left < 1.0:
         z = _ZERO
-    elif _length(z) + _length(way[0]) + _length(way[1]) + _length(way[2]) < _FAR * min(s, _longest(law, depth, 1.0)[0]):
-        whole, dwhole = _from_end(way[0], way[1], way[2], 1.0), _from_end(dway[0], dway[1], dway[2], 1.0)
-        return sub3(z, whole), scale3(-1.0, dwhole), False, False  # it sticks, far from sliding
     turns = _turns(way[0], way[1], way[2])
     for piece in range(2 + _PIECES):
         if piece < 2:
@@ -227,24 +231,42 @@ def follow(z, way, dway, law, depth):
 
 
 @kernel
-def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
-    """The stretch at t (s), its variation across n, whether it slides there and whether before, of the memory at m.
+def _part(n, across, v):
+    """The part of a vector across the unit vector n, or along it."""
+    along = scale3(dot3(n, v), n)
+    return sub3(v, along) if across else along
 
-    ``way``: to where it has come, and its rate; ``depth``: likewise; then the variations of both.  ``law``: where the
-    normal force's numbers are, and the length at which the bristle slides under 1 N (m/N), with its variation.
+
+@kernel
+def stretch(kept, n, way, dway, law, depth, ddepth):
+    """The stretch at the end of a way, its variation, whether it slides there and whether before.
+
+    ``kept``: the memory, where a contact's begins, the time (s), where in that the bristle's stretch, way and rate
+    begin, and whether the bristle lies across the unit vector n or along it.  ``way``: to where it has come, and its
+    rate, which has no other part; ``depth``: likewise; then the variations of both.  ``law``: where the normal force's
+    numbers are, its D, the length at which the bristle slides under 1 N (m/N) with its variation, and the normal force
+    at the end (N) with its own.
     """
+    memory, m, t, bristle, across = kept
     duration = t - memory[m + at.MEMORY_TIME]
     duration = duration if duration > 0.0 else 0.0  # before a start has written it: straight on
     o = m + at.N_MEMORY_HEAD
-    whole = flat(n, sub3(way[0], load3(memory, o + WAY)))
-    before = scale3(duration, flat(n, load3(memory, o + RATE)))
-    z = flat(n, load3(memory, o + STRETCH))
+    b = o + bristle
+    whole = _part(n, across, sub3(way[0], load3(memory, b + WAY)))
+    before = scale3(duration, _part(n, across, load3(memory, b + RATE)))
+    z = _part(n, across, load3(memory, b + STRETCH))
     grown, first, last = depth[0] - memory[o + DEPTH], duration * memory[o + DEPTH_RATE], duration * depth[1]
     dlast = duration * ddepth[1]
+    end, dwhole = scale3(duration, way[1]), _part(n, across, dway[0])
+    if memory[o + DEPTH] >= 0.0:
+        data, numbers, D, per, _, N, _ = law
+        first_N = normal_force(data, numbers, D, memory[o + DEPTH], memory[o + DEPTH_RATE])[0]
+        farthest = _length(z) + _length(whole) + _ASIDE * (_length(before) + _length(end))
+        if farthest < _FAR * per * min(N, first_N):
+            return add3(z, whole), dwhole, False, False  # it sticks, far from sliding
+    dend = scale3(duration, _part(n, across, dway[1]))
     cubic = -last, 2.0 * last + first - 3.0 * grown, 2.0 * grown - first - last
     dcubic = -dlast, 2.0 * dlast - 3.0 * ddepth[0], 2.0 * ddepth[0] - dlast
-    end, dend = scale3(duration, way[1]), scale3(duration, flat(n, dway[1]))
-    dwhole = flat(n, dway[0])
     back = (
         scale3(-1.0, end), sub3(add3(scale3(2.0, end), before), scale3(3.0, whole)),
         sub3(scale3(2.0, whole), add3(before, end)),
@@ -256,8 +278,12 @@ def stretch(memory, m, t, n, way, dway, law, depth, ddepth):
 
 
 @kernel
-def keep(x, m, t, piece, z, way, depth):
-    """Write into the configuration x what a bristle remembers: its stretch, the way and the depth with their rates."""
+def keep(x, m, t, piece, z, way, depth, onset):
+    """Write into the configuration x what a contact remembers.
+
+    The time, the piece of friction's law, the stretch, the way and the depth with their rates, the speed at which the
+    surfaces met.
+    """
     x[m + at.MEMORY_TIME] = t
     x[m + at.MEMORY_PIECE] = piece
     x[m + at.MEMORY_DEFORMATION] = math.sqrt(dot3(z, z))
@@ -267,3 +293,4 @@ def keep(x, m, t, piece, z, way, depth):
     store3(x, o + WAY, way[0])
     store3(x, o + RATE, way[1])
     x[o + DEPTH], x[o + DEPTH_RATE] = depth
+    x[o + ONSET] = onset

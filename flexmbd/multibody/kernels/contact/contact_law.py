@@ -22,10 +22,10 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.contact.bristle import STRETCH, flat, keep, stretch
+from flexmbd.multibody.kernels.contact.bristle import STRETCH, flat, keep
+from flexmbd.multibody.kernels.contact.bristle_force import FREE, bristle_force, bristle_force_variation
 from flexmbd.multibody.kernels.contact.normal_force import (
     BRISTLE,
-    BRISTLE_DAMPING,
     EXPONENT,
     FRICTION,
     RADIUS,
@@ -34,6 +34,7 @@ from flexmbd.multibody.kernels.contact.normal_force import (
     STRIBECK,
     normal_force,
 )
+from flexmbd.multibody.kernels.contact.restitution import dissipation, speed_at_touch
 from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
@@ -47,7 +48,6 @@ from flexmbd.multibody.kernels.contact.signed_distance import (
 )
 
 _ZERO = (0.0, 0.0, 0.0)
-_FREE, _STICKS = 0.0, 1.0  # pieces of friction's law; one more where the bristle slides, two where it bears mu N
 
 
 @kernel
@@ -62,50 +62,24 @@ def _coefficient(data, o, v):
 
 
 @kernel
-def _stretch(data, o, way, n, depth, v, dway, ddepth, dv):
-    """The bristle's stretch and its variation; mu N and its variation; whether it slides, and whether before.
+def _friction(data, o, way, n, depth, v, D, N):
+    """Friction on the sphere (N), the bristle's stretch (m), the piece of the law, and whether it bends in the step.
 
-    ``way``: the memory, where in it the bristle's begins, the time (s), and how far the surfaces have slid (m).
-    ``depth``: how deep they are pressed into each other (m), and its rate (m/s).
+    ``way``: the memory, where in it the contact's begins, the time (s), and how far the surfaces have slid (m).
     """
     memory, m, t, y = way
-    mu, slope = _coefficient(data, o, v)
-    dmu = slope * dot3(v, dv)
-    k = data[o + BRISTLE]
-    z, dz, slides, slid = stretch(memory, m, t, n, (y, v), (dway, dv), (data, o, mu / k, dmu / k), depth, ddepth)
-    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
-    return z, dz, mu * N, dmu * N + mu * (by_depth * ddepth[0] + by_rate * ddepth[1]), (slides, slid)
+    mu, _ = _coefficient(data, o, v)
+    return bristle_force(data, o, (memory, m, t, 0, True, m + at.MEMORY_PIECE), n, (y, v), depth, mu, D, N)
 
 
 @kernel
-def _friction(data, o, way, n, depth, v):
-    """Friction on the sphere (N) at the sliding velocity v; the bristle's stretch (m); the piece of the law.
-
-    And whether the law bends between there and where the step began.
-    """
-    z, _, most, _, (slides, slid) = _stretch(data, o, way, n, depth, v, _ZERO, (0.0, 0.0), _ZERO)
-    pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
-    size = math.sqrt(dot3(pull, pull))
-    full = size > most
-    piece = _STICKS + (1.0 if slides else 0.0) + (2.0 if full else 0.0)
-    before = way[0][way[1] + at.MEMORY_PIECE]
-    bends = (slid and not slides) or (before != _FREE and before != piece)
-    return scale3(-most / size if full else -1.0, pull), z, piece, bends
-
-
-@kernel
-def _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv):
+def _friction_variation(data, o, way, n, depth, v, D, N, dway, dn, ddepth, dv, dN):
     """Friction, and its variation for a way longer by dway, n + dn, v + dv, and that of the depth and its rate."""
-    z, dz, most, dmost, _ = _stretch(data, o, way, n, depth, v, dway, ddepth, dv)
-    dz = sub3(dz, scale3(dot3(dn, z), n))  # it stays in the tangent plane
-    pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
-    dpull = add3(scale3(data[o + BRISTLE], dz), scale3(data[o + BRISTLE_DAMPING], dv))
-    size = math.sqrt(dot3(pull, pull))
-    if size <= most:
-        return scale3(-1.0, pull), scale3(-1.0, dpull)
-    share = most / size
-    dshare = dmost / size - share * dot3(pull, dpull) / (size * size)
-    return scale3(-share, pull), scale3(-1.0, add3(scale3(dshare, pull), scale3(share, dpull)))
+    memory, m, t, y = way
+    mu, slope = _coefficient(data, o, v)
+    kept = memory, m, t, 0, True, m + at.MEMORY_PIECE
+    law = mu, slope * dot3(v, dv), D, N, dN
+    return bristle_force_variation(data, o, kept, (n, dn), (y, v, dway, dv), (depth, ddepth), law)
 
 
 @kernel
@@ -147,19 +121,21 @@ def _slides(data, o, n, rate, spin):
 def contact(data, o, rough, way, d, rate, spin, out):
     """Force on the sphere, torque about its centre and, where it is ``rough``, its sliding velocity into ``out``.
 
-    ``way``: as of ``_stretch``.  Returns the longest step (s) in which it cannot pass through, and whether friction
+    ``way``: as of ``_friction``.  Returns the longest step (s) in which it cannot pass through, and whether friction
     bends in this one.
     """
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
-    force, torque = scale3(normal_force(data, o, depth[0], depth[1])[0], n), _ZERO
+    D = dissipation(data, o, way[:3], depth)
+    N = normal_force(data, o, D, depth[0], depth[1])[0]
+    force, torque = scale3(N, n), _ZERO
     bends = False
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
     if rough:
         arm, _, sliding = _slides(data, o, n, rate, spin)
         if touches:
-            friction, _, _, bends = _friction(data, o, way, n, depth, sliding)
+            friction, _, _, bends = _friction(data, o, way, n, depth, sliding, D, N)
             force, torque = add3(force, friction), cross3(arm, friction)
         store3(out, 6, sliding)
     if gap != gap:
@@ -186,7 +162,8 @@ def contact_variation(data, o, rough, way, motion, change, out):
         return _ZERO
     dn = gradient_variation(data, o, d, dd)
     depth, ddepth = (-gap, -dot3(n, rate)), (-dot3(n, dd), -dot3(dn, rate) - dot3(n, drate))
-    N, by_depth, by_rate = normal_force(data, o, depth[0], depth[1])
+    D = dissipation(data, o, way[:3], depth)
+    N, by_depth, by_rate = normal_force(data, o, D, depth[0], depth[1])
     dN = by_depth * ddepth[0] + by_rate * ddepth[1]
     force, dforce, dtorque = scale3(N, n), add3(scale3(dN, n), scale3(N, dn)), _ZERO
     if rough:
@@ -195,7 +172,7 @@ def contact_variation(data, o, rough, way, motion, change, out):
         dwhole = add3(drate, add3(cross3(dspin, arm), cross3(spin, darm)))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(dot3(n, whole), dn))
         if touches:
-            friction, dfriction = _friction_variation(data, o, way, n, depth, v, dway, dn, ddepth, dv)
+            friction, dfriction = _friction_variation(data, o, way, n, depth, v, D, N, dway, dn, ddepth, dv, dN)
             force, dforce = add3(force, friction), add3(dforce, dfriction)
             dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
         store3(out, 6, dv)
@@ -205,17 +182,18 @@ def contact_variation(data, o, rough, way, motion, change, out):
 
 
 @kernel
-def remember_contact(data, o, way, d, rate, spin, x):
-    """Write into the configuration x what the bristle remembers of where it is."""
+def remember_contact(data, o, rough, way, d, rate, spin, x):
+    """Write into the configuration x what the contact remembers of where it is."""
     _, m, t, y = way
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
     depth = -gap, -dot3(n, rate)
     _, _, v = _slides(data, o, n, rate, spin)
-    z, piece = _ZERO, _FREE
-    if gap < 0.0:
-        _, z, piece, _ = _friction(data, o, way, n, depth, v)
-    keep(x, m, t, piece, z, (y, v), depth)
+    z, piece = _ZERO, FREE
+    if rough and gap < 0.0:
+        D = dissipation(data, o, way[:3], depth)
+        _, z, piece, _ = _friction(data, o, way, n, depth, v, D, normal_force(data, o, D, depth[0], depth[1])[0])
+    keep(x, m, t, piece, z, (y, v), depth, speed_at_touch(way[:3], depth))
 
 
 @kernel

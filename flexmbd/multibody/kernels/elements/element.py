@@ -98,6 +98,8 @@ class FrameElement:
         energy: (plan, work, row, d, R, rate, spin) -> J that it stores; None where it stores nothing.
         remember: (plan, work, row, x, d, R, rate, spin, t) writes into the configuration x what it remembers at t (s);
             None where it has no memory.
+        misplaced: (numbers, memory) -> a complaint where a start that wrote this memory does not suit these parameters,
+            else nothing; of those that remember alone.
     """
 
     behaviour: Behaviour
@@ -105,6 +107,7 @@ class FrameElement:
     variation: Any = None
     energy: Any = None
     remember: Any = None
+    misplaced: Callable[[FloatArray, FloatArray], str] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -155,9 +155,11 @@ def rough_contacts(plan: Plan) -> IntArray:
 
 
 def slid_ways(plan: Plan) -> IntArray:
-    """(k,) velocities of links whose state is how far the surfaces of a rough contact have slid, maybe for ever."""
+    """(k,) velocities of links whose state is how far rough surfaces have slid or turned, maybe for ever."""
     rough = plan.elements[rough_contacts(plan)]
-    return (rough[:, at.EL_V, None] + np.arange(3)).ravel()
+    counts = plan.data[rough[:, at.EL_DATA]].astype(np.int64)
+    ways = (first + np.arange(n) for first, n in zip(rough[:, at.EL_V], counts, strict=True))
+    return np.concatenate([np.zeros(0, np.int64), *ways])
 
 
 def joint_force_times(plan: Plan) -> IntArray:
