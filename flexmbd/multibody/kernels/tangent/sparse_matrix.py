@@ -80,7 +80,7 @@ def is_augmented(plan: Plan) -> bool:
 
 def new_sparse_matrix(plan: Plan, blocks: UnknownBlocks, pattern: BlockPattern) -> SparseMatrix:
     """Allocate the matrix of a plan."""
-    pairs = blocks.pairs()
+    pairs = blocks.pairs
     places = new_sparse_places(plan, blocks, pairs, *pattern.entries(*pairs.T))
     return SparseMatrix(pattern, new_block_matrix(pattern), places, np.zeros((1, pattern.unknowns)))
 
@@ -102,7 +102,7 @@ def _ways(plan: Plan) -> list[NDArray[np.bool_] | None]:
 
 def new_pattern(blocks: UnknownBlocks) -> BlockPattern:
     """The pattern by minimum degree, but that blocks come after those that they wait for."""
-    pairs, waits = blocks.pairs(), blocks.waits()
+    pairs, waits = blocks.pairs, blocks.waits()
     pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
     if not waits:
         return pattern
