@@ -78,8 +78,8 @@ class _Settling:
     """Newton's steps down the energy, cut where it would rise, as a problem for his method.
 
     Where nothing resists some forces, or next to nothing, as across a flat net without tension, all is stiffened as
-    much as keeps the step short, the less the smaller the forces (Levenberg and Marquardt).  What is unstable on the way is left to the dense way, which tells how the
-    machine would come to the equilibrium.
+    much as keeps the step short, the less the smaller the forces (Levenberg and Marquardt).  What is unstable on the
+    way is left to the dense way, which tells how the machine would come to the equilibrium.
     """
 
     balance: _Balance
@@ -89,7 +89,7 @@ class _Settling:
 
     def correction(self, here: _Place) -> Correction[_Place]:
         """Newton's step, or the stiffened one where forces are loose, or his would be long."""
-        stiffness, size = self.balance.stiffness, self.balance.size
+        size = self.balance.size
         if here.unstable:
             raise _NotSoSimpleError("on the way to the equilibrium the machine is unstable")
         ends = not here.holding.any()
@@ -154,7 +154,8 @@ class _Balance:
         at_play = energies * step_size(self.size, step) + entries.nearby(np.abs(force * self.size))
         # places are known to round-off, too
         loose = np.abs(holding * self.size) > np.maximum(BALANCED * at_play, ROUND_OFF * energies)
-        return _Place(x, multipliers, force, values, step, change, np.where(loose, holding, 0.0), unstable)
+        holding = np.where(loose, holding, 0.0)
+        return _Place(x, multipliers, force, values, step, change, holding, unstable)
 
     def is_solved(self, here: _Place, *, close: bool) -> bool:
         return close or step_size(self.size, here.step) <= self.least

@@ -1,7 +1,6 @@
 """Equilibria of machines of many bodies by their sparse stiffness: closed forms, and the dense way."""
 
 import itertools
-import warnings
 
 import numpy as np
 import pytest
@@ -57,7 +56,7 @@ def test_a_hanging_chain(ways):
 
 
 def flat_string(count, *, mass=0.2, stiffness=3e3, length=0.5, gravity=9.81, slack=0.0):
-    """Points on springs from wall to wall along a horizontal line, in their lengths but for a share of slack; frames."""
+    """Points on springs from wall to wall along a level line, in their lengths but for a share of slack; frames."""
     scene, frames = fm.System(gravity=(0.0, -gravity, 0.0)), []
     for n in range(count):
         frames.append(scene.add(fm.PointMass(mass)).frame())
@@ -90,7 +89,8 @@ def test_a_flat_string_hangs_in_a_polygon(ways, count, gravity, slack, sparse):
         return np.stack([np.full(count + 1, across), -down]) / pull * ((1.0 + slack) * length + pull / stiffness)
 
     span = (count + 1) * length
-    across = scipy.optimize.brentq(lambda one: stretched(one)[0].sum() - span, 1e-9 * down[0], 100 * down[0], xtol=1e-15)
+    least, most = 1e-9 * down[0], 100.0 * down[0]
+    across = scipy.optimize.brentq(lambda one: stretched(one)[0].sum() - span, least, most, xtol=1e-15)
     expected = np.cumsum(stretched(across), axis=1)[:, :-1].T
     found = scene.equilibrium()
     assert ways == [sparse]
@@ -109,7 +109,7 @@ def test_flat_nets_as_by_dense_matrices(ways, monkeypatch, seed):
 
     def spring(one, other):
         ends = [frames.get(node) or scene.ground.frame((float(node[0]), float(node[1]), 0.0)) for node in (one, other)]
-        scene.add_force(fm.force.SpringDamper(*ends, rng.uniform(1e3, 4e3), 1.0 - tension))
+        scene.add_force(fm.force.SpringDamper(*ends, stiffness=rng.uniform(1e3, 4e3), length=1.0 - tension))
 
     for i, j in itertools.product(range(-1, nx), range(-1, ny)):
         if j >= 0 and not (seed == 2 and (i, j) == (2, 2)):
@@ -137,7 +137,8 @@ def test_a_straight_beam_of_springs_sags_between_walls(ways, monkeypatch):
             if 0 <= j + other < ny and (other == 0 or (i >= 0 and i + one < nx)):
                 ends = [(i, j), (i + one, j + other)]
                 joined = [frames.get(k) or scene.ground.frame((float(k[0]), float(k[1]), 0.0)) for k in ends]
-                scene.add_force(fm.force.SpringDamper(*joined, 4e4, float(np.hypot(one, other))))
+                length = float(np.hypot(one, other))
+                scene.add_force(fm.force.SpringDamper(*joined, stiffness=4e4, length=length))
     expected = dense(monkeypatch, scene)
     found = scene.equilibrium()
     assert ways == [True]

@@ -10,7 +10,7 @@ their own, and paths end there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -215,7 +215,7 @@ class UnknownBlocks:
 
     @cached_property
     def pairs(self) -> IntArray:
-        """(p, 2) pairs of blocks that the matrix joins, each once, a block with itself included; symmetric, ascending."""
+        """(p, 2) pairs of blocks that the matrix joins, each once, a block with itself included, ascending."""
         b = len(self.first)
         groups = np.concatenate([self.body_pairs, self.carried, self.carrying, self.nested])
         one = np.concatenate([self.of[groups[:, 0]], self.row_blocks[self.closures.owner]])
@@ -245,7 +245,7 @@ class UnknownBlocks:
         for group, (first, _) in enumerate(self.row_groups):
             row = self.plan.rows[first]
             if row[at.ROW_KIND] == kinds.ROW_COUPLING:
-                moving: Iterable[int] = blocks[starts[group] : starts[group + 1]].tolist()
+                moving = {int(block) for block in blocks[starts[group] : starts[group + 1]]}
             else:
                 moving = self._moving_one(int(row[at.ROW_F]), int(row[at.ROW_G]))
             found[int(self.row_blocks[group])] = list(moving)

@@ -40,7 +40,7 @@ _STRAIGHT = 0.1  # rad, or of the extent: by how much the middle of a step that 
 
 
 class LostPathError(SceneError):
-    """The path of the lacking forces goes on, and is no longer found, as of motions that nothing resists at its start."""
+    """The path of the lacking forces goes on, and is not found, as of motions that nothing resists at its start."""
 
 
 @dataclass(frozen=True, eq=False)
