@@ -123,7 +123,11 @@ class _Settling:
             there = self.balance.at(moved(scene, work, here.x, part * step), here.multipliers + part * change)
             return ShareTrial(there, part, 0.0 if close else float(there.force @ step) - allowed)
 
-        return searched(trial, most=_TRIALS).place
+        there = searched(trial, most=_TRIALS).place
+        loose, changed = (np.abs(one * self.balance.size) for one in (here.holding, there.holding - here.holding))
+        if loose.any() and (changed <= BALANCED * loose.max()).all():  # nothing resists them further down either
+            _refuse_loose(self.balance.stiffness, here, self.balance.size)
+        return there
 
 
 class _NotSoSimpleError(Exception):

@@ -12,7 +12,7 @@ from flexmbd.multibody.kernels.base import compiling
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.linear import equilibrium, sparse_equilibrium
 from flexmbd.multibody.linear.derivatives import DERIVING
-from flexmbd.multibody.plan.sparse_stiffness import sparse_stiffness
+from flexmbd.multibody.plan.sparse_stiffness import SparseStiffness, sparse_stiffness
 
 
 @pytest.fixture
@@ -187,6 +187,20 @@ def test_an_unstable_one_is_counted(ways):
         found = scene.equilibrium()
     assert ways == [False]
     assert found.unstable == 1
+
+
+def test_what_nothing_carries_is_refused_at_once(monkeypatch):
+    """Where a part of its way down has shown that nothing changes there."""
+    scene, _ = spring_lattice(14, 5, fm.joint.Generic("xy"))
+    loose = scene.add(fm.RigidBody(1.0, (1.0, 1.0, 1.0)), name="loose")
+    scene.connect(fm.joint.Prismatic("x"), scene.ground.frame((0, 9, 0)), loose.frame(), name="slide")
+    scene.add_force(fm.force.FrameForce(loose.frame(), (2.5, 0.0, 0.0)))
+    counted, forces = [], SparseStiffness.force
+    monkeypatch.setattr(SparseStiffness, "force", lambda *given: counted.append(1) or forces(*given))
+    monkeypatch.setattr(sparse_equilibrium, "_DENSE_UP_TO", 100)
+    with pytest.raises(fm.errors.SceneError, match=r"'slide\.displacement'.* 2\.5 .* stays unbalanced"):
+        scene.equilibrium()
+    assert len(counted) < 20
 
 
 def test_what_nothing_carries_is_refused(ways, monkeypatch):
