@@ -1,7 +1,7 @@
 """The equilibrium of a machine of many bodies, where Newton's method leads to a stable one: by the sparse stiffness.
 
-As `path.force_homotopy` does at once: Newton's step, if it does work and is near what the linear equations predict, and
-corrections; what nothing resists stays where it is.  What is not so simple is left to the dense way: unstable
+As `path.force_homotopy` does: Newton's step, if it does work and is near what the linear equations predict, and
+corrections, else cut steps downhill; what nothing resists and nothing drives stays where it is.  What is not so simple is left to the dense way: unstable
 equilibria, forces without a potential, strains that are unknowns of their own, paths.
 """
 
@@ -74,7 +74,7 @@ class _Place(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Settling:
+class _CutDescent:
     """Newton's steps down the energy, cut where it would rise, as a problem for his method.
 
     Where nothing resists some forces, or next to nothing, as across a flat net without tension, all is stiffened as
@@ -251,7 +251,7 @@ def _settled(balance: _Balance, start: _Place) -> _Place:
     Raises:
         SceneError: nothing resists them further down either.
     """
-    found = newton(_Settling(balance), start, most=_DOWNHILL, close=SETTLED)
+    found = newton(_CutDescent(balance), start, most=_DOWNHILL, close=SETTLED)
     if not found.is_solution:
         _refuse_loose(balance.stiffness, found.place, balance.size)
         raise _NotSoSimpleError("the steps downhill do not end")
