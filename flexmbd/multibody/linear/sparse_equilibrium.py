@@ -2,7 +2,7 @@
 
 As `path.force_homotopy` does: Newton's step, if it does work and is near what the linear equations predict, and
 corrections, else cut steps downhill; what nothing resists and nothing drives stays where it is.  What is not so simple
-is left to the dense way: unstable equilibria, forces without a potential, strains that are unknowns of their own, paths.
+is left to the dense way: unstable equilibria, forces without a potential, strains as unknowns of their own, paths.
 """
 
 from __future__ import annotations
