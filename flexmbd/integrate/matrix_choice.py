@@ -75,18 +75,26 @@ class MatrixChoice:
         if self.recurs:
             return "by the recursion over the tree, joint by joint"
         sizes = np.diff(self.bounds)
-        most = int(sizes.max(initial=0))
-        many = f"{len(sizes)} blocks of up to " if len(sizes) > 1 else ""
-        blocks = f"{many}{most} unknown{'' if most == 1 else 's'}"
         if self.sparse is None:
-            return f"dense, {blocks}{_JOINED}" if couple_all(self.plan).any() else f"dense, {blocks}"
+            return dense_text(self.plan, sizes)
         found, pattern = self.sparse
         cut = f", {len(found.cuts)} bodies of the tree cut" if found.cuts else ""
         return (
             f"sparse, {pattern.unknowns} unknowns in {len(found.first)} blocks{cut}: {pattern.fill} numbers and "
             f"{pattern.operations:.2g} operations a factorisation, for {(sizes.astype(float) ** 2).sum():.2g} and "
-            f"{2.0 / 3.0 * (sizes.astype(float) ** 3).sum():.2g} if dense ({blocks})"
+            f"{2.0 / 3.0 * (sizes.astype(float) ** 3).sum():.2g} if dense ({_in_blocks(sizes)})"
         )
+
+
+def dense_text(plan: Plan, sizes: IntArray) -> str:
+    """A dense matrix of diagonal blocks of these sizes, in words."""
+    return f"dense, {_in_blocks(sizes)}{_JOINED if couple_all(plan).any() else ''}"
+
+
+def _in_blocks(sizes: IntArray) -> str:
+    most = int(sizes.max(initial=0))
+    many = f"{len(sizes)} blocks of up to " if len(sizes) > 1 else ""
+    return f"{many}{most} unknown{'' if most == 1 else 's'}"
 
 
 def choose_matrix(plan: Plan, *, dense: bool = False, serves: bool = True) -> MatrixChoice:

@@ -122,6 +122,8 @@ def test_it_is_taken_where_it_pays_and_told():
         assert "matrix of a step: sparse" in scene.explain(integrator=ALPHA)
     assert radau_matrix(plan_of(lattice(6, 40))).sparse is not None
     assert "matrix of a step: dense, 18 unknowns" in lattice(3, 3).explain(integrator=RADAU)
+    # a multiplier to each row, where the others have two unknowns
+    assert "matrix of a step: dense, 400 unknowns" in ladder(80).explain(integrator=fm.EnergyMomentum())
     chain = combs(0)
     end = chain.ground.frame()
     for _ in range(60):

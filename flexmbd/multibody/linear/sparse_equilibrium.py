@@ -1,8 +1,8 @@
 """The equilibrium of a machine of many bodies, where Newton's method leads to a stable one: by the sparse stiffness.
 
-As `path.force_homotopy` does at once: Newton's step, if it does work and is near what the linear equations predict, and
-corrections; what nothing resists stays where it is.  What is not so simple is left to the dense way: unstable
-equilibria, forces without a potential, strains that are unknowns of their own, paths.
+As `path.force_homotopy` does: Newton's step, if it does work and is near what the linear equations predict, and
+corrections, else cut steps downhill; what nothing resists and nothing drives stays where it is.  What is not so simple
+is left to the dense way: unstable equilibria, forces without a potential, strains as unknowns of their own, paths.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.line_search import ShareTrial, searched
 from flexmbd.continuation.newton import CLOSE, SETTLED, Correction, newton
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
@@ -34,6 +35,10 @@ _REFINEMENTS = 3
 _GROWS = 2.0
 _COUPLED = ROUND_OFF / WORTHLESS_PIVOT  # of stiffnesses at play: of this share a worthless pivot is their round-off
 _ASTRAY = 0.4  # of Newton's step: the first correction after it
+_STEP = 0.3  # rad, or of the machine's extent: the longest step downhill
+_DOWNHILL = 60  # steps
+_TRIALS = 9  # of a step, each half as long as the one before
+_PUSHES_BACK = 0.9  # of the work that forces do along a step at its beginning: what they may do against it at its end
 _DENSE_UP_TO = 3000  # velocities: of more, dense matrices and their singular values take minutes
 
 
@@ -53,7 +58,10 @@ class StableEquilibrium:
 
 
 class _Place(NamedTuple):
-    """A state, its stiffness (k,), the step from there, and what forces (nv,) hold that nothing resists."""
+    """A state, its stiffness (k,), the step from there, and what forces (nv,) hold that nothing resists.
+
+    ``unstable``: how many motions have a negative stiffness; None where that is not known.
+    """
 
     x: FloatArray
     multipliers: FloatArray
@@ -62,6 +70,64 @@ class _Place(NamedTuple):
     step: FloatArray
     change: FloatArray
     holding: FloatArray
+    unstable: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class _CutDescent:
+    """Newton's steps down the energy, cut where it would rise, as a problem for his method.
+
+    Where nothing resists some forces, or next to nothing, as across a flat net without tension, all is stiffened as
+    much as keeps the step short, the less the smaller the forces (Levenberg and Marquardt).  What is unstable on the
+    way is left to the dense way, which tells how the machine would come to the equilibrium.
+    """
+
+    balance: _Balance
+
+    def is_solved(self, here: _Place, *, close: bool) -> bool:
+        return close
+
+    def correction(self, here: _Place) -> Correction[_Place]:
+        """Newton's step, or the stiffened one where forces are loose, or his would be long."""
+        size = self.balance.size
+        if here.unstable:
+            raise _NotSoSimpleError("on the way to the equilibrium the machine is unstable")
+        ends = not here.holding.any()
+        if not ends or step_size(size, here.step) > _STEP:
+            here = self._stiffened(here)
+        if not float(here.force @ here.step) <= 0.0:
+            raise _NotSoSimpleError("on the way to the equilibrium a step leads uphill")
+        length = step_size(size, here.step)
+        return Correction(here, length, share=min(1.0, _STEP / max(length, _STEP)), ends=ends)
+
+    def _stiffened(self, here: _Place) -> _Place:
+        """With a step of a stiffness to which so much is added that no force alone moves its coordinate too far."""
+        stiffness, size = self.balance.stiffness, self.balance.size
+        energies = stiffness.entries.nearby(stiffness.entries.energies(here.values, size))
+        moves = energies > 0.0
+        share = float((np.abs(here.force * size)[moves] / energies[moves]).max(initial=0.0)) / _STEP
+        stiffness.assemble(here.x, here.multipliers)
+        stiffness.stiffen(share * energies / size**2)
+        if not stiffness.factor(_COUPLED * energies / size**2):
+            raise _NotSoSimpleError("its rows have no pivots")
+        step, change = stiffness.solve(-here.force)
+        return here._replace(step=step, change=change)
+
+    def moved(self, here: _Place, correction: Correction[_Place], *, close: bool) -> _Place:
+        """Halved until the forces no longer push back: beyond there the energy rises."""
+        scene, work = self.balance.stiffness.scene, self.balance.stiffness.work
+        step, change = (correction.share * one for one in (correction.change.step, correction.change.change))
+        allowed = _PUSHES_BACK * abs(float(here.force @ step))
+
+        def trial(part: float) -> ShareTrial[_Place]:
+            there = self.balance.at(moved(scene, work, here.x, part * step), here.multipliers + part * change)
+            return ShareTrial(there, part, 0.0 if close else float(there.force @ step) - allowed)
+
+        there = searched(trial, most=_TRIALS).place
+        loose, changed = (np.abs(one * self.balance.size) for one in (here.holding, there.holding - here.holding))
+        if loose.any() and (changed <= BALANCED * loose.max()).all():  # nothing resists them further down either
+            _refuse_loose(self.balance.stiffness, here, self.balance.size)
+        return there
 
 
 class _NotSoSimpleError(Exception):
@@ -88,11 +154,12 @@ class _Balance:
         step, change = stiffness.solve(-force)
         if not (np.isfinite(step).all() and np.isfinite(change).all()):
             raise _NotSoSimpleError("its stiffness is no number")
-        holding = stiffness.held() * step
+        holding, unstable = stiffness.held() * step, stiffness.negative()
         at_play = energies * step_size(self.size, step) + entries.nearby(np.abs(force * self.size))
         # places are known to round-off, too
         loose = np.abs(holding * self.size) > np.maximum(BALANCED * at_play, ROUND_OFF * energies)
-        return _Place(x, multipliers, force, values, step, change, np.where(loose, holding, 0.0))
+        holding = np.where(loose, holding, 0.0)
+        return _Place(x, multipliers, force, values, step, change, holding, unstable)
 
     def is_solved(self, here: _Place, *, close: bool) -> bool:
         return close or step_size(self.size, here.step) <= self.least
@@ -140,9 +207,18 @@ def _found(stiffness: SparseStiffness, x: FloatArray, size: FloatArray) -> Stabl
         raise _NotSoSimpleError("some motion moves no mass")
     balance = _Balance(stiffness, size)
     start = balance.at(x, multipliers)
-    _refuse_loose(stiffness, start, size)
     length = step_size(size, start.step)
-    place = start if length <= SETTLED else _corrected(balance, start, length)
+    if start.holding.any():
+        place, length = _settled(balance, start), 1.0
+    elif length <= SETTLED:
+        place = start
+    else:
+        try:
+            place = _corrected(balance, start, length)
+        except _NotSoSimpleError:
+            if start.unstable != 0:
+                raise
+            place = _settled(balance, start)
     digits = _Balance(stiffness, size, least=EQUAL * min(1.0, length))
     place = newton(digits, place, most=_REFINEMENTS, close=0.0, grows=0.5).place
     _refuse_loose(stiffness, place, size)
@@ -166,6 +242,19 @@ def _corrected(balance: _Balance, start: _Place, length: float) -> _Place:
     found = newton(balance, first, most=_CORRECTIONS, close=CLOSE, grows=_GROWS)
     if not found.is_solution:
         raise _NotSoSimpleError("Newton's method does not converge")
+    return found.place
+
+
+def _settled(balance: _Balance, start: _Place) -> _Place:
+    """The equilibrium down from a start that is not unstable.
+
+    Raises:
+        SceneError: nothing resists them further down either.
+    """
+    found = newton(_CutDescent(balance), start, most=_DOWNHILL, close=SETTLED)
+    if not found.is_solution:
+        _refuse_loose(balance.stiffness, found.place, balance.size)
+        raise _NotSoSimpleError("the steps downhill do not end")
     return found.place
 
 

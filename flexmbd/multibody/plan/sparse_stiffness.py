@@ -127,6 +127,11 @@ class SparseStiffness:
             slopes = np.tile((1.0, 0.0, 0.0), (len(plan.rows), 1))
             put_rows(plan, self.tangents, sparse.to, self.tangents.jacobian, slopes, 1.0, values)
 
+    def stiffen(self, added: FloatArray) -> None:
+        """Add (nv,) to the diagonal of K that was assembled."""
+        own = self.entries.row == self.entries.column
+        self.sparse.matrix.values[self.entries.place[own]] += added[self.entries.row[own]]
+
     def factor(self, terms: FloatArray) -> bool:
         """Factor what was assembled, what nothing resists being held; False if rows have no pivots.
 

@@ -47,7 +47,7 @@ def sparse(plan, state, cut=None, multipliers=NONE):
     """The matrix of all unknowns but prescribed velocities, and how many numbers its blocks have."""
     x, v, a = state
     blocks = unknown_blocks(plan, cut)
-    pairs = blocks.pairs()
+    pairs = blocks.pairs
     sizes = blocks.size[pairs[:, 0]] * blocks.size[pairs[:, 1]]
     places = np.cumsum(sizes) - sizes
     to = new_sparse_places(plan, blocks, pairs, places, blocks.size[pairs[:, 1]])

@@ -6,6 +6,7 @@ beside this one, and a line in ELEMENTS.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -69,9 +70,15 @@ def behaviours(plan: Plan) -> list[Behaviour]:
     return [ELEMENTS[kind].behaviour for kind in plan.elements[:, at.EL_KIND]]
 
 
+def _by_kind(plan: Plan, holds: Callable[[ElementKind], bool]) -> NDArray[np.bool_]:
+    """(k,) whether something holds of each element's kind."""
+    kinds, which = np.unique(plan.elements[:, at.EL_KIND], return_inverse=True)
+    return np.array([holds(ELEMENTS[kind]) for kind in kinds], bool)[which]
+
+
 def stores(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan stores energy."""
-    return np.array([ELEMENTS[kind].energy is not None for kind in plan.elements[:, at.EL_KIND]], bool)
+    return _by_kind(plan, lambda one: one.energy is not None)
 
 
 def couple_all(plan: Plan) -> NDArray[np.bool_]:
@@ -80,21 +87,19 @@ def couple_all(plan: Plan) -> NDArray[np.bool_]:
     Interiors' frames are joined by the stiffness of what lies between them, which is added as a whole; and so are the
     frames of a group.
     """
-    kinds = (ELEMENTS[kind] for kind in plan.elements[:, at.EL_KIND])
-    return np.array(
-        [
+    return _by_kind(
+        plan,
+        lambda one: (
             one is INTERIOR_WRENCH
             or isinstance(one, PairsElement)
             or (isinstance(one, GeneralisedForce) and one.subtract_tangent is not None and one.couples)
-            for one in kinds
-        ],
-        bool,
+        ),
     )
 
 
 def act_between_frames(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan acts between two frames."""
-    return np.array([isinstance(ELEMENTS[kind], FrameElement) for kind in plan.elements[:, at.EL_KIND]], bool)
+    return _by_kind(plan, lambda one: isinstance(one, FrameElement))
 
 
 def own_links(plan: Plan, row: IntArray) -> range:
@@ -107,12 +112,12 @@ def own_links(plan: Plan, row: IntArray) -> range:
 
 def of_pairs(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan acts between all pairs of a group."""
-    return np.array([isinstance(ELEMENTS[kind], PairsElement) for kind in plan.elements[:, at.EL_KIND]], bool)
+    return _by_kind(plan, lambda one: isinstance(one, PairsElement))
 
 
 def call_users(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan calls a user's function."""
-    return np.array([ELEMENTS[kind].behaviour.calls_user for kind in plan.elements[:, at.EL_KIND]], bool)
+    return _by_kind(plan, lambda one: one.behaviour.calls_user)
 
 
 def are_of(plan: Plan, element: ElementKind) -> NDArray[np.bool_]:

@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.sparse.elimination_tree import (
     merge_fronts,
     put_children_first,
 )
+from flexmbd.multibody.kernels.sparse.index_lists import distinct, entries_of, sums, within
 from flexmbd.multibody.kernels.sparse.minimum_degree import elimination_order
 
 
@@ -122,7 +123,7 @@ def _sorted_fronts(order: IntArray, parent: IntArray, last: IntArray, *, at: Int
     place = np.empty(len(order), np.int64)
     place[kept] = np.arange(len(order))
     owner = np.repeat(np.arange(len(tops)), np.diff(at)[tops])
-    others = place[lists[_taken(at, tops)]]
+    others = place[lists[entries_of(at, tops)]]
     return _Fronts(
         order=order[kept],
         front=front[kept],
@@ -135,7 +136,7 @@ def _sorted_fronts(order: IntArray, parent: IntArray, last: IntArray, *, at: Int
 def _symmetric(count: int, pairs: IntArray) -> tuple[IntArray, IntArray]:
     """Starts and neighbours of the symmetric closure, without the diagonal."""
     one, other = pairs[pairs[:, 0] != pairs[:, 1]].T
-    keys = np.unique(np.concatenate((one * count + other, other * count + one)))
+    keys = distinct(np.concatenate((one * count + other, other * count + one)), count**2)
     starts = np.searchsorted(keys, np.arange(count + 1) * count).astype(np.int64)
     return starts, keys % max(count, 1)
 
@@ -151,13 +152,6 @@ def _columns(
         if list_columns(starts, neighbours, parent, sizes, mark, at, lists, others):
             return at, lists[: at[-1]], others
         capacity *= 2
-
-
-def _taken(at: IntArray, which: IntArray) -> IntArray:
-    """Indices of the entries of some lists, one list after the other."""
-    counts = np.diff(at)[which]
-    ends = np.cumsum(counts)
-    return np.repeat(at[which] - ends + counts, counts) + np.arange(int(counts.sum()))
 
 
 @dataclass(frozen=True)
@@ -181,13 +175,13 @@ def _laid_out(
     """The pattern, from the fronts and the matrix's own pattern."""
     front, parent, owner, others = fronts.front, fronts.parent, fronts.owner, fronts.others
     number, count = len(parent), len(sizes)
-    begins = _sums(sizes[fronts.order])  # of blocks, in the order of elimination
+    begins = sums(sizes[fronts.order])  # of blocks, in the order of elimination
     widths = sizes[fronts.order][others]
     pivots = begins[np.searchsorted(front, np.arange(number + 1))]
     p, u = np.diff(pivots), np.bincount(owner, widths, number).astype(np.int64)
-    at, values_at = _sums(u), _sums(p * (p + 2 * u))
+    at, values_at = sums(u), sums(p * (p + 2 * u))
     # where an other stands in its front's list: after the pivots
-    listed = _sums(widths)[:-1] - at[owner] + p[owner]
+    listed = sums(widths)[:-1] - at[owner] + p[owner]
     keys = owner * count + others
 
     def in_list(one: IntArray, home: IntArray) -> IntArray:
@@ -212,14 +206,14 @@ def _laid_out(
     row, column = in_list(place[rows], home), in_list(place[columns], home)
     width, upper = (p + u)[home], row < p[home]
     below = p[home] * width + (row - p[home]) * p[home] + column
-    first = _sums(sizes)
+    first = sums(sizes)
     return BlockPattern(
         first=first,
-        unknown=_taken(first, fronts.order),
+        unknown=entries_of(first, fronts.order),
         pivots=pivots,
         at=at,
-        places=_taken(begins, others),
-        above=np.repeat(above, widths) + _within(widths),
+        places=entries_of(begins, others),
+        above=np.repeat(above, widths) + within(widths),
         values_at=values_at,
         stack_at=stack_at,
         children_at=np.searchsorted(parent[children], np.arange(number + 1)).astype(np.int64),
@@ -233,15 +227,6 @@ def _laid_out(
         fill=fill,
         operations=operations,
     )
-
-
-def _sums(counts: IntArray) -> IntArray:
-    return np.concatenate((np.zeros(1, np.int64), np.cumsum(counts)))
-
-
-def _within(counts: IntArray) -> IntArray:
-    """0, 1, ... up to each count, one after the other."""
-    return np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _stacked(parent: IntArray, others: IntArray) -> tuple[IntArray, int]:

@@ -16,6 +16,7 @@ from flexmbd.multibody.kernels.base.arrays import FloatArray, IntArray, Plan
 from flexmbd.multibody.kernels.elements.table import act_between_frames, call_users, couple_all
 from flexmbd.multibody.kernels.sparse.block_lu import BlockMatrix, new_block_matrix
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern, new_block_pattern
+from flexmbd.multibody.kernels.sparse.index_lists import distinct
 from flexmbd.multibody.kernels.tangent.sparse_places import SparsePlaces, new_sparse_places, no_sparse_places
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, unknown_blocks
 
@@ -80,7 +81,7 @@ def is_augmented(plan: Plan) -> bool:
 
 def new_sparse_matrix(plan: Plan, blocks: UnknownBlocks, pattern: BlockPattern) -> SparseMatrix:
     """Allocate the matrix of a plan."""
-    pairs = blocks.pairs()
+    pairs = blocks.pairs
     places = new_sparse_places(plan, blocks, pairs, *pattern.entries(*pairs.T))
     return SparseMatrix(pattern, new_block_matrix(pattern), places, np.zeros((1, pattern.unknowns)))
 
@@ -102,7 +103,7 @@ def _ways(plan: Plan) -> list[NDArray[np.bool_] | None]:
 
 def new_pattern(blocks: UnknownBlocks) -> BlockPattern:
     """The pattern by minimum degree, but that blocks come after those that they wait for."""
-    pairs, waits = blocks.pairs(), blocks.waits()
+    pairs, waits = blocks.pairs, blocks.waits()
     pattern = new_block_pattern(blocks.size, pairs, ranks=blocks.ranks())
     if not waits:
         return pattern
@@ -164,7 +165,7 @@ def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
     own = _own_unknowns(plan)
     section = np.empty(len(own), np.int64)
     size = own.astype(float)
-    joined: set[tuple[int, int]] = set()
+    joined = list[int]()
     parents: Any = plan.tree[:, at.PARENT].tolist()
     for i, parent in enumerate(parents):
         inner = section[parent] if parent >= 0 else i
@@ -175,11 +176,13 @@ def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
         if cut is not None and cut[i]:
             section[i] = i
             size[i] = CUT
-            joined.add((int(inner), i))
+            joined.append(int(inner) * len(own) + i)
+    found = [np.array(joined, np.int64)]
     between = plan.elements[act_between_frames(plan)]
     for rows, f, g in ((between, at.EL_F, at.EL_G), (plan.rows, at.ROW_F, at.ROW_G)):
         ends = plan.frame_of[rows[:, [f, g]], at.FRAME_BODY]
         ends = section[ends[(ends >= 0).all(axis=1)]]
-        joined.update(map(tuple, np.unique(ends, axis=0).tolist()))
-    pairs = np.array([pair for pair in joined if pair[0] != pair[1]], np.int64).reshape(-1, 2)
-    return float((size**2).sum() + 2.0 * (size[pairs[:, 0]] * size[pairs[:, 1]]).sum())
+        found.append(ends[:, 0] * len(own) + ends[:, 1])
+    one, other = np.divmod(distinct(np.concatenate(found), len(own) ** 2), max(len(own), 1))
+    apart = one != other
+    return float((size**2).sum() + 2.0 * (size[one] * size[other])[apart].sum())

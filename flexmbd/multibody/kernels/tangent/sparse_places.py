@@ -5,16 +5,15 @@ Of a pair of blocks there are a base and a stride: the entry of velocities r and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
+from flexmbd.multibody.kernels.sparse.index_lists import sums
 from flexmbd.multibody.kernels.tangent.tangent_layout import edge_columns
-from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, UnknownBlocks, UnknownGroup
+from flexmbd.multibody.kernels.tangent.unknown_blocks import UnknownBlocks
 
 # Columns of SparsePlaces.pairs: the unknowns outboard, first and one past the last; those that carry them, first and
 # how many; the edge column of the frame that these move if they are modes, else -1; base and stride of the pair of
@@ -66,51 +65,41 @@ def no_sparse_places() -> SparsePlaces:
 def new_sparse_places(
     plan: Plan, blocks: UnknownBlocks, pairs: IntArray, offset: IntArray, stride: IntArray
 ) -> SparsePlaces:
-    """Those of a matrix whose ``pairs`` (p, 2) of blocks begin at an offset (p,) of its values, rows a stride apart."""
+    """Those of a matrix whose ``pairs`` (p, 2) of blocks begin at an offset (p,) of its values, rows a stride apart.
+
+    The pairs ascend.
+    """
     b, first = len(blocks.first), blocks.first
     base = offset - stride * first[pairs[:, 0]] - first[pairs[:, 1]]
-    keys: Any = (pairs[:, 0] * b + pairs[:, 1]).tolist()
-    places: Any = np.stack([base, stride], axis=1).tolist()
-    table: dict[int, list[int]] = dict(zip(keys, places, strict=True))
-    edge_of, _ = edge_columns(plan)
+    keys, places = pairs[:, 0] * b + pairs[:, 1], np.stack([base, stride], axis=1)
+    edge_of = np.append(edge_columns(plan)[0], -1)  # of no frame
 
-    def pair(outer: UnknownGroup, inner: UnknownGroup) -> list[int]:
-        i, j = int(blocks.of[outer.first]), int(blocks.of[inner.first])
-        frame = max(outer.frame, inner.frame)
-        edge = int(edge_of[frame]) if frame >= 0 else -1
-        ends = [outer.first, outer.first + outer.size, inner.first, inner.size]
-        return [*ends, edge, *table[i * b + j], *table[j * b + i]]
+    def table(i: IntArray, j: IntArray) -> IntArray:
+        return places[np.searchsorted(keys, i * b + j)]
 
-    def cut(number: int) -> UnknownGroup:
-        return UnknownGroup(blocks.cut(number), CUT, -1)
+    def of_groups(groups: IntArray) -> IntArray:
+        outer, size, frame, inner, count, inner_frame = groups.T
+        i, j = blocks.of[outer], blocks.of[inner]
+        ends = np.stack([outer, outer + size, inner, count, edge_of[np.maximum(frame, inner_frame)]], axis=1)
+        return np.concatenate([ends, table(i, j), table(j, i)], axis=1)
 
-    roots = [(q, blocks.inward[body].root) for q, body in enumerate(blocks.cuts)]
-    joined = [*blocks.elements, *blocks.closures]
-    own = [int(blocks.of[blocks.rows_begin + first]) for first, _ in blocks.row_groups]
-    with_rows = [(r, k) for r, with_r in zip(own, blocks.closures, strict=True) for k in with_r]
-    counts = np.array([len(one) for one in joined], np.int64)
+    elements, closures = blocks.elements, blocks.closures
+    counts = np.concatenate([elements.counts, closures.counts])
+    rows, with_rows = blocks.row_blocks[closures.owner], closures.items
     return SparsePlaces(
         block=blocks.of,
-        diagonal=_table([table[k * b + k] for k in range(b)], 2),
-        pairs=_table([pair(*one) for one in blocks.body_pairs()], N_PAIR),
-        carried=_table([pair(one, cut(q)) for one, q in blocks.carried()], N_PAIR),
-        carrying=_table([pair(one, cut(q)) for one, q in blocks.carrying()], N_PAIR),
-        nested=_table([pair(cut(q), cut(root)) for q, root in roots if root >= 0], N_PAIR),
-        element_first=_sums(counts),
-        element_blocks=np.array([k for one in joined for k in one], np.int64),
-        base_first=_sums(counts**2),
-        bases=_table([table[i * b + j] for one in joined for i in one for j in one], 2),
+        diagonal=table(np.arange(b), np.arange(b)),
+        pairs=of_groups(blocks.body_pairs),
+        carried=of_groups(blocks.carried),
+        carrying=of_groups(blocks.carrying),
+        nested=of_groups(blocks.nested),
+        element_first=sums(counts),
+        element_blocks=np.concatenate([elements.items, closures.items]),
+        base_first=sums(counts**2),
+        bases=np.concatenate([table(*elements.squares()), table(*closures.squares())]),
         row_first=np.array([first for first, _ in blocks.row_groups] + [len(plan.rows)], np.int64),
-        row_bases=_table([[*table[r * b + k], *table[k * b + r]] for r, k in with_rows], 4),
+        row_bases=np.concatenate([table(rows, with_rows), table(with_rows, rows)], axis=1),
         starts=np.array([blocks.rows_begin, blocks.cut(0), blocks.unknowns], np.int64),
         number=np.where(blocks.of >= 0, np.cumsum(blocks.of >= 0) - 1, -1),
         local=np.zeros(b, np.int64),
     )
-
-
-def _table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:
-    return np.array(rows, np.int64).reshape(-1, columns)
-
-
-def _sums(counts: IntArray) -> IntArray:
-    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])

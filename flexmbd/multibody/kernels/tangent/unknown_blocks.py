@@ -10,9 +10,10 @@ their own, and paths end there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.elements.table import act_between_frames, own_links
+from flexmbd.multibody.kernels.sparse.index_lists import IndexLists, distinct, flat, new_lists, owned
 
 #: Entries of a cut body's motion (phi', phi'', alpha, r', r, phi; see ``tangent_columns``), and then of its wrench.
 MOTION, WRENCH = 18, 6
@@ -87,12 +89,10 @@ class UnknownBlocks:
     @cached_property
     def longest_path(self) -> int:
         """The most unknowns that move either of two frames which rows join, or enter a coupling."""
-        most = 0
-        for (first, _), joined in zip(self.row_groups, self.closures, strict=True):
-            coupled = self.plan.rows[first, at.ROW_KIND] == kinds.ROW_COUPLING
-            terms = int(self.plan.data[self.plan.rows[first, at.ROW_DATA]]) if coupled else 0
-            most = max(most, terms, int(self.size[joined].sum()))
-        return most
+        joined = self.closures
+        moving = np.bincount(joined.owner, self.size[joined.items], len(self.row_groups))
+        terms = [int(self.plan.data[self.plan.rows[first, at.ROW_DATA]]) for first in self._couplings]
+        return int(max(moving.max(initial=0.0), *terms, 0))
 
     @cached_property
     def rows_begin(self) -> int:
@@ -113,92 +113,121 @@ class UnknownBlocks:
             return UnknownPath([modes._replace(frame=frame), *way.groups], way.root)
         return way
 
-    def of_path(self, frames: Sequence[int]) -> list[int]:
-        """The blocks that move any of these frames, each once."""
-        found: dict[int, None] = {}
-        for way in map(self.path, frames):
-            found.update((int(self.of[group.first]), None) for group in way.groups)
-            if way.root >= 0:
-                found[int(self.of[self.cut(way.root)])] = None
-        found.pop(-1, None)
-        return list(found)
+    @cached_property
+    def _moving(self) -> tuple[IntArray, IndexLists]:
+        """Of each frame which list holds the blocks that move it; a block may be there more than once, or be -1."""
+        frames = self.plan.frame_of
+        ways = [*self.outward, UnknownPath([], -1)]
+        which = np.where(frames[:, at.FRAME_BODY] >= 0, frames[:, at.FRAME_BODY], len(self.outward))
+        for frame in np.flatnonzero((frames[:, at.FRAME_MODES] >= 0) & (frames[:, at.FRAME_BODY] >= 0)):
+            which[frame] = len(ways)
+            ways.append(self.path(int(frame)))
+        firsts = [[g.first for g in way.groups] + ([self.cut(way.root)] if way.root >= 0 else []) for way in ways]
+        lists = new_lists(firsts)
+        return which, lists._replace(items=self.of[lists.items])
+
+    def _between(self, frames: IntArray, own: IndexLists) -> IndexLists:
+        """The blocks that move either of two frames (k, 2), -1 of none, and those of its ``own``; each once."""
+        which, lists = self._moving
+        which = np.where(frames >= 0, which[frames], len(self.outward))
+        moving = lists.taken(which.ravel()).paired()
+        owner = np.concatenate([moving.owner, own.owner])
+        return owned(owner, np.concatenate([moving.items, own.items]), len(frames)).once()
 
     @cached_property
-    def elements(self) -> list[list[int]]:
+    def elements(self) -> IndexLists:
         """Of each force element the blocks that it joins, those of its own states included."""
-        between: Any = act_between_frames(self.plan)
-        rows: Any = self.plan.elements[:, [at.EL_F, at.EL_G]].tolist()
-        found = [self.of_path(ends) if acts else [] for ends, acts in zip(rows, between, strict=True)]
-        for e in np.flatnonzero(between & (self.plan.elements[:, at.EL_V] >= 0)):
-            links = own_links(self.plan, self.plan.elements[e])
-            found[e] += [int(self.of[self.plan.tree[link, at.JOINT_V]]) for link in links]
-        return found
+        between = act_between_frames(self.plan)
+        rows = self.plan.elements
+        frames = np.where(between[:, None], rows[:, [at.EL_F, at.EL_G]], -1)
+        own: list[list[int]] = [[] for _ in rows]
+        for e in np.flatnonzero(between & (rows[:, at.EL_V] >= 0)):
+            own[e] = [int(self.of[self.plan.tree[link, at.JOINT_V]]) for link in own_links(self.plan, rows[e])]
+        return self._between(frames, new_lists(own))
 
     @cached_property
-    def closures(self) -> list[list[int]]:
+    def closures(self) -> IndexLists:
         """Of each group of rows the blocks that it joins, without its own."""
-        found = []
-        for first, _ in self.row_groups:
-            row = self.plan.rows[first]
-            if row[at.ROW_KIND] == kinds.ROW_COUPLING:
-                o, n = row[at.ROW_DATA], int(self.plan.data[row[at.ROW_DATA]])
-                terms = self.plan.data[o + 2 : o + 2 + 3 * n].reshape(n, 3)
-                velocities = self.plan.tree[terms[:, 0].astype(int), at.JOINT_V] + terms[:, 1].astype(int)
-                found.append([k for k in dict.fromkeys(self.of[velocities].tolist()) if k >= 0])
-            else:
-                found.append(self.of_path([int(row[at.ROW_F]), int(row[at.ROW_G])]))
-        return found
+        rows = self.plan.rows[[first for first, _ in self.row_groups]]
+        coupled = rows[:, at.ROW_KIND] == kinds.ROW_COUPLING
+        frames = np.where(coupled[:, None], -1, rows[:, [at.ROW_F, at.ROW_G]])
+        own: list[list[int]] = [[] for _ in rows]
+        for group in np.flatnonzero(coupled):
+            o = rows[group, at.ROW_DATA]
+            terms = self.plan.data[o + 2 : o + 2 + 3 * int(self.plan.data[o])].reshape(-1, 3)
+            velocities = self.plan.tree[terms[:, 0].astype(int), at.JOINT_V] + terms[:, 1].astype(int)
+            own[group] = self.of[velocities].tolist()
+        return self._between(frames, new_lists(own))
 
-    def body_pairs(self) -> Iterator[tuple[UnknownGroup, UnknownGroup]]:
-        """Each free group of a body with each free one that carries it, its own joint with its modes included."""
+    @property
+    def _couplings(self) -> list[int]:
+        """First rows of groups that couple coordinates."""
+        firsts = np.array([first for first, _ in self.row_groups], np.int64)
+        return [int(first) for first in firsts[self.plan.rows[firsts, at.ROW_KIND] == kinds.ROW_COUPLING]]
+
+    @cached_property
+    def row_blocks(self) -> IntArray:
+        """Of each group of rows its own block."""
+        return self.of[[self.rows_begin + first for first, _ in self.row_groups]]
+
+    @cached_property
+    def body_pairs(self) -> IntArray:
+        """(p, 6) each free group of a body with each free one that carries it, its own joint with its modes included.
+
+        Of each group first, size and frame, of the outer one before.
+        """
+        owns = list(self._owns())
+        inner = flat(chain.from_iterable(way.groups for _, way in owns)).reshape(-1, 3)
+        counts = [len(way.groups) for _, way in owns]
+        outer = np.repeat(flat(own for own, _ in owns).reshape(-1, 3), counts, axis=0)
+        return np.concatenate([outer, inner], axis=1)[self.of[inner[:, 0]] >= 0]
+
+    @cached_property
+    def carried(self) -> IntArray:
+        """(k, 6) each free group with the cut body that carries it, as ``body_pairs``."""
+        return self._with_cuts([(own, way.root) for own, way in self._owns() if way.root >= 0])
+
+    @cached_property
+    def carrying(self) -> IntArray:
+        """(k, 6) each free group with a cut body that it carries, up to the next cut body inwards."""
+        found = []
+        for number, body in enumerate(self.cuts):
+            joint = self.joints[body]
+            groups = ([joint] if joint is not None else []) + self.inward[body].groups
+            found += [(group, number) for group in groups if self.of[group.first] >= 0]
+        return self._with_cuts(found)
+
+    @cached_property
+    def nested(self) -> IntArray:
+        """(k, 6) each cut body with the next one inwards."""
+        roots = ((q, self.inward[body].root) for q, body in enumerate(self.cuts))
+        return self._with_cuts([(UnknownGroup(self.cut(q), CUT, -1), root) for q, root in roots if root >= 0])
+
+    def _owns(self) -> Iterator[tuple[UnknownGroup, UnknownPath]]:
+        """Each free group of a body with the way from there inwards."""
         for joint, modes, inward, outward in zip(self.joints, self.modes, self.inward, self.outward, strict=True):
             for own, way in ((joint, inward), (modes, outward)):
                 if own is not None and self.of[own.first] >= 0:
-                    yield from ((own, inner) for inner in way.groups if self.of[inner.first] >= 0)
+                    yield own, way
 
-    def carried(self) -> Iterator[tuple[UnknownGroup, int]]:
-        """Each free group with the number of the cut body that carries it."""
-        for joint, modes, inward, outward in zip(self.joints, self.modes, self.inward, self.outward, strict=True):
-            for own, way in ((joint, inward), (modes, outward)):
-                if own is not None and way.root >= 0 and self.of[own.first] >= 0:
-                    yield own, way.root
+    def _with_cuts(self, found: list[tuple[UnknownGroup, int]]) -> IntArray:
+        return np.array([(*group, self.cut(q), CUT, -1) for group, q in found], np.int64).reshape(-1, 6)
 
-    def carrying(self) -> Iterator[tuple[UnknownGroup, int]]:
-        """Each free group with the number of a cut body that it carries, up to the next cut body inwards."""
-        for number, body in enumerate(self.cuts):
-            joint = self.joints[body]
-            for group in ([joint] if joint is not None else []) + self.inward[body].groups:
-                if self.of[group.first] >= 0:
-                    yield group, number
-
+    @cached_property
     def pairs(self) -> IntArray:
-        """(p, 2) pairs of blocks that the matrix joins, each once, a block with itself included; symmetric."""
+        """(p, 2) pairs of blocks that the matrix joins, each once, a block with itself included, ascending."""
         b = len(self.first)
-        found = {k * b + k for k in range(b)}
-
-        def join(i: int, j: int) -> None:
-            found.update((i * b + j, j * b + i))
-
-        for one, other in self.body_pairs():
-            join(int(self.of[one.first]), int(self.of[other.first]))
-        for group, number in (*self.carried(), *self.carrying()):
-            join(int(self.of[group.first]), int(self.of[self.cut(number)]))
-        for number, body in enumerate(self.cuts):
-            if self.inward[body].root >= 0:
-                join(*(int(self.of[self.cut(k)]) for k in (number, self.inward[body].root)))
-        for (first, _), joined in zip(self.row_groups, self.closures, strict=True):
-            for k in joined:
-                join(int(self.of[self.rows_begin + first]), k)
-        for joined in (*self.elements, *self.closures):
-            found.update(i * b + j for i in joined for j in joined)
-        keys = np.array(sorted(found), np.int64)
-        return np.stack(np.divmod(keys, max(b, 1)), axis=1)
+        groups = np.concatenate([self.body_pairs, self.carried, self.carrying, self.nested])
+        one = np.concatenate([self.of[groups[:, 0]], self.row_blocks[self.closures.owner]])
+        other = np.concatenate([self.of[groups[:, 3]], self.closures.items])
+        joined = [i * b + j for i, j in (self.elements.squares(), self.closures.squares())]
+        keys = [np.arange(b) * (b + 1), one * b + other, other * b + one, *joined]
+        return np.stack(np.divmod(distinct(np.concatenate(keys), b**2), max(b, 1)), axis=1)
 
     def ranks(self) -> IntArray:
         """(b,) 1 of the rows' blocks, whose diagonals are zero before others are eliminated."""
         found = np.zeros(len(self.first), np.int64)
-        for first, _ in self.row_groups:
-            found[self.of[self.rows_begin + first]] = 1
+        found[self.row_blocks] = 1
         return found
 
     def waits(self) -> dict[int, list[int]]:
@@ -212,27 +241,29 @@ class UnknownBlocks:
             joint = self.joints[body]
             if joint is not None and self.of[joint.first] >= 0:
                 found.setdefault(int(self.of[joint.first]), []).append(int(self.of[self.cut(number)]))
-        for (first, _), joined in zip(self.row_groups, self.closures, strict=True):
+        starts, blocks = self.closures
+        for group, (first, _) in enumerate(self.row_groups):
             row = self.plan.rows[first]
-            own = int(self.of[self.rows_begin + first])
             if row[at.ROW_KIND] == kinds.ROW_COUPLING:
-                found[own] = joined
-                continue
-            one, other = ([*self._whole_path(int(row[k]))] for k in (at.ROW_F, at.ROW_G))
-            found[own] = [k for k in dict.fromkeys([*one, *other]) if (k in one) != (k in other)]
+                moving = {int(block) for block in blocks[starts[group] : starts[group + 1]]}
+            else:
+                moving = self._moving_one(int(row[at.ROW_F]), int(row[at.ROW_G]))
+            found[int(self.row_blocks[group])] = list(moving)
         return found
 
-    def _whole_path(self, frame: int) -> Iterator[int]:
-        """The blocks that move a frame, through cut bodies to the ground."""
-        way = self.path(frame)
-        while True:
-            yield from (int(self.of[group.first]) for group in way.groups if self.of[group.first] >= 0)
-            if way.root < 0:
-                return
-            yield int(self.of[self.cut(way.root)])
-            body = self.cuts[way.root]
+    def _moving_one(self, one: int, other: int) -> set[int]:
+        """The blocks that move one of two frames alone: up to where both hang on one cut body, or on the ground."""
+        ways = [self.path(one), self.path(other)]
+        found = [{int(self.of[group.first]) for group in way.groups} for way in ways]
+        while ways[0].root != ways[1].root:  # cut bodies count outwards
+            k = int(ways[1].root > ways[0].root)
+            root = ways[k].root
+            body = self.cuts[root]
             joint, inward = self.joints[body], self.inward[body]
-            way = UnknownPath([*([joint] if joint is not None else []), *inward.groups], inward.root)
+            ways[k] = UnknownPath([*([joint] if joint is not None else []), *inward.groups], inward.root)
+            found[k].add(int(self.of[self.cut(root)]))
+            found[k].update(int(self.of[group.first]) for group in ways[k].groups)
+        return (found[0] ^ found[1]) - {-1}
 
 
 def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownBlocks:

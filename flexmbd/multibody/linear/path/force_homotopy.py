@@ -29,7 +29,7 @@ from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.round_off import EQUAL
+from flexmbd.round_off import EQUAL, ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ _STRAIGHT = 0.1  # rad, or of the extent: by how much the middle of a step that 
 
 
 class LostPathError(SceneError):
-    """The path of the lacking forces goes on, and Newton's method no longer finds it."""
+    """The path of the lacking forces goes on, and is not found, as of motions that nothing resists at its start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def _along_the_path(
             here = stretch.after
             turned = turned or here.tangent.factor < 0.0
             if open_.any() and abs(here.point.factor) <= BALANCED:
-                _refuse_open(space, goal, open_)
+                _refuse_open(space, goal, open_, LostPathError if _resisted(space, goal, onwards) else SceneError)
     except ConvergenceError as reason:
         raise LostPathError(f"no equilibrium found: {reason}; {_LOOK}") from reason
     if here.point.factor != 1.0:
@@ -245,14 +245,29 @@ def _refined(space: MachineSpace, point: MachinePoint, reach: float) -> MachineP
     return newton(digits, digits.at(point), most=_REFINEMENTS, close=0.0, grows=0.5).place.point
 
 
-def _refuse_open(space: MachineSpace, here: MachinePoint, open_: FloatArray) -> None:
-    """Raise SceneError where forces are left that nothing resists."""
+def _resisted(space: MachineSpace, here: MachinePoint, onwards: PathDirection) -> bool:
+    """Whether forces change along a motion that nothing resists where it begins, as that across a flat net does."""
+    step = onwards.times(_LONGEST / max(space.largest(onwards), _LONGEST * ROUND_OFF))
+    point = until(lambda: space.at(space.moved(here.x, 1.0, step)[0], 1.0))
+    if point is None:
+        return False
+    there = point.at
+    if not np.array_equal(here.at.by.z, there.by.z):
+        return True
+    at_play = np.abs(here.at.by.Vz).T @ (forces_at_play(space.scene, space.work, here.at) / space.size)
+    return bool((np.abs(there.lacking - here.at.lacking) > BALANCED * at_play).any())
+
+
+def _refuse_open(
+    space: MachineSpace, here: MachinePoint, open_: FloatArray, error: type[SceneError] = SceneError
+) -> None:
+    """Raise an error where forces are left that nothing resists."""
     if not open_.any():
         return
     z = here.at.by.z
     worst = int(np.argmax(np.abs(open_ * space.size[z])))
     name = space.scene.velocity_names[z[worst]]
-    raise SceneError(
+    raise error(
         f"no equilibrium found: at {name!r} a force of {-open_[worst]:.6g} (N, N m, or modal) stays unbalanced, for "
         "nothing resists it; check that something carries this load, or prescribe the motion"
     )
