@@ -7,7 +7,7 @@ import pytest
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
-from flexmbd.multibody.kernels.contact.bristle import stretch
+from flexmbd.multibody.kernels.contact.bristle import slide, stretch
 from flexmbd.multibody.kernels.contact.contact_law import contact, contact_energy, contact_variation
 from flexmbd.multibody.kernels.contact.normal_force import EXPONENT, STIFFNESS, normal_force
 from flexmbd.multibody.kernels.contact.resistance import resist, resist_variation
@@ -231,3 +231,23 @@ def test_a_way_takes_the_bristle_where_a_million_pieces_do(seed, size):
     rise = np.array([[deep[0][1] - deep[0][0], 0.0, 0.0], [deep[1][0], 0.0, 0.0], [deep[1][1], 0.0, 0.0]])
     march(z, np.diff(cubic(path, ends), axis=0), deep[0][0] + cubic(rise, ends[1:])[:, 0])
     assert found == pytest.approx(z, abs=2e-2 if size == 1.0 else 2e-4)
+
+
+@entry_kernel
+def slid(z, move, s, out):
+    """Where a bristle that slides along z comes to on a straight way."""
+    none = (0.0, 0.0, 0.0)
+    end, _, _ = slide((z[0], z[1], z[2]), none, (move[0], move[1], move[2]), none, s, s, 0.0)
+    out[0], out[1], out[2] = end
+
+
+@pytest.mark.parametrize("longer", [1e-12, 1e-15, 0.0, -1e-15, -1e-12])
+@pytest.mark.parametrize("lengths", [2.5, 30.0, 360.0, 1e6])
+def test_a_bristle_that_slides_turns_round_on_a_long_way_back(longer, lengths):
+    """Whatever the round-off of its length, and however long the way is beside it."""
+    rng, found = np.random.default_rng(1), np.zeros(3)
+    for _ in range(50):
+        angle, s = rng.uniform(0.0, 2.0 * np.pi), 10.0 ** rng.uniform(-9.0, 0.0)
+        e = np.array([np.cos(angle), np.sin(angle), 0.0])
+        slid(s * (1.0 + longer) * e, -lengths * s * e, s, found)
+        assert found == pytest.approx(-s * e, abs=1e-7 * s)

@@ -72,7 +72,36 @@ def _turns(first, second, third):
 
 
 @kernel
-def _slide(z, dz, move, dmove, before, s, ds):
+def _share_that_sticks(z, move, length, before, grown):
+    """The share of a straight piece after which z is as long as s, which grows from ``before``.
+
+    A stretch as long as s that comes back sticks until it has gone through the whole circle.
+    """
+    a, b, c = length * length - grown * grown, dot3(z, move) - before * grown, dot3(z, z) - before * before
+    root = math.sqrt(max(b * b - a * c, 0.0))
+    if b < 0.0:
+        return min((root - b) / a, 1.0) if a > 0.0 else 1.0
+    return min(max(-c, 0.0) / (b + root), 1.0) if b + root > 0.0 else 0.0
+
+
+@kernel
+def _turned(e, u, left):
+    """The unit vector e turned towards u, until ``left`` is left of the tangent of half their angle."""
+    cosine = dot3(e, u)
+    across = sub3(e, scale3(cosine, u))
+    sine = math.sqrt(dot3(across, across))
+    if sine == 0.0:
+        return e
+    along = scale3(1.0 / sine, across)
+    if cosine < 0.0 and left * (1.0 - cosine) > sine:  # by the cotangent, for the tangent may be infinite
+        half = sine / (left * (1.0 - cosine))
+        return scale3(1.0 / (half * half + 1.0), add3(scale3(half * half - 1.0, u), scale3(2.0 * half, along)))
+    half = left * (sine / (1.0 + cosine) if cosine > 0.0 else (1.0 - cosine) / sine)
+    return scale3(1.0 / (1.0 + half * half), add3(scale3(1.0 - half * half, u), scale3(2.0 * half, along)))
+
+
+@kernel
+def slide(z, dz, move, dmove, before, s, ds):
     """The stretch after a straight piece on which s goes from ``before``, its variation, and whether it slides there.
 
     It sticks up to where it is as long as s.  From there on it turns towards the piece's direction: of tan(angle / 2)
@@ -88,26 +117,12 @@ def _slide(z, dz, move, dmove, before, s, ds):
     length = math.sqrt(dot3(move, move))
     e = scale3(1.0 / math.sqrt(square), whole)
     if length > 0.0:
-        grown = s - before
-        a, b, c = length * length - grown * grown, dot3(z, move) - before * grown, dot3(z, z) - before * before
-        root = math.sqrt(max(b * b - a * c, 0.0))
-        share = 0.0
-        if b > 0.0 and c < 0.0:
-            share = -c / (b + root)
-        elif c < 0.0 and a != 0.0:
-            share = (root - b) / a
-        share = min(max(share, 0.0), 1.0)
+        share = _share_that_sticks(z, move, length, before, s - before)
         met = add3(z, scale3(share, move))
         radius = math.sqrt(dot3(met, met))
         if radius > 0.0:
-            u = scale3(1.0 / length, move)
-            cosine = dot3(u, met) / radius
             left = math.exp(-2.0 * (1.0 - share) * length / (radius + s))
-            far = left * left * (1.0 - cosine)
-            over = 1.0 + cosine + far
-            if over > 0.0:
-                across = scale3(2.0 * left, sub3(scale3(1.0 / radius, met), scale3(cosine, u)))
-                e = scale3(1.0 / over, add3(scale3(1.0 + cosine - far, u), across))
+            e = _turned(scale3(1.0 / radius, met), scale3(1.0 / length, move), left)
     across = sub3(dz, scale3(dot3(e, dz), e))
     return scale3(s, e), add3(scale3(s / math.sqrt(square), across), scale3(ds, e)), True
 
@@ -191,7 +206,7 @@ def _lead(law, depth, way, dway, begin, end):
         here = end + (parts - 1 - part) * step
         there, dthere = _from_end(way[0], way[1], way[2], here), _from_end(dway[0], dway[1], dway[2], here)
         s, ds = (last, dlast) if part == parts - 1 else _longest(law, depth, here)
-        z, dz, slides = _slide(z, dz, sub3(there, place), sub3(dthere, dplace), before, s, ds)
+        z, dz, slides = slide(z, dz, sub3(there, place), sub3(dthere, dplace), before, s, ds)
         place, dplace, before = there, dthere, s
     return z, dz, slides
 
