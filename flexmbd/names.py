@@ -75,8 +75,8 @@ from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff as StVenantKi
 from flexmbd.multibody.bodies.homogeneous import polar as polar
 from flexmbd.multibody.bodies.point_mass import PointMass as PointMass
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBody
-from flexmbd.multibody.bodies.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
-from flexmbd.multibody.bodies.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy
+from flexmbd.multibody.swarm.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
+from flexmbd.multibody.swarm.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy
 from flexmbd.multibody.bodies.shape import Shape as Shape
 from flexmbd.multibody.bodies.solid import Outline as Outline
 from flexmbd.multibody.bodies.solid import Solid as Solid

@@ -46,7 +46,7 @@ _ZERO = (0.0, 0.0, 0.0)
 
 
 @kernel
-def _normal_force(data, o, depth, rate):
+def normal_force(data, o, depth, rate):
     """N, its derivatives by the depth and by the depth's rate."""
     if not depth > 0.0:
         return 0.0, 0.0, 0.0
@@ -81,7 +81,7 @@ def _share_of_sliding(ratio):
 
 
 @kernel
-def _bristle(data, o, n, N, v, z):
+def bristle_force(data, o, n, N, v, z):
     """Friction on the sphere (N) and the bristle's rate (m/s), at the sliding velocity v."""
     k, back = data[o + BRISTLE], data[o + BRISTLE] / data[o + BRISTLE_DAMPING]
     most = _coefficient(data, o, v)[0] * N
@@ -166,7 +166,7 @@ def contact(data, o, z, d, rate, spin, out):
     """
     gap, n = distance(data, o, d)
     gap -= data[o + RADIUS]
-    N = _normal_force(data, o, -gap, -dot3(n, rate))[0]
+    N = normal_force(data, o, -gap, -dot3(n, rate))[0]
     force, torque = scale3(N, n), _ZERO
     touches = not gap >= 0.0  # where it is not a number, neither is the wrench
     if z.shape[0] > 0:
@@ -175,7 +175,7 @@ def contact(data, o, z, d, rate, spin, out):
             arm = scale3(-data[o + RADIUS], n)
             sliding = add3(rate, cross3(spin, arm))
             sliding = sub3(sliding, scale3(dot3(n, sliding), n))
-            friction, change = _bristle(data, o, n, N, sliding, bristle)
+            friction, change = bristle_force(data, o, n, N, sliding, bristle)
             force, torque = add3(force, friction), cross3(arm, friction)
             store3(out, 6, change)
         else:
@@ -197,7 +197,7 @@ def contact_variation(data, o, z, d, rate, spin, dd, drate, dspin, out):
     if not gap < 0.0:
         return
     dn = gradient_variation(data, o, d, dd)
-    N, by_depth, by_rate = _normal_force(data, o, -gap, -dot3(n, rate))
+    N, by_depth, by_rate = normal_force(data, o, -gap, -dot3(n, rate))
     dN = -by_depth * dot3(n, dd) - by_rate * (dot3(dn, rate) + dot3(n, drate))
     dforce, dtorque = add3(scale3(dN, n), scale3(N, dn)), _ZERO
     if z.shape[0] > 0:
@@ -209,7 +209,7 @@ def contact_variation(data, o, z, d, rate, spin, dd, drate, dspin, out):
         v = sub3(whole, scale3(up, n))
         dv = sub3(sub3(dwhole, scale3(dot3(dn, whole) + dot3(n, dwhole), n)), scale3(up, dn))
         bristle = load3(z, 0)
-        friction, _ = _bristle(data, o, n, N, v, bristle)
+        friction, _ = bristle_force(data, o, n, N, v, bristle)
         dfriction, dchange = _bristle_variation(data, o, n, N, v, bristle, dn, dN, dv)
         dforce = add3(dforce, dfriction)
         dtorque = add3(cross3(darm, friction), cross3(arm, dfriction))
