@@ -38,11 +38,11 @@ def stones(n, *, seed=3, **changes):
         **changes,
     }
     solids = [fm.Solid.ellipsoid(0.8 * a, density=2500.0) for a in axes]
-    places = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range(3)])[:n] * 0.24
+    places = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range(3)])[:n] * 0.22
     many = fm.PseudoRigidSwarm(solids, fm.StVenantKirchhoff(2e6, 0.25), r=places, shapes=shapes, **given)
     many.F = rotation(rng.normal(size=(n, 3))) @ (np.eye(3) + 0.03 * rng.normal(size=(n, 3, 3)))
     many.F_rate = np.cross(rng.normal(scale=3.0, size=(n, 1, 3)), many.F.transpose(0, 2, 1)).transpose(0, 2, 1)
-    many.v = -2.0 * (places - 0.24) + rng.normal(scale=0.3, size=(n, 3)) + [0.5, 0.0, 0.0]
+    many.v = -3.0 * (places - 0.22) + rng.normal(scale=0.3, size=(n, 3)) + [0.5, 0.0, 0.0]
     return many
 
 
@@ -52,18 +52,18 @@ def test_momenta_and_energy(dissipative):
     changes = {} if dissipative else {"law": contact.PowerLaw(k=1e5), "friction": None, "damping": 0.0}
     many = stones(27, **changes)
     h = 0.3 * many.stable_step()
-    linear, angular, energy, touched = [], [], [], 0
+    linear, angular, energy, touched = [], [], [], set()
     for _ in range(40):
         found = many.contacts()
-        touched = max(touched, len(np.unique(found.bodies, axis=0)))
+        touched |= set(map(tuple, found.bodies))
         linear.append(many.linear_momentum().sum(axis=0))
         angular.append(many.angular_momentum().sum(axis=0))
         energy.append(many.energy().total.sum() + found.energy.sum())
-        many.step(h, 25)
+        many.step(h, 100)
     size = np.linalg.norm(many.linear_momentum(), axis=1).sum()
     assert abs(np.array(linear) - linear[0]).max() < 1e-12 * size
     assert abs(np.array(angular) - angular[0]).max() < 1e-12 * size  # arms are less than 1 m
-    assert touched >= 20
+    assert len(touched) >= 20
     if dissipative:
         assert max(np.diff(energy)) < 1e-4 * energy[0]
         assert energy[-1] < 0.7 * energy[0]
@@ -85,7 +85,7 @@ def test_elastic_bounce():
     exact = expm(t * A) @ [0.0, 0.0, -v, 0.0]
     assert exact[0] - half * exact[1] < 0.0  # it touches until then
     errors = []
-    for count in (100, 200):
+    for count in (400, 800):
         many.r, many.v, many.F, many.F_rate = [(0, 0, half)], [(0, 0, -v)], [np.eye(3)], [np.zeros((3, 3))]
         many.step(t / count, count)
         found = [many.r[0, 2] - half, many.F[0, 2, 2] - 1.0, many.v[0, 2], many.F_rate[0, 2, 2]]
@@ -100,7 +100,7 @@ def test_restitution():
         [CUBE], fm.StVenantKirchhoff(5e7, 0.2), r=[(0.0, 0.0, SIDE / 2 + 1e-4)],
         law=contact.PowerLaw(k=2e4, restitution=0.4, speed=0.5), walls=[contact.HalfSpace(GROUND.frame())],
     )  # fmt: skip
-    many.v = [(0.0, 0.0, -0.5)]
+    many.v = np.array([(0.0, 0.0, -0.5)])
     h = 0.2 * many.stable_step()
     while many.v[0, 2] < 0.0 or len(many.contacts().depth):
         many.step(h, 100)
@@ -202,14 +202,20 @@ def test_wall_and_box_bear():
 
 def test_step_too_long():
     """A step that a contact cannot bear is refused with the longest one, and nothing has moved; that one goes."""
-    many = stones(27)
-    h = 1.2 * many.stable_step()
-    before = many.r.copy(), many.F.copy(), many.t
-    with pytest.raises(SceneError, match=r"cannot bear steps of h = .* the longest stable one is") as refused:
-        many.step(20.0 * h, 500) if h * 20.0 * 8e4 < 30.0 else many.step(30.0 / 8e4, 4000)
-    assert (many.r == before[0]).all() and (many.F == before[1]).all() and many.t == before[2]
+    many = fm.PseudoRigidSwarm(
+        [CUBE] * 2, fm.StVenantKirchhoff(1e7, 0.2), r=[(0.0, 0.0, 0.11), (1.0, 0.0, 9.0)],
+        law=contact.PowerLaw(k=1e10, p=2.0), walls=[contact.HalfSpace(GROUND.frame())],
+    )  # fmt: skip
+    many.v = np.array([(0.0, 0.0, -5.0)] * 2)
+    h = 0.5 * many.stable_step()
+    before = many.r, many.v, many.F, many.F_rate, many.t
+    with pytest.raises(SceneError, match=r"body 0 .* 4 points touch it: the longest stable one is") as refused:
+        many.step(h, 100)
+    assert all(one is other for one, other in zip(before, (many.r, many.v, many.F, many.F_rate, many.t), strict=True))
     longest = float(str(refused.value).split("stable one is ")[1].split()[0])
-    many.step(0.5 * longest, 50)
+    assert 0.0 < longest < h
+    many.step(0.3 * longest, 50)
+    many = stones(27)
     with pytest.raises(SceneError, match="longer than damping / stiffness"):
         many.step(1.01 * 30.0 / 8e4)
 
