@@ -26,7 +26,7 @@ out.mkdir(exist_ok=True)
 
 # ## The stones
 #
-# Twelve points on an ellipsoid each, whose hull is the stone: its mass, its volume, its second moments and what touches.
+# Twelve points on an ellipsoid each, whose hull is the stone: of it come mass and second moments, and it touches.
 
 COUNT = 40 if short else 1000
 DENSITY, SOFT = 2500.0, fm.StVenantKirchhoff(E=4e6, nu=0.2)
@@ -75,7 +75,7 @@ slide.F = Rotation.random(COUNT, rng=rng).as_matrix()
 
 # ## Down
 
-END, FRAMES = (4.5, 50) if short else (10.0, 120)
+END, FRAMES = (5.5, 50) if short else (10.0, 120)
 h = 0.25 * slide.stable_step()  # a stone that is hit hard between others bears less than a pair does
 steps = int(END / FRAMES / h) + 1
 print(f"{COUNT} stones, {slide.mass.sum() / 1e3:.1f} t; steps of {h * 1e6:.0f} microseconds")
@@ -96,8 +96,9 @@ for frame in range(FRAMES):
 
 still = np.linalg.norm(slide.v, axis=1) < 0.02
 pairs = np.unique(slide.contacts().bodies, axis=0)
-print(f"{still.mean():.1%} of the stones move by less than 2 cm/s, {len(pairs)} pairs touch; all are in front of the walls:")
-print(f"x {slide.r[:, 0].min():.2f} to {slide.r[:, 0].max():.2f} m, z {slide.r[:, 2].min():.2f} to {slide.r[:, 2].max():.2f} m")
+print(f"{still.mean():.1%} of the stones move by less than 2 cm/s, {len(pairs)} pairs touch; their centres are between")
+low, high = slide.r.min(axis=0), slide.r.max(axis=0)
+print(f"x = {low[0]:.2f} and {high[0]:.2f} m, z = {low[2]:.2f} and {high[2]:.2f} m")
 print(f"{spent:.1f} s of processor time, {spent / (COUNT * FRAMES * steps) * 1e6:.2f} microseconds a stone and step")
 
 # ## The film
@@ -128,7 +129,7 @@ for part in (plane, floor, wall):
 plotter.add_mesh(surface, scalars="shade", cmap="copper", show_scalar_bar=False)
 top = plane.points[:, 2].max()
 middle = np.array([0.5 * (plane.points[:, 0].min() + FOOT), 0.0, 0.4 * top])
-plotter.camera_position = [tuple(middle + 1.35 * far * np.array([0.35, -1.0, 0.35])), tuple(middle), (0.0, 0.0, 1.0)]
+plotter.camera_position = [tuple(middle + 1.65 * far * np.array([0.35, -1.0, 0.35])), tuple(middle), (0.0, 0.0, 1.0)]
 plotter.open_gif(str(out / "rock_slide.gif"), fps=15, palettesize=64)
 for r, F in states:
     surface.points = placed(r, F)

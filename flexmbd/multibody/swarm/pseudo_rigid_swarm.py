@@ -107,8 +107,8 @@ class PseudoRigidSwarm:
         self._touching: Touching | None = None
         self._memory = NOTHING
         if law is not None:
-            contact = {"shapes": shapes, "walls": walls, "law": law, "friction": friction, "damping": damping}
-            self._touching = Touching(solids, self._inverse, self._lame, **contact)
+            constants = solids, self._inverse, self._lame, float(damping)
+            self._touching = Touching(*constants, shapes=shapes, walls=walls, law=law, friction=friction)
 
     @checked("count")
     def step(self, h: float, count: int = 1) -> None:
@@ -116,8 +116,8 @@ class PseudoRigidSwarm:
 
         Raises:
             SceneError: a step or an array that is not finite or does not fit; det F <= 0, at the start or on the way,
-                with the body and the time; a step that contacts cannot bear, with the longest.  The swarm is then as
-                before the call.
+                with the body and the time; a step that contacts cannot bear, with the longest, or in which bodies may
+                pass each other.  The swarm is then as before the call.
         """
         n = len(self.mass)
         if not (is_number(h) and h > 0.0) or not 0 <= count <= np.iinfo(np.int64).max:
@@ -127,7 +127,7 @@ class PseudoRigidSwarm:
             )
         state = self._state()
         if self._touching is not None:
-            state = r, v, F, G = tuple(array.copy() for array in state)
+            r, v, F, G = state = state[0].copy(), state[1].copy(), state[2].copy(), state[3].copy()
             gravity = _array(self.gravity, (3,), "gravity")
             self._memory = self._touching.step(state, self._memory, gravity, t=self.t, h=float(h), count=int(count))
             self.r, self.v = r, v

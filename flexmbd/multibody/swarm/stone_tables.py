@@ -1,4 +1,4 @@
-"""What pseudo-rigid bodies that touch are made of: their shapes about their centres, the walls, and the law as numbers."""
+"""What pseudo-rigid bodies that touch are made of: shapes about their centres, walls, and the law as numbers."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.contact.finding.shape_table import MOST_POINTS, n
 from flexmbd.multibody.kernels.swarm import stones as places
 from flexmbd.multibody.kernels.swarm import touching_steps as kernel
 from flexmbd.multibody.kernels.swarm.stones import Stones, new_stone_work, with_room
-from flexmbd.multibody.kernels.swarm.touching import PRESSED, TOO_LONG, TOO_SMALL
+from flexmbd.multibody.kernels.swarm.touching import PRESSED, TOO_FAST, TOO_LONG, TOO_SMALL
 from flexmbd.multibody.swarm.stone_tables import data_of, polytopes_of, table_of
 
 FloatArray = NDArray[np.float64]
@@ -65,12 +65,12 @@ class Touching:
         solids: Sequence[Solid],
         inverse: FloatArray,
         lame: FloatArray,
+        damping: float,
         *,
         shapes: Sequence[Polytope | ArrayLike] | None,
         walls: Sequence[TouchShape],
         law: PowerLaw,
         friction: Friction | None,
-        damping: float,
     ) -> None:
         self.data = data_of(law, friction)
         self._shapes = len(solids)
@@ -89,7 +89,7 @@ class Touching:
             stiffest=fastest_squared(solids, lame),
             data=self.data,
             gravity=np.zeros(3),
-            retardation=float(damping),
+            retardation=damping,
         )
         corners = [form.vertices - solid.com for form, solid in zip(forms, solids, strict=True)]
         self._give = 1.0 / np.array([solid.mass for solid in solids]) + np.array(
@@ -117,7 +117,7 @@ class Touching:
         """Step r, v, F and their rates, the arrays of ``state``, which change; returns what is to be kept.
 
         Raises:
-            SceneError: det F <= 0; a step that is longer than a body or a contact can bear.
+            SceneError: det F <= 0; a step longer than a body or a contact can bear, or in which bodies may pass.
         """
         back = self.data[law_numbers.BRISTLE_DAMPING], self.data[law_numbers.BRISTLE]
         if h * back[1] > back[0]:
@@ -140,6 +140,11 @@ class Touching:
                 f"body {whole[places.BODY]} of the swarm cannot bear steps of h = {h:.4g} s at t = {time:.6g} s, where "
                 f"{self._touching_body(int(whole[places.BODY]))} points touch it: the longest stable one is "
                 f"{value:.4g} s; take a shorter one, or a softer law"
+            )
+        if code == TOO_FAST:
+            raise SceneError(
+                f"body {whole[places.BODY]} of the swarm moves so far in steps of h = {h:.4g} s at t = {time:.6g} s "
+                f"that it may pass through the smallest: take steps of {value:.4g} s at most"
             )
         kept = int(whole[places.BEFORE])
         return Memory(self._work.id_before[:kept].copy(), self._work.z_before[:kept].copy())

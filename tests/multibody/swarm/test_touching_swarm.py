@@ -216,6 +216,9 @@ def test_step_too_long():
     assert 0.0 < longest < h
     many.step(0.3 * longest, 50)
     many = stones(27)
+    many.v = many.v + np.array([[900.0, 0.0, 0.0]])
+    with pytest.raises(SceneError, match="may pass through"):
+        many.step(0.25 * many.stable_step())
     with pytest.raises(SceneError, match="longer than damping / stiffness"):
         many.step(1.01 * 30.0 / 8e4)
 

@@ -55,8 +55,8 @@ class StoneWork(ArrayStruct):
 
     whole, told: see their places.  back, spin: (n, 9) F^-1, (n, 3) rad/s.  at_r, at_F: where near pairs were found.
     push, pull: (n, 3), (n, 9) accelerations of r and F.  stiff, damp: (n,) 1/s^2, 1/s bounds of what contacts add.
-    z: (c, 3) m bristles of the points; id_before, z_before: points and bristles of the step before.  force: (c, 3) N on the
-    first of the two.  energy: (c,) J.  lanes: scratch of ``free_flight``.  upright, still: (n, 3, 3), (n, 3).
+    z: (c, 3) m bristles of the points; id_before, z_before: points and bristles of the step before.  force: (c, 3) N
+    on the first of the two.  energy: (c,) J.  lanes: scratch of ``free_flight``.  upright, still: (n, 3, 3), (n, 3).
     """
 
     whole: IntArray

@@ -9,8 +9,19 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, load9, rotate, rotate_back, scale3, store3
-from flexmbd.multibody.kernels.algebra.so3 import store9, sub3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    cross3,
+    dot3,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    store9,
+    sub3,
+)
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.contact_law import (
     BRISTLE,
@@ -31,8 +42,9 @@ from flexmbd.multibody.kernels.contact.finding.shape_table import (
 )
 from flexmbd.multibody.kernels.swarm.stones import BEFORE, BODY, MARGIN, PAIRS, POINTS, VALUE
 
-#: How the steps, or the search for points, ended: all is well; too little room; det F <= 0; a step that is too long.
-DONE, TOO_SMALL, PRESSED, TOO_LONG = range(4)
+#: How the steps, or the search for points, ended: all is well; too little room; det F <= 0; a step that is too long for
+#: a stiffness, or in which two bodies may pass each other.
+DONE, TOO_SMALL, PRESSED, TOO_LONG, TOO_FAST = range(5)
 
 _ZERO = (0.0, 0.0, 0.0)
 _STEPS = 10.0  # for which near pairs are to serve, at the speed that the fastest body has
@@ -111,22 +123,27 @@ def _near_pairs_serve(stones, work, r, F):
 
 @kernel
 def _find_near_pairs(stones, work, finding, r, v, F, G, h):
-    """Find the pairs that may touch before a vertex has moved by half of a margin; False if there is no room."""
+    """Find the pairs that may touch before a vertex has moved by half of a margin; how it ended."""
     fastest, smallest = 0.0, math.inf
     for b in range(r.shape[0]):
-        fastest = max(fastest, _size(v[b], v[b], 0.0, 3) + _size(G[b], G[b], 0.0, 9) * stones.reach[b])
+        speed = _size(v[b], v[b], 0.0, 3) + _size(G[b], G[b], 0.0, 9) * stones.reach[b]
+        if speed > fastest:
+            fastest, work.whole[BODY] = speed, b
         smallest = min(smallest, stones.reach[b])
         for k in range(3):
             work.at_r[b, k] = r[b, k]
         for k in range(9):
             work.at_F[b, k] = F[b, k]
+    if 2.0 * h * fastest > smallest:
+        work.told[VALUE] = 0.5 * smallest / fastest
+        return TOO_FAST
     margin = min(max(2.0 * _STEPS * h * fastest, _LEAST * smallest), _MOST * smallest)
     place_shapes(stones.table, finding, r, work.upright, work.still, work.still)
     pairs = find_pairs(stones.table, finding, 0.0, margin)
     finding.needed[0], finding.needed[1] = pairs, 0
     work.told[MARGIN] = margin
     work.whole[PAIRS] = pairs if pairs <= finding.pairs.shape[0] else -1
-    return pairs <= finding.pairs.shape[0]
+    return DONE if pairs <= finding.pairs.shape[0] else TOO_SMALL
 
 
 @kernel
@@ -134,8 +151,10 @@ def find_points(stones, work, finding, points, r, v, F, G, h):
     """Find the points where bodies touch; what came of it."""
     if not _lay(stones, work, finding, r, F, G):
         return PRESSED
-    if not _near_pairs_serve(stones, work, r, F) and not _find_near_pairs(stones, work, finding, r, v, F, G, h):
-        return TOO_SMALL
+    if not _near_pairs_serve(stones, work, r, F):
+        code = _find_near_pairs(stones, work, finding, r, v, F, G, h)
+        if code != DONE:
+            return code
     table = stones.table
     count = 0
     for k in range(work.whole[PAIRS]):

@@ -86,7 +86,7 @@ def _bears(work, h):
 
 @entry_kernel
 def touch(stones, work, finding, points, r, v, F, G):
-    """Find where bodies touch and the forces there, in ``points`` and ``work``, for bodies as they are; how it ended."""
+    """Find where bodies touch as they are, and the forces there, in ``points`` and ``work``; how it ended."""
     code = find_points(stones, work, finding, points, r, v, F, G, 0.0)
     if code == DONE:
         _stress(stones, work, F)
