@@ -52,8 +52,8 @@ solids, forms = zip(*[stone() for _ in range(COUNT)], strict=True)
 
 ANGLE, WIDTH, FOOT = np.radians(38.0), 3.0 if short else 7.0, 4.0 if short else 9.0  # rad, m, m
 ROW, SPACING = int(WIDTH / 0.75), 0.72  # stones across, m
-law = contact.PowerLaw(k=3e5, restitution=0.3, speed=3.0)
-rough = contact.Friction(mu=0.5, stiffness=1.5e5, damping=100.0, load=1e3)
+law = contact.PowerLaw(k=2e5, restitution=0.3, speed=3.0)
+rough = contact.Friction(mu=0.5, stiffness=1e5, damping=80.0, load=1e3)
 walls = [
     contact.HalfSpace(ground.frame(), (np.sin(ANGLE), 0.0, np.cos(ANGLE))),
     contact.HalfSpace(ground.frame()),
@@ -75,7 +75,7 @@ slide.F = Rotation.random(COUNT, rng=rng).as_matrix()
 
 # ## Down
 
-END, FRAMES = (5.5, 50) if short else (10.0, 120)
+END, FRAMES = (5.5, 50) if short else (8.0, 100)
 h = 0.25 * slide.stable_step()  # a stone that is hit hard between others bears less than a pair does
 steps = int(END / FRAMES / h) + 1
 print(f"{COUNT} stones, {slide.mass.sum() / 1e3:.1f} t; steps of {h * 1e6:.0f} microseconds")

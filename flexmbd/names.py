@@ -118,7 +118,7 @@ from flexmbd.multibody.start.consistent_start import Start as Start
 from flexmbd.multibody.start.drawing import DrawnBody as DrawnBody
 from flexmbd.multibody.swarm.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
 from flexmbd.multibody.swarm.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy
-from flexmbd.multibody.swarm.touching import SwarmContacts as SwarmContacts
+from flexmbd.multibody.swarm.stone_contacts import SwarmContacts as SwarmContacts
 from flexmbd.multibody.team import Team as Team
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns

@@ -14,9 +14,16 @@ from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff, polar
 from flexmbd.multibody.bodies.solid import Solid
 from flexmbd.multibody.contact.contact_laws import Friction, PowerLaw
 from flexmbd.multibody.contact.polytopes import Polytope
-from flexmbd.multibody.contact.shapes import TouchShape
+from flexmbd.multibody.contact.touch import Touching
 from flexmbd.multibody.kernels.swarm import free_flight as kernel
-from flexmbd.multibody.swarm.touching import NOTHING, State, SwarmContacts, Touching, fastest_squared, pressed
+from flexmbd.multibody.swarm.stone_contacts import (
+    NOTHING,
+    StoneContacts,
+    SwarmArrays,
+    SwarmContacts,
+    fastest_squared,
+    pressed,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -60,7 +67,7 @@ class PseudoRigidSwarm:
         law: PowerLaw | None = None,
         friction: Friction | None = None,
         shapes: Sequence[Polytope | ArrayLike] | None = None,
-        walls: Sequence[TouchShape] = (),
+        walls: Touching = (),
         damping: float = 0.0,
     ) -> None:
         """Bodies at rest, undeformed.
@@ -74,7 +81,7 @@ class PseudoRigidSwarm:
             friction: None: smooth.
             shapes: n, each points (v, 3) m whose hull touches, or a polytope, in the axes of its solid; None: the hull
                 of the solid's outline; of more than 32 points, of those foremost along 26 directions.
-            walls: shapes on the ground that the bodies touch.
+            walls: a shape on the ground that the bodies touch, or several.
             damping: s; strain rates times it are stressed as strains.  Of bodies that touch alone.
 
         Raises:
@@ -102,13 +109,14 @@ class PseudoRigidSwarm:
         self._fastest_squared = fastest_squared(solids, self._lame)
         if not (is_number(damping) and 0.0 <= damping < np.inf):
             raise SceneError(f"damping of a swarm must be finite and not negative (s), got {damping!r}")
-        if law is None and (friction is not None or shapes is not None or len(walls) or damping):
+        fixed = list(walls) if isinstance(walls, Sequence) else [walls]
+        if law is None and (friction is not None or shapes is not None or fixed or damping):
             raise SceneError("a swarm's friction, shapes, walls and damping are of bodies that touch: give their law=")
-        self._touching: Touching | None = None
+        self._touching: StoneContacts | None = None
         self._memory = NOTHING
         if law is not None:
             constants = solids, self._inverse, self._lame, float(damping)
-            self._touching = Touching(*constants, shapes=shapes, walls=walls, law=law, friction=friction)
+            self._touching = StoneContacts(*constants, shapes=shapes, walls=fixed, law=law, friction=friction)
 
     @checked("count")
     def step(self, h: float, count: int = 1) -> None:
@@ -147,7 +155,7 @@ class PseudoRigidSwarm:
         self.F, self.F_rate = new_F.reshape(n, 3, 3), new_G.reshape(n, 3, 3)
         self.t += span
 
-    def _state(self) -> State:
+    def _state(self) -> SwarmArrays:
         """r, v (n, 3), F and its rate (n, 9), checked."""
         n = len(self.mass)
         shapes = {"r": (n, 3), "v": (n, 3), "F": (n, 3, 3), "F_rate": (n, 3, 3)}

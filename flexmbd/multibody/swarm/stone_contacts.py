@@ -24,7 +24,7 @@ from flexmbd.multibody.swarm.stone_tables import data_of, polytopes_of, table_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-State = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+SwarmArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 class SwarmContacts(NamedTuple):
@@ -47,17 +47,17 @@ class SwarmContacts(NamedTuple):
     energy: FloatArray
 
 
-class Memory(NamedTuple):
+class Bristles(NamedTuple):
     """Points of the step before and their bristles (m)."""
 
     id: IntArray
     z: FloatArray
 
 
-NOTHING = Memory(np.zeros(0, np.int64), np.zeros((0, 3)))
+NOTHING = Bristles(np.zeros(0, np.int64), np.zeros((0, 3)))
 
 
-class Touching:
+class StoneContacts:
     """The compiled steps of bodies that touch, and their room."""
 
     def __init__(
@@ -104,7 +104,7 @@ class Touching:
         self._work = with_room(self._work, len(self._points.gap))
         self._work.whole[places.PAIRS] = -1
 
-    def _begin(self, memory: Memory, gravity: FloatArray) -> None:
+    def _begin(self, memory: Bristles, gravity: FloatArray) -> None:
         self.stones.gravity[:] = gravity
         self._work.whole[:] = 0
         self._work.whole[places.PAIRS] = -1
@@ -113,7 +113,9 @@ class Touching:
         self._work.id_before[:count], self._work.z_before[:count] = memory
         self._work.whole[places.BEFORE] = count
 
-    def step(self, state: State, memory: Memory, gravity: FloatArray, *, t: float, h: float, count: int) -> Memory:
+    def step(
+        self, state: SwarmArrays, memory: Bristles, gravity: FloatArray, *, t: float, h: float, count: int
+    ) -> Bristles:
         """Step r, v, F and their rates, the arrays of ``state``, which change; returns what is to be kept.
 
         Raises:
@@ -147,13 +149,13 @@ class Touching:
                 f"that it may pass through the smallest: take steps of {value:.4g} s at most"
             )
         kept = int(whole[places.BEFORE])
-        return Memory(self._work.id_before[:kept].copy(), self._work.z_before[:kept].copy())
+        return Bristles(self._work.id_before[:kept].copy(), self._work.z_before[:kept].copy())
 
     def _touching_body(self, body: int) -> int:
         bodies = self._points.bodies[: self._work.whole[places.POINTS]]
         return int((bodies == body).any(axis=1).sum())
 
-    def contacts(self, state: State, memory: Memory, *, t: float) -> SwarmContacts:
+    def contacts(self, state: SwarmArrays, memory: Bristles, *, t: float) -> SwarmContacts:
         """Where the bodies touch as they are, with the forces there.
 
         Raises:
@@ -175,7 +177,7 @@ class Touching:
         arrays = found.normal[:n].copy(), -found.gap[:n], work.force[:n].copy(), work.energy[:n].copy()
         return SwarmContacts(bodies, point, *arrays)
 
-    def longest_step(self, state: State, memory: Memory, *, t: float) -> float:
+    def longest_step(self, state: SwarmArrays, memory: Bristles, *, t: float) -> float:
         """The longest step (s) for the contacts that are there, and for a pair that meets at its corners."""
         self.contacts(state, memory, t=t)
         data, stones = self.data, self.stones
