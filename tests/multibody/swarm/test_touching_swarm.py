@@ -233,6 +233,8 @@ def test_step_too_long():
         ({"shapes": [np.eye(3)] * 2}, "give one a solid"),
         ({"damping": -1.0}, "not negative"),
         ({"walls": [GROUND.frame()]}, "a wall of a swarm must be"),
+        ({"walls": contact.Sphere(fm.PointMass(1.0).frame(), 0.1)}, "not on the ground"),
+        ({"law": None, "damping": 0.0, "walls": contact.HalfSpace(GROUND.frame())}, "give their law="),
         ({"friction": contact.Friction(mu=0.5, stiffness=0.0, damping=1.0, load=1.0)}, "stiffness"),
     ],
 )
