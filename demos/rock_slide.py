@@ -119,7 +119,7 @@ pairs = np.unique(slide.contacts().bodies, axis=0)
 print(f"{still.mean():.1%} of the stones move by less than 2 cm/s, {len(pairs)} pairs touch; their centres are between")
 low, high = slide.r.min(axis=0), slide.r.max(axis=0)
 print(f"x = {low[0]:.2f} and {high[0]:.2f} m, z = {low[2]:.2f} and {high[2]:.2f} m")
-print(f"{spent:.1f} s of processor time, {taken} steps, {spent / (COUNT * taken) * 1e6:.2f} microseconds a stone and step")
+print(f"{spent:.1f} s of processor time, {taken} steps, {spent / (COUNT * taken) * 1e6:.2f} microseconds a stone each")
 
 # ## The film
 #
