@@ -18,7 +18,7 @@ import numpy as np
 from benchmark import Report
 
 import flexmbd as fm
-from flexmbd.multibody.bodies.pseudo_rigid_swarm import FloatArray
+from flexmbd.multibody.swarm.pseudo_rigid_swarm import FloatArray
 
 MATERIAL = fm.StVenantKirchhoff(E=1.0e5, nu=0.3)
 REPEATS = 5

@@ -76,8 +76,6 @@ from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff as StVenantKi
 from flexmbd.multibody.bodies.homogeneous import polar as polar
 from flexmbd.multibody.bodies.point_mass import PointMass as PointMass
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBody
-from flexmbd.multibody.bodies.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
-from flexmbd.multibody.bodies.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy
 from flexmbd.multibody.bodies.shape import Shape as Shape
 from flexmbd.multibody.bodies.solid import Outline as Outline
 from flexmbd.multibody.bodies.solid import Solid as Solid
@@ -119,6 +117,9 @@ from flexmbd.multibody.results.energy import Energy as Energy
 from flexmbd.multibody.results.momentum import Momentum as Momentum
 from flexmbd.multibody.start.consistent_start import Start as Start
 from flexmbd.multibody.start.drawing import DrawnBody as DrawnBody
+from flexmbd.multibody.swarm.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
+from flexmbd.multibody.swarm.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy
+from flexmbd.multibody.swarm.stone_contacts import SwarmContacts as SwarmContacts
 from flexmbd.multibody.team import Team as Team
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns

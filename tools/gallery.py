@@ -26,7 +26,7 @@ _PRINTED = "printed.txt"
 #: The examples of the papers that flexmbd's formulations are from, which come first.
 _OF_PAPERS = (
     "frontal_impact", "plastic_hinge_pendulum", "spray_boom", "cantilever_tip_mass", "spinning_disc", "spin_up",
-    "taylor_bar",
+    "taylor_bar", "rock_slide",
 )  # fmt: skip
 
 

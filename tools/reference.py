@@ -35,7 +35,7 @@ PAGES = {
     "bodies": (
         "Bodies and frames",
         "Body Ground RigidBody PointMass FlexibleBody Frame "
-        "Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy "
+        "Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy SwarmContacts "
         "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior "
         "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "

@@ -22,10 +22,11 @@ import math
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.contact.bristle import STRETCH, flat, keep
+from flexmbd.multibody.kernels.contact.bristle import STRETCH, flat, keep, slide
 from flexmbd.multibody.kernels.contact.bristle_force import FREE, bristle_force, bristle_force_variation
 from flexmbd.multibody.kernels.contact.normal_force import (
     BRISTLE,
+    BRISTLE_DAMPING,
     EXPONENT,
     FRICTION,
     RADIUS,
@@ -70,6 +71,20 @@ def _friction(data, o, way, n, depth, v, D, N):
     memory, m, t, y = way
     mu, _ = _coefficient(data, o, v)
     return bristle_force(data, o, (memory, m, t, 0, True, m + at.MEMORY_PIECE), n, (y, v), depth, mu, D, N)
+
+
+@kernel
+def friction_after(data, o, n, N, v, z, h):
+    """Friction on the sphere (N), and the bristle's stretch (m), a step h (s) after the stretch z (m).
+
+    Of explicit steps: on a straight way at the sliding velocity v (m/s), and under one normal force N.
+    """
+    most = _coefficient(data, o, v)[0] * N
+    s = most / data[o + BRISTLE]
+    z, _, _ = slide(flat(n, z), _ZERO, scale3(h, v), _ZERO, s, s, 0.0)
+    pull = add3(scale3(data[o + BRISTLE], z), scale3(data[o + BRISTLE_DAMPING], v))
+    size = math.sqrt(dot3(pull, pull))
+    return scale3(-1.0 if size <= most else -most / size, pull), z
 
 
 @kernel

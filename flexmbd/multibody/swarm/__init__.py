@@ -1,0 +1,1 @@
+"""Many pseudo-rigid bodies as arrays, which fly freely or touch each other."""
