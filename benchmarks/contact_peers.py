@@ -192,7 +192,7 @@ def _exudyn_rolling(system: Any) -> tuple[float, Callable[[], np.ndarray]]:
         item.ObjectContactSphereTriangle(
             markerNumbers=[_exudyn_marker(system, body), _exudyn_marker(system, ground)],
             nodeNumber=_exudyn_memory(system, -ROLLING.depth), sphereRadius=ROLLING.radius,
-            trianglePoints=exu.Vector3DList([[-10.0, -10.0, 0.0], [10.0, -10.0, 0.0], [0.0, 10.0, 0.0]]),
+            trianglePoints=exu.Vector3DList([[-10.0, -10.0, 0.0], [10.0, -10.0, 0.0], [0.0, 10.0, 0.0]]),  # type: ignore[call-arg]
             contactStiffness=ROLLING.stiffness, dynamicFriction=ROLLING.mu, frictionProportionalZone=1e-3,
         )
     )  # fmt: skip
