@@ -1,172 +1,213 @@
-"""A heap of boxes by Moreau's and Jean's method and by MuJoCo: what a step takes, how deep contacts overlap.
+"""Contacts of rigid bodies: a cradle, a cam that loses its follower, a ball from sliding to rolling; beside others.
 
-Boxes of half sides 0.5, 0.4, 0.3 m and 2000 kg/m^3 fall askew into a walled box, mu = 0.5.  Both take the same steps
-of 5 ms from the same start; MuJoCo by implicitfast with elliptic cones, otherwise as it comes.  Told are the processor
-time of a step, and over the second half of the time the contacts, the deepest overlap and its root mean square, and the
-largest excess of friction over mu N as a share of the largest N; at the end the kinetic energy.
+    ./run python benchmarks/contact.py [--quick]
 
-    ./run python -m pip install mujoco
-    ./run python benchmarks/contact.py
+`cradle`: five steel balls in a row, a millimetre apart, by Hertz' law: the last one leaves with the first one's speed;
+the error is that of the speeds, of 1 m/s.  `rolling`: a billiard ball of 2 m/s slides on cloth until it rolls; its
+error is that of its place after 0.5 s against Coulomb's closed form.  `cam`: an eccentric disc on a flywheel throws off
+its follower, which comes back; the error is that of the follower's place at the end against the same program's run
+with a far tighter tolerance, or far shorter steps, since laws differ.
+
+Beside exudyn, whose laws are the same but for friction, which is regularised there, and MuJoCo, whose contacts are
+springs of its constraint solver (`solref` by stiffness).  Both take fixed steps.  Measured are processor times of all
+from a built scene to its end (of MuJoCo from its text), in turns, in one process whose kernels are loaded; medians.  A
+program has reached the error where it and all its finer runs are as exact.
 """
 
 from __future__ import annotations
 
+import argparse
+import importlib.util
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import contact_peers
 import numpy as np
 from benchmark import Report
-from numpy.typing import NDArray
+from contact_peers import CAM, CRADLE, ROLLING
 
 import flexmbd as fm
 from flexmbd import contact
 
-MINUTES = 20.0
-PEERS = ("mujoco",)
-FloatArray = NDArray[np.float64]
+MINUTES = 3.0
+PEERS: tuple[str, ...] = ("exudyn", "mujoco")
+FOLDER = Path("out_simulation")
 
-_SIDES, _DENSITY, _MU, _H = np.array([1.0, 0.8, 0.6]), 2000.0, 0.5, 5e-3
-_MASS = float(_DENSITY * np.prod(_SIDES))
-_RTOL = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Heap:
-    """Where n boxes start: (n, 3) m and (n, 4) quaternions; the walls' sides (m)."""
-
-    places: FloatArray
-    turns: FloatArray
-    width: float
+OWN = {
+    "Dormand-Prince 8(5,3)": fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8),
+    "Radau IIA": fm.RadauIIA(),
+    "generalized-alpha": fm.GeneralizedAlpha(),
+}
+#: A run: how exact (rtol, or the step in s) -> processor time (s), and what is compared.
+Run = Callable[[float], tuple[float, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a program makes of a heap."""
+class Scene:
+    """A scene.
 
-    program: str
-    step: float
-    contacts: float
-    deepest: float
-    mean: float
-    excess: float
-    kinetic: float
+    Attributes:
+        build: here; and what is compared, of a run.
+        exact: what is compared, in closed form; None: by each program's own finest run.
+        error: at which programs are compared.
+        unit: of it.
+        steps: s, of the others, the first is the coarsest.
+        end: s.
+    """
 
-
-def heap(count: int, across: int) -> Heap:
-    """So many boxes in layers of ``across`` squared, without overlaps."""
-    random = np.random.default_rng(1)
-    k = np.arange(count)
-    grid = np.stack([k % across, k // across % across, k // across**2], axis=1)
-    places = 1.5 * grid + [0.75, 0.75, 0.9] + random.uniform(-0.03, 0.03, (count, 3))
-    turns = np.array([1.0, 0.0, 0.0, 0.0]) + 0.3 * random.normal(size=(count, 4))
-    return Heap(places, turns / np.linalg.norm(turns, axis=1, keepdims=True), 1.5 * across)
+    build: Callable[[], tuple[fm.System, Callable[[Any], np.ndarray]]]
+    exact: np.ndarray | None
+    error: float
+    unit: str
+    steps: tuple[float, ...]
+    end: float
 
 
-def by_flexmbd(given: Heap, end: float) -> Told:
-    """The heap by ``fm.MoreauJean``."""
-    scene = fm.System(gravity=(0.0, 0.0, -9.81))
-    squares, shapes = np.square(_SIDES), []
-    for k, (place, turn) in enumerate(zip(given.places, given.turns, strict=True)):
-        body = scene.add(fm.RigidBody(_MASS, tuple(_MASS / 12.0 * (squares.sum() - squares))), name=f"box {k}")
-        free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
-        free.position = (*place, *turn)
-        shapes.append(contact.Box(body.frame(), _SIDES))
-    w, ground = given.width, scene.ground
-    walls = [contact.HalfSpace(ground.frame(), axis) for axis in ("z", "x", "y")]
-    walls += [contact.HalfSpace(ground.frame(p=(w, w, 0.0)), axis) for axis in ((-1, 0, 0), (0, -1, 0))]
-    law = contact.Hard(mu=_MU)
-    pairs = (*scene.touch(shapes, walls, law), *scene.touch(shapes, shapes, law))
-    scene.simulate(2.0 * _H, h=_H, rtol=_RTOL)  # compiled
-    begin = time.process_time()
-    run = scene.simulate(end, h=_H, rtol=_RTOL)
-    step = (time.process_time() - begin) / run.stats.steps
-    found = run.contacts(pairs, rtol=_RTOL)
-    late = [one.row > len(run.t) // 2 for one in found]
-    gaps = np.concatenate([one.gap[own] for one, own in zip(found, late, strict=True)])
-    normal = np.concatenate([one.normal_force[own] for one, own in zip(found, late, strict=True)])
-    friction = np.concatenate([one.friction[own] for one, own in zip(found, late, strict=True)])
-    rows = len(run.t) - 1 - len(run.t) // 2
-    held = normal > 0.0
-    return _told("flexmbd", step, held.sum() / rows, gaps[held], normal, friction, run.energy().kinetic[-1])
+def ball(scene: fm.System, name: str, place: Sequence[float], speed: float, radius: float, mass: float) -> Any:
+    """A ball that flies."""
+    body = scene.add(fm.RigidBody(mass, (0.4 * mass * radius**2,) * 3), name=name)
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    free.position, free.velocity = (*place, 1.0, 0.0, 0.0, 0.0), (speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return body
 
 
-def by_mujoco(given: Heap, end: float) -> Told:
-    """The heap by MuJoCo."""
-    import mujoco  # which is not there everywhere
-
-    half = " ".join(f"{0.5 * side:g}" for side in _SIDES)
-    boxes = "".join(
-        f'<body pos="{p[0]} {p[1]} {p[2]}" quat="{q[0]} {q[1]} {q[2]} {q[3]}"><freejoint/>'
-        f'<geom type="box" size="{half}" density="{_DENSITY}" friction="{_MU} 0 0" condim="3"/></body>'
-        for p, q in zip(given.places, given.turns, strict=True)
-    )
-    w = given.width
-    ends = [("0 0 0", "0 0 1"), ("0 0 0", "1 0 0"), ("0 0 0", "0 1 0"), (f"{w} 0 0", "-1 0 0"), (f"0 {w} 0", "0 -1 0")]
-    walls = "".join(
-        f'<geom type="plane" size="0 0 1" pos="{p}" zaxis="{n}" friction="{_MU} 0 0" condim="3"/>' for p, n in ends
-    )
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{_H}" integrator="implicitfast" cone="elliptic" gravity="0 0 -9.81"/>'
-        f'<size memory="2G"/><worldbody>{walls}{boxes}</worldbody></mujoco>'
-    )
-    data, steps = mujoco.MjData(model), round(end / _H)
-    spent, wrench, count = 0.0, np.zeros(6), 0
-    gaps: list[float] = []
-    forces: list[FloatArray] = []
-    for k in range(steps):
-        begin = time.process_time()
-        mujoco.mj_step(model, data)
-        spent += time.process_time() - begin
-        if k >= steps // 2:
-            for i in range(data.ncon):
-                mujoco.mj_contactForce(model, data, i, wrench)
-                if wrench[0] > 0.0:
-                    gaps.append(data.contact[i].dist)
-                    forces.append(wrench[:3].copy())
-            count += 1
-    mujoco.mj_energyVel(model, data)
-    pushed = np.array(forces)
-    return _told(
-        f"MuJoCo {mujoco.__version__}", spent / steps, len(gaps) / count, np.array(gaps), pushed[:, 0], pushed[:, 1:],
-        float(data.energy[1]),
-    )  # fmt: skip
+def cradle() -> tuple[fm.System, Callable[[Any], np.ndarray]]:
+    """The speeds at the end."""
+    scene = fm.System()
+    balls = [
+        ball(scene, f"ball {i}", (x, 0.0, 0.0), v, CRADLE.radius, CRADLE.mass)
+        for i, (x, v) in enumerate(zip(CRADLE.places, CRADLE.speeds, strict=True))
+    ]
+    shapes = [contact.Sphere(one.frame(), CRADLE.radius) for one in balls]
+    for one, other in pairwise(shapes):
+        scene.touch(one, other, contact.PowerLaw(k=CRADLE.stiffness, p=1.5))
+    return scene, lambda run: np.array([run.velocity(one.frame())[-1, 0] for one in balls])
 
 
-def _told(
-    program: str, step: float, contacts: float, gaps: FloatArray, normal: FloatArray, friction: FloatArray,
-    kinetic: float,
-) -> Told:
-    depth = np.maximum(0.0, -gaps)
-    excess = np.linalg.norm(friction, axis=1) - _MU * normal
-    mean = float(np.sqrt(np.mean(depth**2)))
-    return Told(program, step, contacts, float(depth.max()), mean, float(excess.max() / normal.max()), float(kinetic))
+def rolling() -> tuple[fm.System, Callable[[Any], np.ndarray]]:
+    """The place at the end."""
+    scene = fm.System(gravity=(0.0, 0.0, -ROLLING.gravity))
+    mass, k = ROLLING.mass, ROLLING.stiffness
+    body = ball(scene, "ball", (0.0, 0.0, ROLLING.height), ROLLING.speed, ROLLING.radius, mass)
+    rough = contact.Friction(ROLLING.mu, stiffness=k, damping=0.1 * np.sqrt(k * mass), load=mass * ROLLING.gravity)
+    floor = contact.HalfSpace(scene.ground.frame())
+    scene.touch(floor, contact.Sphere(body.frame(), ROLLING.radius), contact.PowerLaw(k=k), friction=rough)
+    return scene, lambda run: run.position(body.frame())[-1, :1]
 
 
-def run(report: Report, count: int, across: int, end: float) -> None:
-    """One heap by all programs that are there."""
-    report.say(f"\n{count} boxes, {end:g} s in steps of {1e3 * _H:g} ms\n")
-    report.table(
-        "program", "step (ms)", "contacts", "deepest overlap (mm)", "root mean square (mm)", "friction over mu N",
-        "kinetic energy (J)",
-    )  # fmt: skip
-    programs = [by_flexmbd, *([by_mujoco] if find_spec("mujoco") else [])]
-    for program in programs:
-        one = program(heap(count, across), end)
-        report.say(
-            f"| {one.program} | {1e3 * one.step:.3g} | {one.contacts:.0f} | {1e3 * one.deepest:.3g} "
-            f"| {1e3 * one.mean:.3g} | {one.excess:.1e} | {one.kinetic:.3g} |"
-        )
+def cam() -> tuple[fm.System, Callable[[Any], np.ndarray]]:
+    """The follower's place at the end."""
+    scene = fm.System(gravity=(0.0, -CAM.gravity, 0.0))
+    wheel = scene.add(fm.RigidBody(1.0, (CAM.inertia,) * 3), name="wheel")
+    turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), wheel.frame())
+    turn.velocity = CAM.rate
+    follower = scene.add(fm.RigidBody(CAM.mass, (1e-4,) * 3), name="follower")
+    slide = scene.connect(fm.joint.Prismatic("y"), scene.ground.frame(), follower.frame())
+    slide.position, slide.velocity = CAM.start, CAM.start_rate
+    scene.add_force(fm.force.JointSpring(slide, CAM.spring, rest=CAM.rest))
+    disc = contact.Sphere(wheel.frame(p=(CAM.eccentricity, 0.0, 0.0)), CAM.disc)
+    scene.touch(disc, contact.Sphere(follower.frame(), CAM.roller), contact.PowerLaw(k=CAM.stiffness))
+    return scene, lambda run: run.position(follower.frame())[-1, 1:2]
+
+
+SCENES = {
+    "cradle": Scene(
+        cradle, np.array([0.0, 0.0, 0.0, 0.0, 1.0]), 1e-4, "m/s", tuple(2e-5 / 2.0**k for k in range(8)), CRADLE.end
+    ),
+    "rolling": Scene(
+        rolling, np.array([ROLLING.exact]), 1e-5, "m", tuple(1e-3 / 2.0**k for k in range(9)), ROLLING.end
+    ),
+    "cam": Scene(cam, None, 1e-6, "m", tuple(4e-5 / 2.0**k for k in range(8)), CAM.end),
+}  # fmt: skip
+
+
+def own(scene: Scene, method: str) -> Run:
+    """Here: by rtol."""
+
+    def run(rtol: float) -> tuple[float, np.ndarray]:
+        system, found = scene.build()
+        began = time.process_time()
+        trajectory = system.simulate(scene.end, rtol=rtol, integrator=OWN[method])
+        return time.process_time() - began, found(trajectory)
+
+    return run
+
+
+def programs(name: str) -> dict[str, tuple[str, Run, tuple[float, ...], float]]:
+    """Label -> the program, its run, from coarse to fine, and finer than all."""
+    scene = SCENES[name]
+    rtols = tuple(10.0**-k for k in range(2, 10))
+    found = {f"flexmbd, {method}": ("flexmbd", own(scene, method), rtols, 1e-11) for method in OWN}
+    found["flexmbd, generalized-alpha"] = (*found["flexmbd, generalized-alpha"][:2], rtols[:5], 1e-8)
+    for peer, label, run in contact_peers.runs(name):
+        if importlib.util.find_spec(peer) is not None:
+            found[label] = (peer, run, scene.steps, scene.steps[-1] / 4.0)
+    return found
+
+
+def measure(report: Report, name: str, *, turns: int, fewest: bool) -> None:
+    """Rows of a scene: error over processor time; and the comparison.  ``fewest``: two values of each, no finer run."""
+    scene, reached = SCENES[name], {}
+    for label, (program, run, values, finest) in programs(name).items():
+        values = values[1:3] if fewest else values
+        run(values[0])  # kernels are loaded
+        exact = scene.exact if scene.exact is not None else run(values[-1] if fewest else finest)[1]
+        errors = []
+        for value in values:
+            seconds, found = run(value)
+            errors.append(float(np.abs(found - exact).max()) if np.isfinite(found).all() else np.inf)
+            what = f"rtol {value:.0e}" if program == "flexmbd" else f"{value:.1e} s"
+            told = f"{errors[-1]:.1e} {scene.unit}" if np.isfinite(errors[-1]) else "failed"
+            report.say(f"| {name} | {label} | {what} | {1e3 * seconds:.3g} | {told} |")
+        missed = [k for k, error in enumerate(errors) if error > scene.error]
+        first = missed[-1] + 1 if missed else 0  # where it and all that are finer are exact enough
+        if first < len(values):
+            reached[label] = (program, run, values[first])
+    times: dict[str, list[float]] = {label: [] for label in reached}
+    for _ in range(turns):
+        for label, (_, run, value) in reached.items():
+            times[label].append(run(value)[0])
+    best: dict[str, str] = {}
+    for label, (program, _, _) in reached.items():
+        if program not in best or np.median(times[label]) < np.median(times[best[program]]):
+            best[program] = label
+    for program, label in best.items():
+        if program != "flexmbd" and "flexmbd" in best:
+            task = f"from the built scene to its end, to {scene.error:.0e} {scene.unit}"
+            report.beside(f"contact, {name}", task=task, peer=label, theirs=times[label], ours=times[best["flexmbd"]])
+
+
+def table(report: Report) -> None:
+    report.table("scene", "method", "tolerance or step", "processor time (ms)", "error")
 
 
 def quick(report: Report) -> None:
-    run(report, 36, 3, 1.0)
+    """Two tolerances and steps of each program."""
+    table(report)
+    for name in SCENES:
+        measure(report, name, turns=1, fewest=True)
 
 
 def full(report: Report) -> None:
-    run(report, 1000, 8, 2.0)
+    """All, until the error is small enough."""
+    table(report)
+    for name in SCENES:
+        measure(report, name, turns=5, fewest=False)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="few tolerances and steps")
+    given = parser.parse_args()
+    report = Report(FOLDER)
+    (quick if given.quick else full)(report)
+    for one in report.comparisons:
+        print(one)
 
 
 if __name__ == "__main__":
-    full(Report(Path(".")))
+    main()

@@ -216,6 +216,7 @@ class Machine:
     duration: float = 0.1
     integrator: Any = "auto"
     gears: tuple[Gear, ...] = ()
+    touches: tuple = ()
 
     def part(self, name):
         return next(part for part in self.parts if part.name == name)
@@ -258,7 +259,7 @@ class Machine:
             motion = "" if link.motion is None else f", prescribed {link.motion}"
             lines.append(f"  {link.name}: {link.joint}{way}{motion}, at {position}, {rate}")
             lines += [f"    {mark}" for mark in (link.parent, link.child)]
-        lines += [f"  {load}" for load in (*self.loads, *self.gears)]
+        lines += [f"  {load}" for load in (*self.loads, *self.gears, *self.touches)]
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -308,6 +309,8 @@ def build(machine, *, rough=None):
     for load in machine.loads:
         frames, joints = map(built.frame, load.marks), [built.joints[name] for name in load.links]
         scene.add_force(load.build(tuple(frames), joints))
+    for touch in machine.touches:
+        touch.put(scene, tuple(map(built.frame, touch.marks)))
     for gear in machine.gears:
         scene.couple(gear.build(built.joints))
     return built

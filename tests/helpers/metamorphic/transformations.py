@@ -19,9 +19,10 @@ import flexmbd as fm
 
 
 def order(draw, machine):
-    """Bodies, joints and loads in another order."""
+    """Bodies, joints and loads in another order; what touches named the other way round."""
     parts, links, loads = (draw(st.permutations(seq)) for seq in (machine.parts, machine.links, machine.loads))
-    return replace(machine, parts=tuple(parts), links=tuple(links), loads=tuple(loads))
+    touches = tuple(touch.swapped() for touch in machine.touches[::-1])
+    return replace(machine, parts=tuple(parts), links=tuple(links), loads=tuple(loads), touches=touches)
 
 
 def turned_round(draw, machine):
@@ -155,6 +156,7 @@ def _remarked(machine, on):
         machine,
         links=tuple(replace(link, parent=on(link.parent), child=on(link.child)) for link in machine.links),
         loads=tuple(load.on(tuple(map(on, load.marks)), load.links) for load in machine.loads),
+        touches=tuple(touch.on(tuple(map(on, touch.marks)), touch.links) for touch in machine.touches),
         probes={name: on(mark) for name, mark in machine.probes.items()},
     )
 
@@ -172,6 +174,7 @@ def in_units(machine, u):
         parts=tuple(part.in_units(u) for part in machine.parts),
         links=tuple(link.in_units(u) for link in machine.links),
         loads=tuple(load.in_units(u, machine.turns(load)) for load in machine.loads),
+        touches=tuple(touch.in_units(u) for touch in machine.touches),
         gravity=machine.gravity * u.speed / u.time,
         probes={name: mark.in_units(u) for name, mark in machine.probes.items()},
         start=machine.start * u.time,
