@@ -164,3 +164,25 @@ def degrees(u: Expr) -> tuple[int, int]:
 def is_tetrahedron(u: Expr) -> bool:
     """Whether the cells of the field's mesh are tetrahedra."""
     return str(u.ufl_function_space().ufl_domain().ufl_cell()) == "tetrahedron"
+
+
+def volume_change(h: Expr) -> Expr:
+    """det(1 + h) - 1 of a displacement's gradient h (3, 3), without the round-off of numbers near one."""
+    return ufl.tr(h) + _second_order(h)
+
+
+def isochoric_energy(h: Expr, mu: Expr) -> Expr:
+    """mu/2 (J^(-2/3) tr(F^T F) - 3), Pa, of F = 1 + h and J = det F; its derivatives are exact at small strain, too.
+
+    With a = J^(1/3) and c = a - 1 what is of first order cancels by hand: tr(F^T F) - 3 a^2 is of second order in h.
+    """
+    change = volume_change(h)
+    a = (1 + change) ** (1 / 3)
+    c = change / (a**2 + a + 1)
+    excess = ufl.inner(h, h) - 2 * _second_order(h) + c**2 * (2 * a + 1)
+    return mu / 2 * excess / a**2
+
+
+def _second_order(h: Expr) -> Expr:
+    """What det(1 + h) has beyond its first order: the second and the third invariant."""
+    return (ufl.tr(h) ** 2 - ufl.inner(h, h.T)) / 2 + ufl.det(h)

@@ -27,7 +27,14 @@ from dataclasses import dataclass
 import basix.ufl
 import ufl
 
-from flexmbd.forms._shared import IncompressibleReference, IsotropicElastic, is_tetrahedron, shear_modulus
+from flexmbd.forms._shared import (
+    IncompressibleReference,
+    IsotropicElastic,
+    is_tetrahedron,
+    isochoric_energy,
+    shear_modulus,
+    volume_change,
+)
 from flexmbd.forms._shared import Quadrature as Quadrature
 
 CELLS = ("tetrahedron", "hexahedron")
@@ -65,11 +72,8 @@ def strain_energy(
     mu = shear_modulus(p)
     displacement, pi = ufl.split(u)
     h = ufl.grad(displacement)
-    jacobian = ufl.det(ufl.Identity(3) + h)
-    # tr(F^T F) - 3 from H rather than F: no cancellation at small strain
-    excess = 2 * ufl.tr(h) + ufl.inner(h, h)
-    isochoric = mu / 2 * (jacobian ** (-2 / 3) * (excess + 3) - 3)
-    coupling = mu * pi * (jacobian - 1)
+    isochoric = isochoric_energy(h, mu)
+    coupling = mu * pi * volume_change(h)
     compression = (mu * pi) ** 2 * 3 * (1 - 2 * p.nu) / (2 * p.E)
     n = _degree(u)
     return [(isochoric + coupling - compression, Quadrature(2 * n if is_tetrahedron(u) else 2 * n + 1))]

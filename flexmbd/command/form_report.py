@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -65,15 +66,24 @@ def stopped_report(source: Path, error: Exception) -> Report:
 
 def _described(form: Formulation) -> ReportTable:
     title = (cast(ModuleType, form).__doc__ or "").strip().partition("\n")[0]
+    given = cast(Any, form.reference().parameters)
     claims = ", ".join(f"{degree}: {order}" for degree, order in form.ORDER.items())
     rows = (
         ("title", title),
         ("cells", ", ".join(form.CELLS)),
         ("orders claimed", claims),
         ("reference configuration", form.REFERENCE),
-        ("parameters of the reference problem", repr(form.reference().parameters)),
     )
-    return ReportTable("form", "The form, and the parameters that all studies begin from", ("what", "value"), rows)
+    values = ((f"parameter {one.name}", _value(getattr(given, one.name))) for one in dataclasses.fields(given))
+    caption = "The form, and the parameters of its reference problem, from which all studies begin"
+    return ReportTable("form", caption, ("what", "value"), (*rows, *values))
+
+
+def _value(value: object) -> str:
+    """A parameter as it is read: numbers without a tail of zeros."""
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    return f"({', '.join(map(_value, value))})" if isinstance(value, tuple) else str(value)
 
 
 def _check_table(sheet: FormReport) -> ReportTable:

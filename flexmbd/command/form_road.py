@@ -20,14 +20,22 @@ from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, Nonl
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.check_report import CheckResult, places
+from flexmbd.continuum.contract_suite.fields import free_constants
 from flexmbd.continuum.contract_suite.history_trial import history_place, trial_step, yielding_parameters
-from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Raised, Remark, Verdict, attempt
+from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Remark, Verdict, attempt
+from flexmbd.continuum.contract_suite.trial import Trial
+from flexmbd.continuum.finite_elements.surface_group import Surfaces
 from flexmbd.continuum.slow_loading.static_path import clamped_dofs, follow
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import craig_bampton
 
 # Of the machines' account: what the integrators' tolerance leaves of what turns over.
 _CLOSED = 1e-6
+
+_UNHELD = (
+    "not reduced: a constant of a further unknown, as of an electric potential, does nothing, and static shapes are "
+    "not determined; give the form a surface_energy that holds it, a ground, on some facets"
+)
 
 # A slow load's strain, of those that leave something behind; none of a form without a history.
 _STRAIN = 1e-4
@@ -56,18 +64,39 @@ class Road:
         """Rigid ones at both ends."""
         return [Interface(name) for name in self.ends]
 
+    @property
+    def surfaces(self) -> Surfaces:
+        """Terms on facets, on the end that carries the body's frame: springs do nothing there, a ground is one."""
+        optional = optional_entries(self.form)
+        if optional.surface_energy is None and optional.surface_kinetic_energy is None:
+            return {}
+        return {self.ends[0]: (self.form, self.form.reference().parameters)}  # type: ignore[dict-item]
+
+    @property
+    def has_free_constants(self) -> bool:
+        """Whether a constant of a further unknown does nothing, and no term on facets holds it."""
+        trial = Trial(self.form, self.cell, self.degree)
+        if self.surfaces or trial.layout.kinematic.all():
+            return False
+        d = trial.scale
+        return free_constants(trial, d[:, None] * trial.stiffness(trial.rest()) * d) > 0
+
     @cached_property
     def record(self) -> ReducedBody:
         """Reduced with the parameters of the form's reference."""
         model = ContinuumModel(
             self.mesh, self.form, self.form.reference().parameters,  # type: ignore[arg-type]
-            degree=self.degree, interfaces=self.interfaces,
+            degree=self.degree, interfaces=self.interfaces, surfaces=self.surfaces,
         )  # fmt: skip
-        return craig_bampton(model, modes=3, frame=self.ends[0])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", fm.LockingWarning)  # two cells are no body whose frequencies are wanted
+            return craig_bampton(model, modes=3, frame=self.ends[0])
 
 
 def reduction(road: Road) -> Outcome:
     """The part is reduced, and clamped at one end no mode of it is without stiffness."""
+    if road.has_free_constants:
+        return Remark(Verdict.NOTE, _UNHELD)
     frequencies = road.record.frequencies(clamped=[road.ends[0]])
     if not (np.isfinite(frequencies).all() and frequencies[0] > 0.0):
         return Remark(Verdict.FAIL, f"clamped at one end the reduced body has the frequencies {frequencies[:3]} Hz")
@@ -117,7 +146,8 @@ class SlowRoad(Road):
     def body(self) -> NonlinearModel:
         """At rest between checks."""
         return NonlinearModel(
-            self.mesh, self.form, self.parameters, degree=self.degree, interfaces=self.interfaces  # type: ignore[arg-type]
+            self.mesh, self.form, self.parameters, degree=self.degree, interfaces=self.interfaces,  # type: ignore[arg-type]
+            surfaces={},
         )
 
     @cached_property
@@ -166,7 +196,8 @@ def slow_loading(road: SlowRoad) -> Outcome:
 def history_in_motion(road: SlowRoad) -> Outcome:
     """On a hinge, thrown and under its weight: it moves, and gains no energy."""
     if road.body.has_rotations:
-        return Remark(Verdict.SKIP, "with rotations and a residual: loaded slowly alone")
+        told = "unknowns besides the displacement and a residual: loaded slowly (follow), such a form does not move"
+        return Remark(Verdict.SKIP, told)
     turning = 2 * np.pi / road.period
     scene = fm.System(gravity=(0.0, -1e-4 * turning**2, 0.0))
     rest = road.body.snapshot()
@@ -221,6 +252,6 @@ def road_checks(form: Formulation) -> list[CheckResult]:
 
 def _attempted(check: Check, road: Road, before: Sequence[CheckResult]) -> Outcome:
     """Not where the part was not reduced or loaded: there is nothing to move."""
-    if before and isinstance(before[0].outcomes[road.cell, road.degree], Raised):
+    if before and isinstance(before[0].outcomes[road.cell, road.degree], Remark):
         return Remark(Verdict.SKIP, f"not run: see '{before[0].name}'")
     return attempt(check, road)

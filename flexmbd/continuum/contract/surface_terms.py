@@ -23,6 +23,8 @@ FACET = {"tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 def surface_energy_faults(terms: Sequence[Any], unknown: TrialSymbols) -> Iterator[str]:
     """Faults of springs on facets whose terms are in order; not collective.
 
+    Of a further unknown, as a pressure or a potential, an energy may be of either sign: the whole has a saddle there.
+
     Args:
         terms: of the unknown `unknown.u`.
         unknown: the symbols, with the parameters' values.
@@ -30,7 +32,10 @@ def surface_energy_faults(terms: Sequence[Any], unknown: TrialSymbols) -> Iterat
     density = _sum(terms)
     yield from _rest_faults(density, unknown, linear="a load: Pressure or Traction")
     hessian = SecondDerivative(density, unknown).at(affine(unknown.u.ufl_shape, seed=None))
-    if hessian is not None and not is_semidefinite(hessian):
+    if hessian is None:
+        return
+    moved = np.concatenate([unknown.moved, np.repeat(unknown.moved, GDIM)])  # by values, then by gradients
+    if not is_semidefinite(hessian[np.ix_(moved, moved)]):
         yield "is not convex at rest: some displacement would gain energy by it; check the signs of the stiffnesses"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from types import ModuleType
 from typing import Any
 
@@ -50,7 +51,7 @@ class TrialSymbols:
             degree: one of its degrees on that cell.
             parameters: whose values the symbols have; those of its reference if None.
         """
-        self.cell, self.degree = cell, degree
+        self.cell, self.degree, self._module = cell, degree, module
         self.domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(GDIM,)))
         element = module.element(cell, GDIM, degree)
         if not isinstance(element, basix.ufl._ElementBase):
@@ -81,6 +82,14 @@ class TrialSymbols:
         self.geometry.update({symbol: _constant(value) for symbol, value in values.items()})
         self.dt = _Symbol(self.domain)
         self.geometry[self.dt] = _constant(np.array(0.0))
+
+    @cached_property
+    def moved(self) -> npt.NDArray[np.bool_]:
+        """(components of u,) which of them a rigid motion moves: displacements and rotations, not a pressure."""
+        vectors = [ufl.as_vector(values) for values in ((0.3, 0.5, 0.7), (1.0, 2.0, 3.0), (0.2, -0.4, 0.9))]
+        motion = self._module.rigid_motion(*vectors)
+        values = [self.evaluate(motion[i], {}) for i in range(int(np.prod(self.u.ufl_shape, dtype=int)))]
+        return np.array([value is None or value != 0.0 for value in values])
 
     def evaluate(self, expression: ufl.core.expr.Expr, fields: Terminals) -> float | None:
         """A scalar at a point, NaN or infinite where it has no value; None where only a mesh has one."""

@@ -93,15 +93,14 @@ class Trial:
         return optional_entries(self.form).strain_energy is not None
 
     @property
-    def is_uniform(self) -> bool:
-        """Whether no term of the strain energy or residual depends on the place."""
-        return not any(_holds_place(density) for density, _ in self._internal_work)
+    def holds_place(self) -> bool:
+        """Whether a term of the strain energy or residual is written with the place."""
+        return any(_holds_place(density) for density, _ in self._internal_work)
 
-    @cached_property
-    def has_uniform_mass(self) -> bool:
-        """Whether no term of the kinetic energy depends on the place."""
-        terms = self.form.kinetic_energy(self.u, self.parameters)
-        return not any(_holds_place(density) for density, _ in terms)
+    @property
+    def mass_holds_place(self) -> bool:
+        """The same of the kinetic energy."""
+        return any(_holds_place(density) for density, _ in self.form.kinetic_energy(self.u, self.parameters))
 
     @cached_property
     def rigid(self) -> FloatArray:
