@@ -61,7 +61,8 @@ def _cushion(frame, *half):
             halved(*one, times - 1)
 
     for face in faces:
-        halved(*corners[list(face)], 2)
+        a, b, c = corners[list(face)]
+        halved(a, b, c, 2)
     return contact.TriangleSurface(frame, np.array(points) * np.array(half), triangles)
 
 
