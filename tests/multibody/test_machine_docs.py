@@ -59,6 +59,8 @@ def test_contact(tmp_path, monkeypatch):
     velocity = found["run"].velocity(found["ball"].frame())
     assert velocity[-1, 0] == pytest.approx(2.0 * 5.0 / 7.0, rel=1e-5)
     assert found["met"].normal_force[-1] == pytest.approx(0.17 * 9.81, rel=1e-2)
+    assert found["hit"].normal_force[-1] == pytest.approx(0.17 * 9.81, rel=1e-9)
+    assert found["hit"].normal_work[-1] == pytest.approx(-0.17 * 9.81 * 0.5, rel=1e-3)
 
 
 def test_bodies_with_history(tmp_path, monkeypatch):

@@ -49,7 +49,7 @@ class Built:
 
 
 def tree(force: Callable[[fm.joint.Connection], Any] | None = None) -> Built:
-    """Two rigid links and a flexible one, with springs; every array is one that the caller keeps."""
+    """Two rigid links and a flexible one, with springs; the caller keeps all arrays, of frames and joints their own."""
     arrays: dict[str, Any] = {
         "gravity": np.array([0.0, -9.81, 0.3]), "inertia": np.array([0.02, 0.05, 0.05]), "com": [0.25, 0.0, 0.0],
         "place": np.array([0.5, 0.0, 0.0]), "axes": np.eye(3), "bush": np.array([5.0, 6.0, 7.0, 0.5, 0.6, 0.7]),
@@ -64,6 +64,7 @@ def tree(force: Callable[[fm.joint.Connection], Any] | None = None) -> Built:
     slide = scene.connect(fm.joint.Prismatic("x"), place, flap.frame(), name="slide")
     swing = scene.connect(fm.joint.Universal(), place, tail.frame("root"), name="swing")
     hinge.position, slide.velocity = arrays["start"], 0.1
+    arrays |= {"place": place.p_BF_B, "axes": place.R_BF, "start": hinge.position}
     forces = [
         scene.add_force(fm.force.JointSpring(hinge, 3.0, 0.1, 0.01)),
         scene.add_force(fm.force.Bushing(flap.frame(), scene.ground.frame((0.5, 0.1, 0.0)), arrays["bush"])),
@@ -78,21 +79,21 @@ def tree(force: Callable[[fm.joint.Connection], Any] | None = None) -> Built:
 def loop() -> Built:
     """A plane four-bar closed by a hinge, three rows of which are redundant."""
     scene = fm.System(gravity=(0.0, -9.81, 0.0))
-    arrays: dict[str, Any] = {"end": np.array([0.6, 0.0, 0.0]), "pivot": np.array([0.6, 0.0, 0.0])}
     links = [
         scene.add(fm.RigidBody(2.5 * n, (1e-4, n**3, n**3), (0.5 * n, 0.0, 0.0)), name=name)
         for name, n in (("crank", 0.2), ("coupler", 0.6), ("rocker", 0.5))
     ]
     crank, coupler, rocker = links
     hinge = fm.joint.Revolute("z")
+    end, pivot = coupler.frame((0.6, 0.0, 0.0)), scene.ground.frame((0.6, 0.0, 0.0))
     joints = [
         scene.connect(hinge, scene.ground.frame(), crank.frame(), name="drive"),
         scene.connect(hinge, crank.frame((0.2, 0.0, 0.0)), coupler.frame(), name="pin"),
-        scene.connect(hinge, scene.ground.frame(arrays["pivot"]), rocker.frame(), name="pivot"),
-        scene.connect(hinge, coupler.frame(arrays["end"]), rocker.frame((0.5, 0.0, 0.0)), name="close"),
+        scene.connect(hinge, pivot, rocker.frame(), name="pivot"),
+        scene.connect(hinge, end, rocker.frame((0.5, 0.0, 0.0)), name="close"),
     ]
     joints[0].position, joints[0].velocity = 1.2, 6.0
-    return Built(scene, links, joints, arrays)
+    return Built(scene, links, joints, {"end": end.p_BF_B, "pivot": pivot.p_BF_B})
 
 
 def put(name: str, *, of: str, k: int = 0, value: Any) -> Change:

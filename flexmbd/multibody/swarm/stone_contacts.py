@@ -18,8 +18,8 @@ from flexmbd.multibody.kernels.contact.finding.find_contacts import make_room
 from flexmbd.multibody.kernels.contact.finding.shape_table import MOST_POINTS, new_contact_points, new_finding_work
 from flexmbd.multibody.kernels.swarm import stones as places
 from flexmbd.multibody.kernels.swarm import touching_steps as kernel
+from flexmbd.multibody.kernels.swarm.stone_forces import PRESSED, TOO_FAST, TOO_LONG, TOO_SMALL
 from flexmbd.multibody.kernels.swarm.stones import Stones, new_stone_work, with_room
-from flexmbd.multibody.kernels.swarm.touching import PRESSED, TOO_FAST, TOO_LONG, TOO_SMALL
 from flexmbd.multibody.swarm.stone_tables import data_of, polytopes_of, table_of
 
 FloatArray = NDArray[np.float64]

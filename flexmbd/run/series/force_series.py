@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, refuse_other
+from flexmbd.given import checked, is_number, refuse_other, shown
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
@@ -225,6 +225,8 @@ class ForceSeries(MotionSeries):
         Raises:
             SceneError: it is no contact, or of another scene.
         """
+        if not (is_number(rtol) and 0.0 < rtol < 1.0):
+            raise SceneError(f"rtol = {shown(rtol)} of a contact's series must lie between 0 and 1")
         kinds = (Contact, HardContact, HardGroup)
         some = [*touching] if isinstance(touching, Sequence) else [touching]
         for one in some:

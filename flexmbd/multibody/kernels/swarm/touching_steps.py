@@ -9,8 +9,8 @@ import math
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.swarm.free_flight import LANES, ROW_A, ROW_B, ROW_F, ROW_LAME, accelerate
+from flexmbd.multibody.kernels.swarm.stone_forces import DONE, TOO_LONG, find_points, push_apart
 from flexmbd.multibody.kernels.swarm.stones import BEFORE, BODY, DRIFTED, POINTS, STEP, VALUE
-from flexmbd.multibody.kernels.swarm.touching import DONE, TOO_LONG, find_points, push_apart
 
 
 @kernel
