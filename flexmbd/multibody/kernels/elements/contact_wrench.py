@@ -166,8 +166,8 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
     if law[DISSIPATION] >= 0.0 or not depth > 0.0 or met > 0.0:
         return ""
     return (
-        f"pressed in by {depth:.3g} m at the start, it has met nothing at a speed, of which the loss follows where a "
-        "restitution is for every speed: begin apart, or give the law a speed=... (m/s)"
+        f"the surfaces overlap by {depth:.3g} m at the start, but a restitution without a speed takes its loss from "
+        "that at which they meet: begin apart, or give the law a speed=... (m/s)"
     )
 
 
