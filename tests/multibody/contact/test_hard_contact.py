@@ -243,3 +243,25 @@ def test_what_does_not_go_is_refused_by_name():
     with pytest.raises(SceneError, match="hard contacts"):
         run.reaction(joint)
     assert "1 hard contact watched" in scene.explain(h=1e-3)
+
+
+_FLAT = np.array([(-1.0, 0.1, -1.0), (1.0, 0.1, -1.0), (1.0, 0.1, 1.0), (-1.0, 0.1, 1.0)])
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("kind", ["profile", "triangles"])
+def test_a_ball_rests_on_shapes_that_have_a_table(kind, size):
+    """It falls on a flat one, where it bears its weight at the radius above the surface."""
+    scene = fm.System(gravity=(0.0, -9.81 * size, 0.0))
+    ball = scene.add(fm.RigidBody(2.0, (1e-3 * size**2,) * 3))
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), ball.frame())
+    free.position = (0.0, 0.2 * size, 0.0, 1.0, 0.0, 0.0, 0.0)
+    ground = scene.ground.frame()
+    if kind == "profile":
+        shape = contact.Profile(ground, size * np.array([(-1.0, -0.1), (1.0, -0.1), (1.0, 0.1), (-1.0, 0.1)]))
+    else:
+        shape = contact.TriangleSurface(ground, size * _FLAT, [(0, 2, 1), (0, 3, 2)], open=True)
+    pair = scene.touch(shape, contact.Sphere(ball.frame(), 0.05 * size), contact.Hard(mu=0.3))
+    run = scene.simulate(1.0, h=1e-3)
+    assert run.position(ball.frame())[-1] == pytest.approx([0.0, 0.15 * size, 0.0], abs=1e-9 * size)
+    assert run.contacts(pair)[0].normal_force[-1] == pytest.approx(2.0 * 9.81 * size, rel=1e-9)
