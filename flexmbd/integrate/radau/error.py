@@ -15,6 +15,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
+from flexmbd.round_off import EPSILON
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -98,13 +99,15 @@ def _ratio(plan, state, groups, scratch, h, machine_rate):
         own_speed = max(speed, own * size)
         # modes that hardly move are differences of the whole motion, with its round-off
         least = st.ROUND_OFF * groups.full[g]
-        part = abs(scratch.error_v[j]) / max(limit * own_speed, least * machine_rate)
+        # a step moves stiff parts within h by round-off of their places
+        moved = 4.0 * EPSILON * groups.full[g] / h
+        part = abs(scratch.error_v[j]) / max(limit * own_speed, least * machine_rate, moved)
         position = abs(scratch.error_x[j]) if groups.kind[g] != kinds.GROUP_STATE else 0.0
         part = max(part, position / max(limit * size, least))
         if not part <= largest:
             largest = part
             state.counts[st.WORST] = k
-        speed = max(speed, least / tolerance * machine_rate)
+        speed = max(speed, least / tolerance * machine_rate, moved / tolerance)
         rough = max(rough, abs(scratch.error_v[j]) / speed)
         expected = max(expected, scratch.memory.roughness[k] * h**4 / speed)
         plain = max(plain, rough, position / max(size, least / tolerance))

@@ -53,6 +53,19 @@ def _stiffness_change(plan, work, scratch):
 
 
 @kernel
+def _noise_of_velocities(plan, scratch, h):
+    """The corrections over their scales that round-off of positions leaves in velocities.
+
+    Where stiff forces answer round-off of a position, a step moves it back, within h.
+    """
+    most = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        most = max(most, scratch.scale_x[k] / scratch.scale_v[k])
+    return ROUND_OFF * most / h
+
+
+@kernel
 def _iterate(plan, work, state, scratch, h, tolerance):
     """Iterate with the factors at hand; whether the stages converged."""
     before = 0.0
@@ -62,6 +75,7 @@ def _iterate(plan, work, state, scratch, h, tolerance):
     # transformed rows depend on where the stages were: only later corrections show the contraction
     shows = 3 if scratch.uses_transform[0] == 1 else 1
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
+    noise = max(_ROUND_OFF, _noise_of_velocities(plan, scratch, h))
     for iteration in range(most):
         for i in range(STAGES):
             evaluate_stage(plan, work, state, scratch, i)
@@ -71,7 +85,7 @@ def _iterate(plan, work, state, scratch, h, tolerance):
         scratch.memory.newton_iterations[0] = iteration + 1
         correct_stages(plan, scratch, h)
         size = place_stages(plan, state, scratch, h)
-        verdict, contraction = judge(size, before, contraction, 0.0, tolerance, _ROUND_OFF, most - 1 - iteration)
+        verdict, contraction = judge(size, before, contraction, 0.0, tolerance, noise, most - 1 - iteration)
         if verdict == CONVERGED:
             scratch.memory.contraction[0] = contraction_to_remember(contraction, iteration + 1)
             return True
