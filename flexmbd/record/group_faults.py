@@ -26,7 +26,6 @@ from flexmbd.record.groups import (
     Surface,
 )
 
-
 #: What a group has names of, other than loads.
 _NAMED: dict[type[RecordGroup], str] = {NodalInterfaces: "an interface", ContactPatches: "a surface"}
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.brief import brief
-from flexmbd.record.contact_patches import ContactPatches
+from flexmbd.record.contact_patches import ContactPatches as ContactPatches
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

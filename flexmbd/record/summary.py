@@ -321,11 +321,13 @@ def _contact_lines(group: ContactPatches) -> Iterable[str]:
     flexibility = np.diag(group.G).reshape(-1, 3)
     for i, name in enumerate(group.names):
         own = group.surface == i
-        area, normal, across = group.area[own], flexibility[own, 0], flexibility[own, 1:]
+        area, normal, across = (
+            f"{part.min():.4g} to {part.max():.4g}"
+            for part in (group.area[own], flexibility[own, 0], flexibility[own, 1:])
+        )
+        patches = _count(int(own.sum()), "patch", "patches")
         yield _entry(
-            "",
-            f"{name}: {_count(int(own.sum()), 'patch', 'patches')}, {area.min():.4g} to {area.max():.4g} m^2; beside the modes "
-            f"{normal.min():.4g} to {normal.max():.4g} m/N along the normals, {across.min():.4g} to {across.max():.4g} across",
+            "", f"{name}: {patches}, {area} m^2; beside the modes {normal} m/N along the normals, {across} across"
         )
 
 

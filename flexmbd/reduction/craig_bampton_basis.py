@@ -79,8 +79,9 @@ def craig_bampton_basis(
         kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
         notes.update(kept.notes)
         count, resolved = len(fixed.eigenvalues), float(fixed.eigenvalues.max(initial=0.0))
-        fixed, more_notes = _completed(statics, fixed, found, contents, free=truncation.free, images=images, stage=stage)
-        notes.update(more_notes)
+        free = truncation.free
+        fixed, counts = _completed(statics, fixed, found, contents, free=free, images=images, stage=stage)
+        notes.update(counts)
         beside = None
         if contents.nonlinear is not None:
             stage.begin("modal derivatives")
@@ -100,7 +101,7 @@ def craig_bampton_basis(
         names=(
             *kept.names,
             *(f"modal derivative {i + 1}" for i in range(more)),
-            *_names(statics, count, free=truncation.free, added=more_notes),
+            *_names(statics, count, free=free, added=counts),
         ),
         shapes=shapes,
         forces=forces,

@@ -33,7 +33,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
 SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "c": 4, "w": 6}
-SIZE |= {"p3": 35, "p4": 70, "r": 3, "j": 10, "m": 12, "f": 14}
+SIZE |= {"p3": 35, "p4": 70, "r": 3, "j": 10, "m": 12, "f": 14, "e": 4}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
@@ -87,7 +87,7 @@ def full_record():
             area=rng.uniform(1, 2, 12),
             phi=rng.normal(size=(12, 3, n)),
             G=residual @ residual.T,
-            facet=rng.integers(0, 2**40, (14, 3)),
+            facet=rng.integers(0, 2**40, (14, 4)),
             patch=rng.integers(0, 12, 14),
         ),
     )

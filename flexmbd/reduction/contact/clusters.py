@@ -25,7 +25,7 @@ def clusters(x: FloatArray, area: FloatArray, *, count: int) -> IntArray:
         count: of the clusters, no more than facets.
     """
     found = np.zeros(len(x), dtype=np.int64)
-    parts = [(np.arange(len(x)), 0, count)]
+    parts: list[tuple[IntArray, int, int]] = [(np.arange(len(x)), 0, count)]
     while parts:
         which, first, number = parts.pop()
         if number == 1:
@@ -43,7 +43,8 @@ def _before(x: FloatArray, area: FloatArray, *, low: int, high: int) -> NDArray[
     widths = np.ptp(x, axis=0)
     # of two that are equally wide but for round-off the first
     axes = sorted(range(3), key=lambda axis: (-round(widths[axis] / (SAME_PLACE * widths.max() or 1.0)), axis))
-    order, ends = np.arange(len(x)), np.zeros(0, dtype=np.int64)
+    order: IntArray = np.arange(len(x))
+    ends: IntArray = order[:0]
     for axis in axes:
         order = np.argsort(rows[:, axis], kind="stable")
         ends = np.flatnonzero(np.diff(rows[order, axis])) + 1

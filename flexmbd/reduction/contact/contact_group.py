@@ -49,9 +49,9 @@ def contact_notes(patches: FoundPatches, residual: ResidualFlexibility) -> dict[
         own = patches.surface == i
         shares = 100.0 * residual.shares[own]
         notes[f"contact {asked.name}"] = (
-            f"{asked!r}: {own.sum()} of {_range(patches.area[own], '.3g')} m^2, {_range(facets[own], 'd')} facets each; of "
-            f"a patch's deflection under its own load the modes leave {_range(shares[:, 0], '.3g')} % out along its "
-            f"normal, {_range(shares[:, 1:], '.3g')} % across it"
+            f"{asked!r}: {own.sum()} of {_range(patches.area[own], '.3g')} m^2 and {_range(facets[own], 'd')} facets;\n"
+            f"of a patch's deflection under its own load, all interfaces fixed, the modes leave out\n"
+            f"{_range(shares[:, 0], '.3g')} % along its normal, {_range(shares[:, 1:], '.3g')} % across it"
         )
     return notes
 

@@ -15,7 +15,6 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
@@ -140,8 +139,8 @@ def _check(model: LinearModel, patches: Sequence[Patch]) -> None:
         raise ReductionError(f"contact patches, as {names[0]!r}, are on facets of solids, and this mesh has none")
     if model.state is not None:
         raise ReductionError(
-            f"contact patches, as {names[0]!r}, are of a body at rest, and this one is about a loaded state; reduce the "
-            "model that `prestressed` was given"
+            f"contact patches, as {names[0]!r}, are of a body at rest, and this one is about a loaded state; reduce "
+            "the model that `prestressed` was given"
         )
 
 
@@ -178,22 +177,22 @@ def _outwards(x: FloatArray, nodes: NDArray[np.int32], vector: FloatArray) -> ND
 def _refuse_shared(
     model: LinearModel, patches: Sequence[Patch], found: Sequence[_Facets], numbers: IntArray
 ) -> None:
-    """Refuse surfaces that share facets with each other, or nodes with interfaces that bind or keep them. Collective."""
-    rows = [{tuple(row) for row in np.sort(facets.nodes, axis=1).tolist()} for facets in found]
+    """Refuse surfaces that share facets, or nodes with interfaces that bind or keep them. Collective."""
+    rows = [{row.tobytes() for row in np.sort(facets.nodes, axis=1)} for facets in found]
     for (one, mine), (other, theirs) in combinations(zip(patches, rows, strict=True), 2):
         if mine & theirs:
             raise ReductionError(
                 f"contact patches {one.name!r} and {other.name!r} overlap: they share {len(mine & theirs)} facets; "
                 "give each facet to one of them"
             )
-    bound = [one for one in model.interfaces if isinstance(one, RigidInterface)]
-    for interface in (*bound, *model.nodal):
-        held = np.unique(np.concatenate(model.comm.allgather(numbers[interface.nodes])))
+    bound = [(one.name, one.nodes) for one in model.interfaces if isinstance(one, RigidInterface)]
+    for name, nodes in [*bound, *((one.name, one.nodes) for one in model.nodal)]:
+        held = np.unique(np.concatenate(model.comm.allgather(numbers[nodes])))
         for one, facets in zip(patches, found, strict=True):
             shared = np.isin(np.unique(facets.nodes), held).sum()
             if shared:
                 raise ReductionError(
-                    f"contact patch {one.name!r} shares {shared} nodes with the interface {interface.name!r}, which "
+                    f"contact patch {one.name!r} shares {shared} nodes with the interface {name!r}, which "
                     "moves them as its own: leave out the facets at its edge (facets=..., a function of points)"
                 )
 
@@ -204,8 +203,8 @@ def _divided(patch: Patch, facets: _Facets) -> tuple[int, IntArray]:
     largest, wanted = float(area.max()), patch.size * patch.size
     if largest * (1.0 - SAME_PLACE) > wanted:
         raise ReductionError(
-            f"contact patch {patch.name!r}: patches of {patch.size:.4g} m are finer than the mesh, which has a facet of "
-            f"{largest**0.5:.4g} m squared there; give a size of {2.0 * largest**0.5:.2g} m or more, or refine the mesh"
+            f"contact patch {patch.name!r}: patches of {patch.size:.4g} m are finer than the mesh, which has a facet "
+            f"of {largest**0.5:.4g} m squared; give a size of {2.0 * largest**0.5:.2g} m or more, or refine the mesh"
         )
     count = min(max(1, round(float(area.sum()) / wanted)), len(area))
     return count, clusters(facets.x, area, count=count)
