@@ -283,6 +283,7 @@ def test_a_record_without_patches_is_what_it_was(tmp_path):
     mine, theirs = plain.tree(), some.tree()
     assert theirs.pop("contact") is not None
     assert theirs["provenance"].pop("contact top").startswith("Patch('top', size=0.02, facets=<function <lambda>>)")
+    assert float(theirs["provenance"].pop("round-off of the contact patches")) < 1e-12
     assert mine.keys() == theirs.keys()
     for key, value in mine.items():
         if isinstance(value, np.ndarray):

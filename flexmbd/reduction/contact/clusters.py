@@ -15,6 +15,9 @@ from flexmbd.round_off import SAME_PLACE
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# By how much more slender than squares clusters may be so that all of them are in strips.
+_SLENDER = 1.5
+
 
 def clusters(x: FloatArray, area: FloatArray, *, count: int) -> IntArray:
     """The cluster, 0 to count - 1, of each facet.
@@ -31,10 +34,25 @@ def clusters(x: FloatArray, area: FloatArray, *, count: int) -> IntArray:
         if number == 1:
             found[which] = first
             continue
-        low = number // 2
+        low = _number_before(np.sort(np.ptp(x[which], axis=0)), number)
         before = _before(x[which], area[which], low=low, high=number - low)
         parts += [(which[before], first, low), (which[~before], first + low, number - low)]
     return found
+
+
+def _number_before(widths: FloatArray, count: int) -> int:
+    """How many of the clusters of a part come before its cut: as many as are in whole strips of square clusters.
+
+    Args:
+        widths: (3,) of the part, ascending.
+        count: 2 or more.
+    """
+    strips = np.sqrt(count * widths[2] / widths[1]) if widths[1] > 0.0 else float(count)
+    divisors = [k for k in range(2, count + 1) if count % k == 0]
+    best = min(divisors, key=lambda k: (round(abs(np.log(k / strips)) / SAME_PLACE), k))
+    if abs(np.log(best / strips)) > np.log(_SLENDER):
+        return count // 2
+    return best // 2 * (count // best)
 
 
 def _before(x: FloatArray, area: FloatArray, *, low: int, high: int) -> NDArray[np.bool_]:

@@ -44,7 +44,7 @@ def contact_group(
 def contact_notes(patches: FoundPatches, residual: ResidualFlexibility) -> dict[str, str]:
     """What the provenance says of each surface; not collective."""
     facets = np.bincount(patches.patch, minlength=len(patches.area))
-    notes = {}
+    notes = {"round-off of the contact patches": f"{residual.lost:.1e}"}
     for i, asked in enumerate(patches.asked):
         own = patches.surface == i
         shares = 100.0 * residual.shares[own]

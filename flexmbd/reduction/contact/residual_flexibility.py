@@ -50,10 +50,12 @@ class ResidualFlexibility:
     Attributes:
         G: (3 p, 3 p) m/N, symmetric and not negative.
         whole: (3 p,) m/N, the patches' own deflections under their loads.
+        lost: what round-off made asymmetric or negative of G, as a share of these.
     """
 
     G: FloatArray
     whole: FloatArray
+    lost: float
 
     @property
     def shares(self) -> FloatArray:
@@ -90,7 +92,8 @@ def residual_flexibility(statics: Statics, modes: Modes, responses: PatchRespons
     patches = responses.patches
     rest = patches.means(residual_shapes(statics, modes, responses))
     whole = np.maximum(np.diag(patches.means(responses.held)), 0.0)
-    return ResidualFlexibility(parallel.on_root(statics.model.comm, lambda: _not_negative(rest, whole)), whole)
+    G, lost = parallel.on_root(statics.model.comm, lambda: _not_negative(rest, whole))
+    return ResidualFlexibility(G, whole, lost)
 
 
 def contact_shapes(
@@ -139,8 +142,8 @@ def _patterns(residual: ResidualFlexibility, tolerances: FloatArray) -> FloatArr
     return patterns
 
 
-def _not_negative(G: FloatArray, whole: FloatArray) -> FloatArray:
-    """G without what round-off made asymmetric or negative of it.
+def _not_negative(G: FloatArray, whole: FloatArray) -> tuple[FloatArray, float]:
+    """G without what round-off made asymmetric or negative of it, and how much that was.
 
     Raises:
         ReductionError: that is no round-off, or leaves no digit.
@@ -155,4 +158,4 @@ def _not_negative(G: FloatArray, whole: FloatArray) -> FloatArray:
             f"bound {WORTHLESS:.0e}; the body is very thin or slender beside them, or its mesh has slivers"
         )
     sound = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return symmetric(sound * np.outer(scale, scale))
+    return symmetric(sound * np.outer(scale, scale)), max(lost, 0.0)
