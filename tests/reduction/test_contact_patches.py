@@ -326,6 +326,21 @@ def test_curved_surfaces_have_their_normals():
         find_patches(model, [dataclasses.replace(rim, size=0.2)])
 
 
+@pytest.mark.parametrize(("height", "count"), [(0.03, 28), (0.002, 18)])
+def test_no_patch_goes_around_an_edge(height, count):
+    """All around a block, and around a sheet that is thinner than a patch."""
+    model = block(ENDS[0], ENDS[1], size=(0.06, 0.04, height), divisions=(6, 4, 3 if height > 0.01 else 1))
+    around = Patch("around", size=0.0142, facets=lambda x: (x[0] > 0.009) & (x[0] < 0.051))
+    found = find_patches(model, [around])
+    assert len(found.area) == count
+    normal = found.axes[:, :, 0]
+    np.testing.assert_allclose(np.sort(abs(normal), axis=1), np.tile([0.0, 0.0, 1.0], (count, 1)), atol=1e-12)
+    # each on its face of the block
+    on_face = np.einsum("pa,pa->p", normal, found.x)
+    np.testing.assert_allclose(on_face, abs(normal) @ [0.0, 0.02, height / 2], atol=1e-12)
+    assert (found.area < 1.3 * 0.0142**2).all()
+
+
 @pytest.mark.mpi
 def test_two_ranks_find_the_patches_of_one():
     bodies = [

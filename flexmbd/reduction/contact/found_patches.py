@@ -22,7 +22,7 @@ from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surfac
 from flexmbd.continuum.grid.predicate import locate_groups
 from flexmbd.continuum.matrices.blocks import FloatArray, total
 from flexmbd.errors import ReductionError
-from flexmbd.reduction.contact.clusters import clusters
+from flexmbd.reduction.contact.clusters import clusters, sides
 from flexmbd.reduction.contact.patch import Patch
 from flexmbd.round_off import SAME_PLACE
 
@@ -206,8 +206,15 @@ def _divided(patch: Patch, facets: _Facets) -> tuple[int, IntArray]:
             f"contact patch {patch.name!r}: patches of {patch.size:.4g} m are finer than the mesh, which has a facet "
             f"of {largest**0.5:.4g} m squared; give a size of {2.0 * largest**0.5:.2g} m or more, or refine the mesh"
         )
-    count = min(max(1, round(float(area.sum()) / wanted)), len(area))
-    return count, clusters(facets.x, area, count=count)
+    normal = facets.vector / np.linalg.norm(facets.vector, axis=1)[:, None]
+    # a normal that turns about is as far as a patch's size
+    places = np.hstack([facets.x, min(patch.size, float(np.ptp(facets.x, axis=0).max())) * normal])
+    found, first = np.zeros(len(area), dtype=np.int64), 0
+    for side in sides(facets.corners, normal, facets.x):
+        count = min(max(1, round(float(area[side].sum()) / wanted)), len(side))
+        found[side] = first + clusters(places[side], area[side], count=count)
+        first += count
+    return first, found
 
 
 def _axes(patch: Patch, normal: FloatArray, x: FloatArray) -> FloatArray:
