@@ -86,10 +86,16 @@ def test_statics_is_that_of_the_unreduced_body(cell):
             assert abs(flexibility(body) - exact).max() < 1e-10 * abs(exact).max()
 
 
-def test_residual_flexibility_is_the_same_for_every_frame():
+AVERAGED = Interface("x_max", coupling=Coupling.AVERAGED)
+KINDS = {"rigid": ENDS, "averaged": (ENDS[0], AVERAGED), "nodal": (ENDS[0], NodalInterface("x_max"))}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_residual_flexibility_is_the_same_for_every_frame(kind):
     """Of the same modes: what stretches the body is another mode in another frame."""
-    how = {"modes": 6, "geometric_stiffness": False, "contact": [TOP]}
-    bodies = [craig_bampton(block(*ENDS), frame=frame, **how) for frame in ("x_min", "x_max", None)]
+    how, frames = {"modes": 6, "geometric_stiffness": False, "contact": [TOP]}, ("x_min", "x_max", None)
+    frames = [one for one in frames if kind != "nodal" or one != "x_max"]
+    bodies = [craig_bampton(block(*KINDS[kind]), frame=frame, **how) for frame in frames]
     first = bodies[0].contact
     for body in bodies[1:]:
         other = body.contact
@@ -150,6 +156,18 @@ def test_more_modes_leave_less():
     assert np.linalg.eigvalsh(more)[0] > -1e-12 * size
     assert np.linalg.eigvalsh(few - more)[0] > -1e-12 * size
     assert np.trace(more) < 0.99 * np.trace(few)
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.LockingWarning")
+def test_all_modes_leave_nothing():
+    """Of a small body, with all 54 deformations."""
+    model = block(Interface("x_min"), degree=1, divisions=(3, 2, 1), size=(0.03, 0.02, 0.01))
+    top = Patch("top", size=0.02, facets=lambda x: (x[2] > 0.0049) & (x[0] > 0.009))
+    none, every = (
+        craig_bampton(model, modes=n, frame="x_min", geometric_stiffness=False, contact=[top]) for n in (0, 54)
+    )
+    assert abs(every.contact.G).max() < 1e-12 * abs(none.contact.G).max()
+    assert abs(flexibility(every) - flexibility(none)).max() < 1e-12 * abs(flexibility(none)).max()
 
 
 @pytest.mark.parametrize("coupling", [Coupling.RIGID, Coupling.AVERAGED])
