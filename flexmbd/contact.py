@@ -29,3 +29,5 @@ from flexmbd.multibody.contact.triangle_surface import TriangleSurface as Triang
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries
 from flexmbd.multibody.results.contact_series import HardContactSeries as HardContactSeries
 from flexmbd.multibody.results.contact_series import HardGroupSeries as HardGroupSeries
+from flexmbd.record.pressed_patches import PressedPatches as PressedPatches
+from flexmbd.record.pressed_patches import press as press

@@ -51,8 +51,8 @@ PAGES = {
     "contact": ("Contact", "", "contact"),
     "record": (
         "Reduced bodies",
-        "ReducedBody InterfaceFrame Coupling DistributedLoads FurtherUnknowns GeometricStiffness Gyroscopic "
-        "ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
+        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads FurtherUnknowns GeometricStiffness "
+        "Gyroscopic ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
         "StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
         "hot_spots HotSpot StressMeasure "
         "yielding_slabs",

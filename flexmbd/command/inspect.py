@@ -13,11 +13,10 @@ from flexmbd.command.terminal import add_json, print_json, print_line
 from flexmbd.errors import InterfaceError
 from flexmbd.libraries import OF_THE_CONTINUUM, require
 from flexmbd.record.file_kind import RECORD
-from flexmbd.record.groups import FRAME_DOFS
+from flexmbd.record.groups import FRAME_DOFS, GROUPS
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.summary import damping_ratios
 
-_GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "nonlinear", "loads", "stress")
 _EXAMPLES = """\
 examples:
   flexmbd inspect rod.h5
@@ -151,6 +150,6 @@ def facts(body: ReducedBody, *, file: Path, clamped: dict[str, tuple[str, ...]])
         },
         "damping_ratios": ratio_facts(body),
         "partition": body.partition_names,
-        "groups": {name: getattr(body, name) is not None for name in _GROUPS},
+        "groups": {name: getattr(body, name) is not None for name in GROUPS},
         "provenance": dict(body.provenance),
     }

@@ -117,4 +117,6 @@ def _losses_of_extras(body: ReducedBody, capabilities: Capabilities) -> list[str
         losses.append("the stress modes")
     if body.loads is not None:
         losses.append(f"the named loads ({', '.join(body.loads.names)})")
+    if body.contact is not None:
+        losses.append(f"the contact patches ({', '.join(body.contact.names)}) and their flexibility beside the modes")
     return losses

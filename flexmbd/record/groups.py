@@ -5,7 +5,7 @@ Frozen dataclasses of plain arrays, numpy only; `flexmbd.record.reduced_body` of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.brief import brief
+from flexmbd.record.contact_patches import ContactPatches as ContactPatches
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -286,6 +287,7 @@ RecordGroup = (
     | Gyroscopic
     | DistributedLoads
     | StressModes
+    | ContactPatches
 )
 
 #: The optional groups: attribute of `ReducedBody` and name in the file, and what it holds.
@@ -300,10 +302,11 @@ GROUPS: dict[str, type[RecordGroup]] = {
     "gyroscopic": Gyroscopic,
     "loads": DistributedLoads,
     "stress": StressModes,
+    "contact": ContactPatches,
 }
 
-_WHOLE = ("node", "dof", "triangle", "interface")
-_NAMES = ("loads", "names")
+_WHOLE = ("node", "dof", "triangle", "interface", "surface", "facet", "patch")
+NAMES = ("loads", "names")
 
 
 def frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
@@ -335,75 +338,8 @@ def frozen_group(group: RecordGroup) -> RecordGroup:
     parts: dict[str, Any] = {}
     for item in fields(group):
         value = getattr(group, item.name)
-        if item.name in _NAMES:
+        if item.name in NAMES:
             parts[item.name] = (value,) if isinstance(value, str) else tuple(map(str, value))
         else:
             parts[item.name] = frozen(value, kind=np.int64 if item.name in _WHOLE else np.float64)
     return type(group)(**parts)
-
-
-def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
-    """Faults of a group of a body of n modes."""
-    kind = type(group).__name__
-    for item, shape in _shapes(group, n).items():
-        array = getattr(group, item)
-        if array.shape != shape:
-            yield f"{kind} has {item} {array.shape}, expected {shape}"
-        elif not np.isfinite(array).all():
-            yield f"{kind}: {item} holds values that are not finite"
-    if isinstance(group, Surface) and group.triangle.size > 0:
-        low, high = group.triangle.min(), group.triangle.max()
-        if low < 0 or high >= len(group.x):
-            yield f"{kind} has vertices {low} to {high} in its triangles, and {len(group.x)} vertices"
-    if isinstance(group, NodalInterfaces) and not np.isin(group.interface, np.arange(len(group.names))).all():
-        yield f"{kind} has nodes of interfaces {np.unique(group.interface)}, and {len(group.names)} names"
-    if isinstance(group, Gyroscopic) and group.G.shape == (n, n) and not np.array_equal(group.G, -group.G.T):
-        yield f"{kind} has a G that is not skew, whose forces would do work"
-    symmetric = {"K": group.K} if isinstance(group, GeometricStiffness) else {}
-    symmetric |= {"P": group.P} if isinstance(group, ModalStretch) else {}
-    for item, array in symmetric.items():
-        if array.shape[1:] == (n, n) and not _are_symmetric(array):
-            yield f"{kind}: {item} is not symmetric"
-    for names in (getattr(group, item) for item in _NAMES if hasattr(group, item)):
-        if len(set(names)) != len(names):
-            yield f"{kind} names {'an interface' if isinstance(group, NodalInterfaces) else 'a load'} twice: {names}"
-
-
-def _are_symmetric(matrices: FloatArray) -> bool:
-    """Each (n, n) of (k, n, n), to the eight digits that files of other programs have."""
-    errors = abs(matrices - matrices.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
-    return bool((errors <= 1e-6 * abs(matrices).max(axis=(1, 2), initial=0.0)).all())
-
-
-def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
-    """The shape that each array of a group should have."""
-    match group:
-        case NodalModes():
-            k = group.node.size
-            return {"node": (k,), "x": (k, 3), "phi": (k, 3, n)}
-        case NodalInterfaces():
-            k = group.node.size
-            return {"node": (k,), "x": (k, 3), "interface": (k,), "phi": (k, 3, n)}
-        case FurtherUnknowns():
-            return {"dof": (group.dof.size,), "phi": (group.dof.size, n)}
-        case Surface():
-            k, t = len(group.x), len(group.triangle)
-            return {"x": (k, 3), "triangle": (t, 3), "phi": (k, 3, n)}
-        case GeometricStiffness():
-            return {"K": (len(group.loads), n, n)}
-        case ModalStretch():
-            s = len(group.strain)
-            return {"strain": (s, n), "P": (s, n, n)}
-        case NonlinearStiffness():
-            cubic = n * (n + 1) * (n + 2) // 6
-            strain = (len(group.face_strain), 6, n)
-            one = {"energy": (1,), "tolerance": (1,), "compared": (n, group.compared.size // max(n, 1))}
-            return {"cubic": (cubic,), "quartic": (cubic * (n + 3) // 4,), "face_strain": strain, **one}
-        case Gyroscopic():
-            return {"momentum": (3,), "slope": (3, n), "G": (n, n)}
-        case DistributedLoads():
-            k = len(group.names)
-            return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}
-        case StressModes():
-            k = group.node.size
-            return {"node": (k,), "x": (k, 3), "interface": (k,), "sigma": (k, 6, n)}

@@ -10,7 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from flexmbd.record.groups import GROUPS, FloatArray, InterfaceFrame, NonlinearStiffness, StressModes, group_faults
+from flexmbd.record.group_faults import group_faults
+from flexmbd.record.groups import GROUPS, FloatArray, InterfaceFrame, NonlinearStiffness, StressModes
 from flexmbd.round_off import SEVEN_DIGITS, of_solver
 
 # Of a mode's mass what solvers leave beside others that are a million times as stiff.

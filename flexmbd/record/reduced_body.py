@@ -26,6 +26,7 @@ from flexmbd.given import checked
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS as FRAME_DOFS
 from flexmbd.record.groups import GROUPS, FloatArray, freeze, frozen, frozen_frame, frozen_group
+from flexmbd.record.groups import ContactPatches as ContactPatches
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
@@ -76,6 +77,7 @@ class ReducedBody(PicturedRecord):
         gyroscopic: optional forces of rotors inside the body, which take no power.
         loads: optional distributed loads.
         stress: optional stress modes.
+        contact: optional contact patches, with the flexibility there that the modes leave out.
     """
 
     gram: FloatArray
@@ -98,6 +100,7 @@ class ReducedBody(PicturedRecord):
     gyroscopic: Gyroscopic | None = None
     loads: DistributedLoads | None = None
     stress: StressModes | None = None
+    contact: ContactPatches | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and refuse a record whose parts do not fit together."""
@@ -252,7 +255,8 @@ class ReducedBody(PicturedRecord):
             digest.update(frame.name.encode())
             for array in (frame.p_BI_B, frame.R_BI, frame.modes):
                 digest.update(array.tobytes())
-        for group in (self.nodal, self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads):
+        mechanical = self.nodal, self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads, self.contact
+        for group in mechanical:
             if group is not None:
                 for item in fields(group):
                     value = getattr(group, item.name)

@@ -15,6 +15,7 @@ import numpy as np
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import (
     FRAME_DOFS,
+    ContactPatches,
     DistributedLoads,
     FloatArray,
     FurtherUnknowns,
@@ -56,6 +57,7 @@ _PURPOSE = {
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
     "stress": "stress at the nodes without the model",
+    "contact": "patches that may be touched, and the flexibility there that the modes leave out",
 }
 
 
@@ -272,6 +274,8 @@ def _groups(body: _Record) -> Iterable[str]:
             yield from _geometric_lines(group, body.stiffness)
         elif isinstance(group, DistributedLoads):
             yield from _load_lines(group)
+        elif isinstance(group, ContactPatches):
+            yield from _contact_lines(group)
 
 
 def _group_text(group: RecordGroup) -> str:
@@ -291,6 +295,8 @@ def _group_text(group: RecordGroup) -> str:
             return f"{terms}, compared with the full model up to {group.energy[0]:.4g} J"
         case Gyroscopic():
             return f"angular momentum {_vector(group.momentum, scale=float(np.linalg.norm(group.momentum)))} N m s"
+        case ContactPatches():
+            return _count(len(group.area), "patch", "patches")
         case DistributedLoads():
             return _count(len(group.names), "load")
 
@@ -308,6 +314,21 @@ def _load_lines(group: DistributedLoads) -> Iterable[str]:
         forces = _vector(force, scale=float(np.linalg.norm(force)))
         moments = _vector(moment, scale=float(np.linalg.norm(moment)))
         yield _entry("", f"{name}: force {forces} N, moment {moments} N m about B, per unit factor")
+
+
+def _contact_lines(group: ContactPatches) -> Iterable[str]:
+    """For each surface its patches, and the residual flexibility of each under its own load."""
+    flexibility = np.diag(group.G).reshape(-1, 3)
+    for i, name in enumerate(group.names):
+        own = group.surface == i
+        area, normal, across = (
+            f"{part.min():.4g} to {part.max():.4g}"
+            for part in (group.area[own], flexibility[own, 0], flexibility[own, 1:])
+        )
+        patches = _count(int(own.sum()), "patch", "patches")
+        yield _entry(
+            "", f"{name}: {patches}, {area} m^2; beside the modes {normal} m/N along the normals, {across} across"
+        )
 
 
 def _provenance(body: _Record) -> Iterable[str]:

@@ -14,6 +14,7 @@ from flexmbd.continuum.finite_elements.linear_model import StaticState as Static
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel as PrestressedModel
 from flexmbd.reduction.buckling import BucklingModes as BucklingModes
 from flexmbd.reduction.buckling import linear_buckling as linear_buckling
+from flexmbd.reduction.contact.patch import Patch as Patch
 from flexmbd.reduction.craig_bampton import craig_bampton as craig_bampton
 from flexmbd.reduction.damping import Damping as Damping
 from flexmbd.reduction.damping import KelvinVoigtDamping as KelvinVoigtDamping

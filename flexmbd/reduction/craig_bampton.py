@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from flexmbd.continuum import parallel
@@ -14,6 +15,8 @@ from flexmbd.errors import ReductionError
 from flexmbd.files.tree_file import check_destination
 from flexmbd.given import checked, refuse_no_truth
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.reduction.contact.found_patches import find_patches
+from flexmbd.reduction.contact.patch import Patch
 from flexmbd.reduction.craig_bampton_basis import craig_bampton_basis
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.large_displacements.modal_derivatives import ModalDerivatives
@@ -30,7 +33,7 @@ from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.unit_loads import Load
 
 
-@checked("model", "loads", "stream", error=ReductionError, agree=parallel.told_to_all)
+@checked("model", "loads", "contact", "stream", error=ReductionError, agree=parallel.told_to_all)
 def craig_bampton(
     model: LinearModel,
     *,
@@ -38,6 +41,7 @@ def craig_bampton(
     frame: str | None = None,
     geometric_stiffness: bool = True,
     loads: Sequence[Load] = (),
+    contact: Sequence[Patch] = (),
     damping: Damping | None = None,
     keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
@@ -69,6 +73,9 @@ def craig_bampton(
             reduction resolves (`flexmbd.reduction.stiffening.resolved`).
         loads: distributed loads of unit size that the record shall hold (`DistributedLoads`). What the
             modes miss of the static response to each is in the record's provenance.
+        contact: surfaces that may be touched, divided into contact patches (`ContactPatches`), with the residual
+            flexibility of these: what the modes leave out of their statics. Shares are in the provenance; a patch's
+            `tol` has contact shapes kept as further modes.
         damping: of the deformation; none by default.
         keep: fields of the modes on the mesh that the record keeps; none by default.
         solver: of the stiffness; None: the quickest that fits in the available memory.
@@ -99,7 +106,7 @@ def craig_bampton(
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
         RecordError: the file cannot be written, of which what can be known is known before the reduction begins.
     """
-    given = tuple(loads)
+    given, touched = tuple(loads), tuple(contact)
     parallel.check_same(
         model.comm,
         ReductionError,
@@ -107,6 +114,7 @@ def craig_bampton(
         frame=frame,
         geometric_stiffness=geometric_stiffness,
         loads=given,
+        contact=touched,
         damping=damping,
         keep=keep,
         solver=solver,
@@ -137,6 +145,13 @@ def craig_bampton(
         raise ReductionError("nonlinear= goes with fixed-interface modes and interfaces that keep their six shapes")
     if interface_modes is not None:
         check_interface_modes(interface_modes, model, frame=frame)
+    if touched and (nonlinear is not None or interface_modes is not None):
+        what = "interface_modes" if nonlinear is None else "nonlinear"
+        raise ReductionError(
+            f"contact={list(touched)!r:.200} goes without {what}=: residual flexibility is of linear statics, with "
+            "interfaces that keep their six shapes"
+        )
+    contents = replace(contents, patches=find_patches(model, touched))
     tell_locking(model)
     with stages(model.comm, shown=progress) as stage:
         basis, count, notes = craig_bampton_basis(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices import eigen
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply
+from flexmbd.reduction.contact.residual_flexibility import contact_shapes, residual_flexibility
 from flexmbd.reduction.large_displacements.basis import NonlinearShapes, nonlinear_shapes
 from flexmbd.reduction.modes.eigensolver import Eigensolver
 from flexmbd.reduction.modes.fixed_modes import fixed_interface_modes
@@ -53,6 +55,8 @@ def craig_bampton_basis(
 ) -> tuple[Basis, int, dict[str, str]]:
     """The basis, its number of fixed-interface modes and its provenance. Collective."""
     expected = _EXPECTED if truncation.modes is None else min(truncation.modes, int(model.K.getSize()[0]))
+    if contents.patches is not None:
+        expected += 3 * len(contents.patches.area)
     stage.begin("factor")
     with body_statics(model, frame=frame, solver=solver, modes=expected, carrying=joints(choice)) as statics:
         told = ranks_note(model.comm.size, int(model.K.getSize()[0]))
@@ -75,15 +79,9 @@ def craig_bampton_basis(
         kept = all_interface_shapes(statics) if choice is None else interface_shapes(statics, fixed, choice)
         notes.update(kept.notes)
         count, resolved = len(fixed.eigenvalues), float(fixed.eigenvalues.max(initial=0.0))
-        added = _added_modes(statics, fixed, found, contents, images=images, stage=stage)
-        if added is not None:
-            fixed = eigen.Modes(
-                np.concatenate([fixed.eigenvalues, added.eigenvalues]), np.hstack([fixed.shapes, added.shapes])
-            )
-            if truncation.free:
-                # beside modes that are no eigenvectors of the fixed body they share mass or energy
-                fixed = ritz_modes(model, fixed.shapes, images=images)
-            notes[_kind_added(contents)] = str(len(added.eigenvalues))
+        free = truncation.free
+        fixed, counts = _completed(statics, fixed, found, contents, free=free, images=images, stage=stage)
+        notes.update(counts)
         beside = None
         if contents.nonlinear is not None:
             stage.begin("modal derivatives")
@@ -92,7 +90,7 @@ def craig_bampton_basis(
     shapes, forces, rows = _joined_shapes(statics, kept, fixed, choice=choice, beside=beside)
     shapes, moved, rigid_part = _without_rigid_motion(statics, kept.interfaces, shapes, floats=frame is None)
     more = 0 if beside is None else beside.shapes.shape[1]
-    kind = _kind_added(contents).split()[0]
+    contact = None if found.contact is None else residual_flexibility(statics, fixed, found.contact)
     basis = Basis(
         frame=frame,
         p=statics.p,
@@ -103,7 +101,7 @@ def craig_bampton_basis(
         names=(
             *kept.names,
             *(f"modal derivative {i + 1}" for i in range(more)),
-            *_names(statics, count, len(fixed.eigenvalues) - count, free=truncation.free, more=kind),
+            *_names(statics, count, free=free, added=counts),
         ),
         shapes=shapes,
         forces=forces,
@@ -111,10 +109,40 @@ def craig_bampton_basis(
         resolved=resolved,
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
-        responses=found,
+        responses=replace(found, contact=None),
         large=None if beside is None else beside.placed(len(kept.names)),
+        contact=contact,
     )
     return basis, count, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
+
+
+def _completed(
+    statics: Statics,
+    fixed: eigen.Modes,
+    found: Responses,
+    contents: Contents,
+    *,
+    free: bool,
+    images: FloatArray,
+    stage: Stages,
+) -> tuple[eigen.Modes, dict[str, str]]:
+    """The modes, and those that complete the response to loads and to contact; how many by kind. Collective."""
+    notes, eigenvectors = {}, 0 if free else len(fixed.eigenvalues)
+    added = _added_modes(statics, fixed, found, contents, images=images, stage=stage)
+    if added is not None:
+        fixed = eigen.Modes(
+            np.concatenate([fixed.eigenvalues, added.eigenvalues]), np.hstack([fixed.shapes, added.shapes])
+        )
+        if free:
+            # beside modes that are no eigenvectors of the fixed body they share mass or energy
+            fixed = ritz_modes(statics.model, fixed.shapes, images=images)
+        notes[_kind_added(contents)] = str(len(added.eigenvalues))
+    if found.contact is not None:
+        touched = contact_shapes(statics, fixed, found.contact, exact=eigenvectors, images=images)
+        if touched is not None:
+            notes["contact shapes"] = str(len(touched.eigenvalues) - len(fixed.eigenvalues))
+            fixed = touched
+    return fixed, notes
 
 
 def _kind_added(contents: Contents) -> str:
@@ -192,11 +220,11 @@ def _stretch_modes(statics: Statics, fixed: eigen.Modes, found: Responses, image
     )
 
 
-def _names(statics: Statics, modes: int, added: int, *, free: bool, more: str) -> tuple[str, ...]:
-    """Names of the modes' coordinates."""
+def _names(statics: Statics, modes: int, *, free: bool, added: Mapping[str, str]) -> tuple[str, ...]:
+    """Names of the modes' coordinates; `added`: the numbers of those that complete them, by their kinds."""
     kind = ("free-interface" if free else "fixed-interface") if statics.interfaces or statics.nodal else "free-free"
-    modal = [f"{kind} {i + 1}" for i in range(modes)]
-    return (*modal, *(f"{more} {i + 1}" for i in range(added)))
+    counts = {kind: modes, **{what.split()[0]: int(number) for what, number in added.items()}}
+    return tuple(f"{what} {i + 1}" for what, number in counts.items() for i in range(number))
 
 
 def _signed_modes(

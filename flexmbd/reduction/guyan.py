@@ -10,6 +10,7 @@ from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.errors import ReductionError
 from flexmbd.given import checked
 from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.reduction.contact.patch import Patch
 from flexmbd.reduction.craig_bampton import craig_bampton
 from flexmbd.reduction.damping import Damping
 from flexmbd.reduction.optional_groups import Keep
@@ -17,13 +18,14 @@ from flexmbd.reduction.static_shapes.interior_stiffness import Solver
 from flexmbd.reduction.unit_loads import Load
 
 
-@checked("model", "loads", "stream", error=ReductionError, agree=parallel.told_to_all)
+@checked("model", "loads", "contact", "stream", error=ReductionError, agree=parallel.told_to_all)
 def guyan(
     model: LinearModel,
     *,
     frame: str | None = None,
     geometric_stiffness: bool = True,
     loads: Sequence[Load] = (),
+    contact: Sequence[Patch] = (),
     damping: Damping | None = None,
     keep: Keep = Keep(),  # noqa: B008  (frozen)
     solver: Solver | None = None,
@@ -42,6 +44,7 @@ def guyan(
             None: it floats on the mean axis.
         geometric_stiffness: as for `craig_bampton`, and so are the others.
         loads: distributed loads of unit size.
+        contact: surfaces that may be touched.
         damping: of the deformation.
         keep: fields of the modes on the mesh that the record keeps.
         solver: of the stiffness.
@@ -63,6 +66,7 @@ def guyan(
         frame=frame,
         geometric_stiffness=geometric_stiffness,
         loads=loads,
+        contact=contact,
         damping=damping,
         keep=keep,
         solver=solver,

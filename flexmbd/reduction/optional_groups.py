@@ -8,6 +8,7 @@ Which part of flexmbd needs a group:
   and exporters that write nodes.
 - surface: pictures without DOLFINx.
 - stress: stress without DOLFINx.
+- contact: bodies that are touched (`flexmbd.reduction.contact`).
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ from flexmbd.record.reduced_body import (
     NodalModes,
     Surface,
 )
+from flexmbd.reduction.contact.found_patches import FoundPatches
+from flexmbd.reduction.contact.residual_flexibility import PatchResponses, patch_responses
 from flexmbd.reduction.damping import Damping, check_damping, has_dissipation, modal_damping, spring_stiffness
 from flexmbd.reduction.gyroscopic import check_gyroscopic, gyroscopic_group
 from flexmbd.reduction.large_displacements.modal_derivatives import (
@@ -89,6 +92,7 @@ class Contents:
         keep: of the modes on the mesh.
         residual_vectors: of the loads of the body's motion and of `loads`, as modes.
         nonlinear: the strain energy of large displacements, or None.
+        patches: where the body may be touched, or None.
     """
 
     geometric_stiffness: bool
@@ -97,6 +101,7 @@ class Contents:
     keep: Keep
     residual_vectors: bool = False
     nonlinear: ModalDerivatives | None = None
+    patches: FoundPatches | None = None
 
     def check(self, model: LinearModel) -> None:
         """Refuse contents that do not fit the model. Collective.
@@ -137,11 +142,13 @@ class Responses:
             the interfaces; the named ones last.
         displacements: (owned dofs, l).
         held: (owned dofs, l) with all interfaces fixed.
+        contact: to unit loads on the contact patches, or None.
     """
 
     loads: UnitLoads
     displacements: FloatArray
     held: FloatArray
+    contact: PatchResponses | None = None
 
 
 def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundInterface]) -> Responses:
@@ -151,7 +158,8 @@ def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundIn
     moved = contents.geometric_stiffness or contents.residual_vectors
     loads = joined(unit_loads(statics, interfaces), named) if moved else named
     held = statics.held_response(loads.forces)
-    return Responses(loads, statics.static_response(loads.forces, held=held), held)
+    touched = None if contents.patches is None else patch_responses(statics, contents.patches)
+    return Responses(loads, statics.static_response(loads.forces, held=held), held, touched)
 
 
 def optional_parts(

@@ -19,6 +19,8 @@ from flexmbd.continuum.matrices.blocks import FloatArray, inner, symmetric
 from flexmbd.continuum.matrices.eigen import TOLERANCE
 from flexmbd.errors import ReductionError
 from flexmbd.record.reduced_body import InterfaceFrame, ReducedBody
+from flexmbd.reduction.contact.contact_group import contact_group, contact_notes
+from flexmbd.reduction.contact.residual_flexibility import ResidualFlexibility
 from flexmbd.reduction.large_displacements.basis import LargeDisplacements
 from flexmbd.reduction.modes.signs import determined_rotation
 from flexmbd.reduction.normal_form import normal_form
@@ -48,6 +50,7 @@ class Basis:
         projections: (n, fields) shapes^T M w for the rule of the signs.
         responses: to the loads that the record's contents need.
         large: what a body that bends a lot has besides, or None.
+        contact: what the modes leave out of the flexibility of the contact patches, or None.
     """
 
     frame: str | None
@@ -65,6 +68,7 @@ class Basis:
     projections: FloatArray
     responses: Responses
     large: LargeDisplacements | None = None
+    contact: ResidualFlexibility | None = None
 
 
 def project(
@@ -128,6 +132,9 @@ def project(
     parts["provenance"].update(notes)
     if basis.large is not None:
         more["nonlinear"], parts["provenance"]["strain energy"] = basis.large.group(modes, parts["partition"])
+    if contents.patches is not None and basis.contact is not None:
+        more["contact"] = contact_group(contents.patches, basis.contact, modes=modes[: model.n_owned], p=p, R=R)
+        parts["provenance"].update(contact_notes(contents.patches, basis.contact))
     if len(stiffness) and (basis.large is not None or model.state is not None):
         parts["provenance"][SHARE] = repr(model_share(model, modes[: model.n_owned], parts["stiffness"])[0])
     if stream is None:

@@ -203,6 +203,7 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "reduction.KelvinVoigtDamping": {"tau": lambda w: 1e-4},
     "reduction.ModalDamping": {"ratio": lambda w: 0.02},
     "reduction.ModalDerivatives": {"loads": lambda w: {"x_max.y": 1.0}},
+    "reduction.Patch": {"size": lambda w: 0.1},
     "reduction.Truncation": {"modes": lambda w: 1},
     "reduction.craig_bampton": {"modes": lambda w: 1, "frame": lambda w: "x_min"},
     "reduction.guyan": {"frame": lambda w: "x_min"},

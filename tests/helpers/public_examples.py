@@ -32,6 +32,7 @@ CALLED_BY_THE_MACHINE = (
 #: Made by flexmbd and handed to users: nobody calls their constructors.
 MADE_BY_FLEXMBD = {
     "BodyRecording", "Campbell", "Checkpoint", "Compiled", "CompiledEnergy", "CompiledMachine", "CompiledScene",
+    "ContactPatches",
     "ControllerSamples", "CriticalPoint", "CriticalSpeed", "Departure", "DistributedLoads", "Energy", "EquilibriumPath",
     "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "HotSpot", "Instant", "InterfaceFrame",
     "InteriorFields", "InteriorFrame", "InteriorIteration", "InteriorMesh", "LinearInterior", "LinearizedMachine",

@@ -14,6 +14,7 @@ from flexmbd.errors import RecordError
 from flexmbd.files.tree_file import read_tree, write_tree
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.reduced_body import (
+    ContactPatches,
     DistributedLoads,
     FurtherUnknowns,
     GeometricStiffness,
@@ -32,7 +33,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
 SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "c": 4, "w": 6}
-SIZE |= {"p3": 35, "p4": 70, "r": 3}
+SIZE |= {"p3": 35, "p4": 70, "r": 3, "j": 10, "m": 12, "f": 14, "e": 4}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
 
 
@@ -50,6 +51,7 @@ def full_record():
     fields[:, 4:] = shapes.swapaxes(1, 2).reshape(40, 3 * n)
     half = rng.normal(size=(n, n))
     turn = lambda: Rotation.from_rotvec(rng.normal(size=3)).as_matrix()  # noqa: E731
+    residual = rng.normal(size=(36, 40))
     return ReducedBody(
         gram=fields.T @ fields,
         stiffness=np.sort(rng.uniform(1, 2, n)),
@@ -77,6 +79,17 @@ def full_record():
         stress=StressModes(
             np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
         ),
+        contact=ContactPatches(
+            names=tuple("abcdefghij"),
+            surface=rng.integers(0, 10, 12),
+            x=rng.normal(size=(12, 3)),
+            axes=np.array([turn() for _ in range(12)]),
+            area=rng.uniform(1, 2, 12),
+            phi=rng.normal(size=(12, 3, n)),
+            G=residual @ residual.T,
+            facet=rng.integers(0, 2**40, (14, 4)),
+            patch=rng.integers(0, 12, 14),
+        ),
     )
 
 
@@ -94,7 +107,7 @@ def nonlinear_record():
     return dataclasses.replace(full_record(), geometric=None, stretch=None, stress=None, nonlinear=group)
 
 
-GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress")
+GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress", "contact")
 
 
 def assert_same(one, other):
@@ -183,7 +196,7 @@ def test_a_group_with_a_further_array_is_refused(tmp_path):
 @pytest.mark.parametrize("change", [
     {"gram": full_record().gram + np.diag([1.0] + [0.0] * 18)}, {"stiffness": np.ones(5)}, {"damping": np.eye(5)},
     {"partition": np.eye(5)},
-    {"frame": None}, {"geometric": None}, {"loads": None},
+    {"frame": None}, {"geometric": None}, {"loads": None}, {"contact": None},
     {"interfaces": full_record().interfaces[::-1]},
     {"interfaces": tuple(dataclasses.replace(one, p_BI_B=np.zeros(3)) for one in full_record().interfaces)},
     {"interfaces": tuple(dataclasses.replace(one, R_BI=np.eye(3)) for one in full_record().interfaces)},

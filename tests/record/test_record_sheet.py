@@ -8,6 +8,7 @@ import pytest
 from two_crosses_body import MASS_A, MASS_B, SPRING, TORSION, TURN_A, TURN_B, two_crosses, with_groups
 
 from flexmbd.record.reduced_body import (
+    ContactPatches,
     DistributedLoads,
     FurtherUnknowns,
     GeometricStiffness,
@@ -219,6 +220,13 @@ GROUPS = {
         "1 load; ",
     ),
     "stress": (StressModes(np.arange(3), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 6, 2))), "3 nodes; "),
+    "contact": (
+        ContactPatches(
+            ("tooth",), np.zeros(2), np.zeros((2, 3)), np.array([np.eye(3)] * 2), np.array([1.0, 2.0]),
+            np.zeros((2, 3, 2)), np.diag([1.0, 2, 3, 4, 5, 6]), np.array([[0, 1, 2]]), np.zeros(1),
+        ),
+        "2 patches; ",
+    ),
 }
 
 
@@ -238,6 +246,12 @@ def test_loads_with_their_figures():
     assert figures(text, "angular velocity zz") == pytest.approx([-50.0 / axial, 3e3 / torsion], rel=1e-3)
     assert figures(text, "B.x: ") == [0.0, 0.0]
     assert line(text, "gas: ") == "force (7, 0, 0) N, moment (0, 0.5, 0) N m about B, per unit factor"
+
+
+def test_contact_patches_with_their_flexibility():
+    text = two_crosses(contact=GROUPS["contact"][0]).inspect()
+    said = line(text, "tooth: ")
+    assert said == "2 patches, 1 to 2 m^2; beside the modes 1 to 4 m/N along the normals, 2 to 6 across"
 
 
 def test_a_loaded_state_stands_with_the_body_frame():

@@ -8,7 +8,7 @@ import pytest
 from bracket import bracket
 
 from flexmbd.errors import ReductionError
-from flexmbd.reduction import InterfaceModes, Keep, Truncation, craig_bampton, guyan
+from flexmbd.reduction import InterfaceModes, Keep, Patch, Truncation, craig_bampton, guyan
 from flexmbd.reduction.damping import ModalDamping
 from flexmbd.reduction.unit_loads import BodyForce
 
@@ -47,6 +47,7 @@ def test_what_is_kept_is_said_by_a_keep():
         ("frame", None),
         ("geometric_stiffness", False),
         ("loads", [BodyForce("weight", (0.0, 0.0, -1.0))]),
+        ("contact", [Patch("pad", size=0.1)]),
         ("damping", ModalDamping(0.02)),
         ("modes", Truncation(tol=1e-2)),
         ("keep", Keep(modes=True)),

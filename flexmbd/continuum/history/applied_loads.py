@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surface_facets
 from flexmbd.continuum.history.loads import (
     BodyAcceleration,
     BodyLoad,
@@ -23,7 +24,6 @@ from flexmbd.continuum.history.loads import (
     factors_of,
 )
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.history.surface_patch import SurfacePatch
 from flexmbd.errors import FormulationError, MeshError, SceneError
 from flexmbd.multibody.interiors.time_factor import TimeFactor
 
@@ -68,7 +68,7 @@ class AppliedLoads:
         parallel.check_same(body.comm, SceneError, loads=[_told(load) for load in self.loads])
         self._n = body.layout.n_owned_nodes
         facets = {load.facets for load in self.loads if isinstance(load, (PressureOnFacets, TractionOnFacets))}
-        self._patches = {name: SurfacePatch(body, name) for name in sorted(facets)}
+        self._patches = {name: SurfacePatch(body, surface_facets(body, name)) for name in sorted(facets)}
         if mass is None and any(isinstance(load, BodyAcceleration) for load in self.loads):
             mass = _row_sums(body)
         self._mass: FloatArray = np.zeros(self._n) if mass is None else mass

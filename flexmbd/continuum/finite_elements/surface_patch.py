@@ -1,4 +1,4 @@
-"""Loads on facets of a body's surface: nodal forces of pressures and tractions, and their derivatives.
+"""Facets of a body's surface: nodal forces of pressures and tractions, and their derivatives.
 
 With the places x of the displacement's nodes a facet is x(xi, eta) = sum of N_i x_i, and its area vector
 a = x_xi x x_eta.  A pressure p gives node i the force -p times the integral of N_i a, whatever the facet's shape; its
@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.errors import MeshError
 
 FloatArray = NDArray[np.float64]
@@ -23,22 +23,17 @@ _STEP = 1e-5
 
 
 class SurfacePatch:
-    """The facets of one group that this rank integrates. Constructing one is collective.
+    """Facets of a solid's surface that this rank integrates. Constructing one is collective.
 
     Attributes:
-        nodes: (f, n) local nodes of each facet, ghosts included.
+        nodes: (f, n) local nodes of each facet, ghosts included, its corners first.
     """
 
-    def __init__(self, body: NonlinearModel, name: str) -> None:
-        """Find them.
-
-        Raises:
-            MeshError: on all ranks: no such group, no facet in it, or facets inside the part.
-        """
+    def __init__(self, body: Discretisation, facets: Indices) -> None:
+        """Of those of some facets (k,), local to this rank, whose cells it owns (`surface_facets`)."""
         topology = body.mesh.mesh.topology
         topology.create_connectivity(2, 3)
         topology.create_connectivity(3, 2)
-        facets = _known_facets(body, name)
         to_cells, to_facets = topology.connectivity(2, 3), topology.connectivity(3, 2)
         owned = topology.index_map(3).size_local
         cells = np.array([to_cells.links(facet)[0] for facet in facets], dtype=np.int32)
@@ -117,28 +112,38 @@ class SurfacePatch:
         return np.stack([first, second, normal / np.linalg.norm(normal, axis=2, keepdims=True)], axis=3)
 
 
-def _known_facets(body: NonlinearModel, name: str) -> Indices:
-    """Facets of a group that lies on the surface. Collective."""
+def surface_facets(body: Discretisation, name: str, *, what: str = "load") -> Indices:
+    """Facets (k,), local to this rank, of a group that lies on the surface. Collective.
+
+    Args:
+        body: on the mesh.
+        name: of the group.
+        what: it is for, in messages.
+
+    Raises:
+        MeshError: on all ranks: no such group, no facet in it, or facets inside the part.
+    """
     topology, groups = body.mesh.mesh.topology, body.mesh.facet_groups
     if name not in groups:
         there = ", ".join(repr(known) for known in sorted(groups)) or "none"
-        raise MeshError(f"load on {name!r}: the mesh has no such group of facets; it has: {there}")
+        raise MeshError(f"{what} on {name!r}: the mesh has no such group of facets; it has: {there}")
     facets = body.mesh.facets(name)
+    topology.create_connectivity(2, 3)
     outer = exterior_facet_indices(topology)
     own = facets[facets < topology.index_map(2).size_local]
     inside, count = body.comm.allreduce(np.array([len(np.setdiff1d(own, outer)), len(own)]))
     if inside or not count:
-        what = f"{inside} facets inside the part" if inside else "no facets"
-        raise MeshError(f"load on {name!r}: the group has {what}; tag facets of the surface")
+        found = f"{inside} facets inside the part" if inside else "no facets"
+        raise MeshError(f"{what} on {name!r}: the group has {found}; tag facets of the surface")
     return facets
 
 
-def _cell(body: NonlinearModel) -> basix.CellType:
+def _cell(body: Discretisation) -> basix.CellType:
     return basix.CellType[body.mesh.mesh.topology.cell_name()]
 
 
 def _shape_functions(
-    body: NonlinearModel, facet: int, closure: list[int]
+    body: Discretisation, facet: int, closure: list[int]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(q, n) values and slopes of the shape functions of a facet's nodes along the facet; (q,) weights."""
     cell = _cell(body)
