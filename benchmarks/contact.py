@@ -6,7 +6,8 @@
 the error is that of the speeds, of 1 m/s.  `rolling`: a billiard ball of 2 m/s slides on cloth until it rolls; its
 error is that of its place after 0.5 s against Coulomb's closed form.  `cam`: an eccentric disc on a flywheel throws off
 its follower, which comes back; the error is that of the follower's place at the end against the same program's run
-with a far tighter tolerance, or far shorter steps, since laws differ.
+with a far tighter tolerance, or far shorter steps, since laws differ.  `geneva`: a flywheel's pin indexes a wheel of
+four slots, with play; the error is that of the wheel's angle, as of the cam.
 
 Beside exudyn, whose laws are the same but for friction, which is regularised there, and MuJoCo, whose contacts are
 springs of its constraint solver (`solref` by stiffness).  Both take fixed steps.  Measured are processor times of all
@@ -28,7 +29,7 @@ from typing import Any
 import contact_peers
 import numpy as np
 from benchmark import Report
-from contact_peers import CAM, CRADLE, ROLLING
+from contact_peers import CAM, CRADLE, GENEVA, ROLLING
 
 import flexmbd as fm
 from flexmbd import contact
@@ -114,6 +115,31 @@ def cam() -> tuple[fm.System, Callable[[Any], np.ndarray]]:
     return scene, lambda run: run.position(follower.frame())[-1, 1:2]
 
 
+def geneva() -> tuple[fm.System, Callable[[Any], np.ndarray]]:
+    """The wheel's angle at the end."""
+    scene = fm.System()
+    joints, frames = [], []
+    for name, inertia, x, angle, rate in (
+        ("driver", GENEVA.inertia, 0.0, GENEVA.first, GENEVA.rate),
+        ("wheel", GENEVA.wheel, GENEVA.centre, GENEVA.start, GENEVA.start_rate),
+    ):
+        body = scene.add(fm.RigidBody(1.0, (inertia,) * 3), name=name)
+        joints.append(scene.connect(fm.joint.Revolute("z"), scene.ground.frame((x, 0.0, 0.0)), body.frame()))
+        joints[-1].position, joints[-1].velocity = angle, rate
+        frames.append(body.frame((GENEVA.crank, 0.0, 0.0) if name == "driver" else (0.0, 0.0, 0.0)))
+    scene.add_force(fm.force.JointDamper(joints[1], GENEVA.damping))
+    half, points, bulges = GENEVA.half, [], []
+    for k in range(4):
+        along = np.array([np.cos(np.pi * (0.5 * k + 0.25)), np.sin(np.pi * (0.5 * k + 0.25))])
+        aside = np.array([-along[1], along[0]])
+        corners = ((0.0707, -1.0), (0.022, -1.0), (0.022, 1.0), (0.0707, 1.0))
+        points += [r * along + s * half * aside for r, s in corners]
+        bulges += [0.0, -1.0, 0.0, 0.0]
+    law = contact.PowerLaw(k=GENEVA.stiffness)
+    scene.touch(contact.Profile(frames[1], points, bulges), contact.Sphere(frames[0], GENEVA.pin), law)
+    return scene, lambda run: run.beta(joints[1])[-1:]
+
+
 SCENES = {
     "cradle": Scene(
         cradle, np.array([0.0, 0.0, 0.0, 0.0, 1.0]), 1e-4, "m/s", tuple(2e-5 / 2.0**k for k in range(8)), CRADLE.end
@@ -121,6 +147,7 @@ SCENES = {
     "rolling": Scene(
         rolling, np.array([ROLLING.exact]), 1e-5, "m", tuple(1e-3 / 2.0**k for k in range(9)), ROLLING.end
     ),
+    "geneva": Scene(geneva, None, 1e-6, "rad", tuple(1e-4 / 2.0**k for k in range(9)), GENEVA.end),
     "cam": Scene(cam, None, 1e-6, "m", tuple(4e-5 / 2.0**k for k in range(8)), CAM.end),
 }  # fmt: skip
 

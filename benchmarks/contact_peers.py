@@ -87,7 +87,61 @@ class Cam:
         return self.start - self.press / self.spring
 
 
-CRADLE, ROLLING, CAM = Cradle(), Rolling(), Cam()
+@dataclass(frozen=True)
+class Geneva:
+    """A flywheel whose pin indexes a wheel of four slots, which a damper holds back (SI units).
+
+    Angles are those of the pin from the line of centres, and of the wheel.
+    """
+
+    centre: float = 0.1  # m between the axes
+    pin: float = 0.004
+    play: float = 2e-5  # m on each side of the pin
+    inertia: float = 1.0  # kg m^2 of the flywheel
+    wheel: float = 2e-4
+    damping: float = 0.02  # N m s
+    rate: float = 10.0  # rad/s
+    stiffness: float = 1e7
+    first: float = -40.0 / 180.0 * np.pi  # rad, where it begins
+    end: float = 65.0 / 180.0 * np.pi / 10.0
+
+    @property
+    def crank(self) -> float:
+        """m."""
+        return float(self.centre * np.sin(0.25 * np.pi))
+
+    @property
+    def half(self) -> float:
+        """m, half the width of a slot."""
+        return self.pin + self.play
+
+    def along(self, angle: float) -> float:
+        """How far the pin is from the wheel's axis (m)."""
+        c, r = self.centre, self.crank
+        return float(np.sqrt(c * c + r * r - 2.0 * c * r * np.cos(angle)))
+
+    def turned(self, angle: float, depth: float = 0.0) -> float:
+        """The wheel's angle: the ideal one, and behind it by play and depth."""
+        ideal = -np.arctan2(np.sin(angle), np.sqrt(2.0) - np.cos(angle)) - 0.25 * np.pi
+        return float(ideal + np.arcsin((self.play + depth) / self.along(angle)))
+
+    @property
+    def start_rate(self) -> float:
+        """The wheel's, rad/s."""
+        h = 1e-5
+        return self.rate * (self.turned(self.first + h) - self.turned(self.first - h)) / (2.0 * h)
+
+    @property
+    def start(self) -> float:
+        """The wheel's angle, pressed as deep as damper and inertia press it."""
+        h = 1e-4
+        slopes = [self.turned(self.first + k * h) for k in (-1.0, 0.0, 1.0)]
+        bend = self.rate**2 * (slopes[0] - 2.0 * slopes[1] + slopes[2]) / h**2
+        torque = abs(self.damping * self.start_rate + self.wheel * bend)
+        return self.turned(self.first, torque / self.along(self.first) / self.stiffness)
+
+
+CRADLE, ROLLING, CAM, GENEVA = Cradle(), Rolling(), Cam(), Geneva()
 
 
 def runs(name: str) -> Iterator[tuple[str, str, Callable[[float], tuple[float, np.ndarray]]]]:
@@ -110,7 +164,8 @@ def _in_exudyn(name: str, kind: str, h: float) -> tuple[float, np.ndarray]:
     import exudyn as exu  # isort: skip
 
     system = exu.SystemContainer().AddSystem()
-    end, found = {"cradle": _exudyn_cradle, "rolling": _exudyn_rolling, "cam": _exudyn_cam}[name](system)
+    scenes = {"cradle": _exudyn_cradle, "rolling": _exudyn_rolling, "cam": _exudyn_cam, "geneva": _exudyn_geneva}
+    end, found = scenes[name](system)
     settings = exu.SimulationSettings()
     stepping = settings.timeIntegration
     stepping.endTime, stepping.numberOfSteps = end, max(1, round(end / h))
@@ -228,6 +283,48 @@ def _exudyn_cam(system: Any) -> tuple[float, Callable[[], np.ndarray]]:
     return CAM.end, lambda: _exudyn_output(system, follower, "Position")[1:2]
 
 
+def _exudyn_geneva(system: Any) -> tuple[float, Callable[[], np.ndarray]]:
+    import exudyn as exu
+    import exudyn.itemInterface as item
+
+    nodes, bodies = [], []
+    for inertia, start, rate, x in (
+        (GENEVA.inertia, GENEVA.first, GENEVA.rate, 0.0),
+        (GENEVA.wheel, GENEVA.start, GENEVA.start_rate, GENEVA.centre),
+    ):
+        nodes.append(system.AddNode(item.Node1D(referenceCoordinates=[start], initialVelocities=[rate])))
+        turning = item.ObjectRotationalMass1D(
+            physicsInertia=inertia, nodeNumber=nodes[-1], referencePosition=[x, 0.0, 0.0]
+        )
+        bodies.append(system.AddObject(turning))
+    ground = system.AddNode(item.NodePointGround())
+    held = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
+    turns = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=nodes[1], coordinate=0))
+    system.AddObject(item.ObjectConnectorCoordinateSpringDamper(markerNumbers=[held, turns], damping=GENEVA.damping))
+    along = -np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)  # of the slot in the wheel
+    aside = np.array([along[1], -along[0], 0.0])
+    for side in (-1.0, 1.0):
+        near, far = 0.01 * along + side * GENEVA.half * aside, 0.2 * along + side * GENEVA.half * aside
+        up = np.array([0.0, 0.0, 0.05])
+        corners = [near - up, far - up, near + up] if side > 0.0 else [near - up, near + up, far - up]
+        system.AddObject(
+            item.ObjectContactSphereTriangle(
+                markerNumbers=[
+                    _exudyn_marker(system, bodies[0], (GENEVA.crank, 0.0, 0.0)), _exudyn_marker(system, bodies[1]),
+                ],
+                nodeNumber=_exudyn_memory(system, 0.0), sphereRadius=GENEVA.pin,
+                trianglePoints=exu.Vector3DList([list(corner) for corner in corners]),  # type: ignore[call-arg]
+                contactStiffness=GENEVA.stiffness,
+            )
+        )  # fmt: skip
+
+    def angle() -> np.ndarray:
+        kind = exu.OutputVariableType.Coordinates
+        return GENEVA.start + np.atleast_1d(system.GetNodeOutput(nodes[1], kind))[:1]
+
+    return GENEVA.end, angle
+
+
 # -- MuJoCo ------------------------------------------------------------------------------------------------------------
 
 
@@ -236,13 +333,17 @@ def _in_mujoco(name: str, kind: str, h: float) -> tuple[float, np.ndarray]:
     import mujoco
     from mujoco import rollout
 
-    text, end, read = {"cradle": _mujoco_cradle, "rolling": _mujoco_rolling, "cam": _mujoco_cam}[name]()
+    scenes = {"cradle": _mujoco_cradle, "rolling": _mujoco_rolling, "cam": _mujoco_cam, "geneva": _mujoco_geneva}
+    text, end, read = scenes[name]()
     steps = max(1, round(end / h))
     head = f'<option timestep="{end / steps}" integrator="{kind}" cone="elliptic"'
     began = time.process_time()
     model = mujoco.MjModel.from_xml_string(text.replace("<option", head))
     data = mujoco.MjData(model)
-    speeds = {"cradle": CRADLE.speeds, "rolling": (ROLLING.speed, *[0.0] * 5), "cam": (CAM.rate, CAM.start_rate)}
+    speeds = {
+        "cradle": CRADLE.speeds, "rolling": (ROLLING.speed, *[0.0] * 5), "cam": (CAM.rate, CAM.start_rate),
+        "geneva": (GENEVA.rate, GENEVA.start_rate),
+    }  # fmt: skip
     data.qvel[:] = speeds[name]
     state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
@@ -289,3 +390,23 @@ def _mujoco_cam() -> tuple[str, float, Callable[[Any], Any]]:
         f'<geom type="sphere" size="{CAM.roller}" {law}/></body></worldbody></mujoco>'
     )
     return text, CAM.end, lambda d: CAM.start + d.qpos[1:2]
+
+
+def _mujoco_geneva() -> tuple[str, float, Callable[[Any], Any]]:
+    law = f'condim="1" {_spring(np.sqrt(GENEVA.stiffness * GENEVA.along(0.0) ** 2 / GENEVA.wheel))}'
+    along, aside = np.array([-1.0, -1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
+    middles = [0.05 * along + side * (GENEVA.half + 0.005) * aside for side in (-1.0, 1.0)]
+    walls = "".join(
+        f'<geom type="box" size="0.04 0.005 0.05" pos="{x} {y} 0" euler="0 0 225" contype="2" conaffinity="1" {law}/>'
+        for x, y in middles
+    )
+    inertias = GENEVA.inertia, GENEVA.wheel
+    sizes = [f'<inertial pos="0 0 0" mass="1" diaginertia="{one} {one} {one}"/>' for one in inertias]
+    first, start = (np.degrees(one) for one in (GENEVA.first, GENEVA.start))
+    text = (
+        f'<mujoco><option gravity="0 0 0"/><worldbody><body euler="0 0 {first}"><joint type="hinge" axis="0 0 1"/>'
+        f'{sizes[0]}<geom type="sphere" pos="{GENEVA.crank} 0 0" size="{GENEVA.pin}" '
+        f'contype="1" conaffinity="2" {law}/></body><body pos="{GENEVA.centre} 0 0" euler="0 0 {start}">'
+        f'<joint type="hinge" axis="0 0 1" damping="{GENEVA.damping}"/>{sizes[1]}{walls}</body></worldbody></mujoco>'
+    )
+    return text, GENEVA.end, lambda d: GENEVA.start + d.qpos[1:2]

@@ -3,6 +3,8 @@
 A public name: users enter here.
 """
 
+from flexmbd.multibody.contact.along_beam import capsules_along as capsules_along
+from flexmbd.multibody.contact.along_beam import spheres_along as spheres_along
 from flexmbd.multibody.contact.contact import Contact as Contact
 from flexmbd.multibody.contact.contact_laws import Friction as Friction
 from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
@@ -11,12 +13,16 @@ from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
 from flexmbd.multibody.contact.hard_contact import Hard as Hard
 from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
+from flexmbd.multibody.contact.lowest_points import LowestPoint as LowestPoint
+from flexmbd.multibody.contact.lowest_points import Outline as Outline
+from flexmbd.multibody.contact.lowest_points import Rim as Rim
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.profile import Profile as Profile
 from flexmbd.multibody.contact.shapes import Box as Box
 from flexmbd.multibody.contact.shapes import Capsule as Capsule
 from flexmbd.multibody.contact.shapes import ConvexPolytope as ConvexPolytope
 from flexmbd.multibody.contact.shapes import Cylinder as Cylinder
+from flexmbd.multibody.contact.shapes import Disc as Disc
 from flexmbd.multibody.contact.shapes import HalfSpace as HalfSpace
 from flexmbd.multibody.contact.shapes import HollowCylinder as HollowCylinder
 from flexmbd.multibody.contact.shapes import HollowSphere as HollowSphere

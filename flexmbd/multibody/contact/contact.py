@@ -8,10 +8,12 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.lowest_points import LowestPoint
 from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
 from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.multibody.kernels.contact.signed_distance import SECOND
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +27,8 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
         law: of the normal force.
         friction: None: smooth.
         centre: (3,) m of the sphere, in frame G's axes.
+        lowest: how the centre moves from there as G turns; None: not at all.
+        second: whether it is where the sphere touches a Profile as well, as the other side of a slot.
     """
 
     shape: TouchedShape
@@ -33,6 +37,8 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
     law: NormalLaw
     friction: Friction | None = None
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lowest: LowestPoint | None = None
+    second: bool = False
     frame_F: Frame = field(init=False)
 
     def __post_init__(self) -> None:
@@ -42,45 +48,60 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
     def what(self) -> str:
         """Its name in messages."""
         touching = "sphere" if self.radius > 0.0 else "point"
+        if self.lowest is not None:
+            touching = self.lowest.called
         shape = type(self.shape).__name__
         place = f"({', '.join(f'{x:.6g}' for x in self.centre)}) of " if any(self.centre) else ""
-        return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}"
+        other = ", second point" if self.second else ""
+        return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}{other}"
 
     def check(self) -> None:
         """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would turn."""
         if not isinstance(self.shape, (Sphere, HollowSphere)):
             refuse_turn(self.frame_F, f"{self.what}: a {type(self.shape).__name__} turns with its frame")
-        if any(self.centre):
+        if any(self.centre) or self.lowest is not None:
             refuse_turn(self.frame_G, f"{self.what}: it turns with its frame")
         self.law.check(self.what)
-        self.law.stiffness(self.shape, self.radius, self.what)
+        self._stiffness()
         if self.friction is not None:
             self.friction.check(self.what)
-            if self.friction.resists and self.radius == 0.0:
+            if self.friction.resists and self._lever() == 0.0:
                 raise SceneError(f"{self.what}: a point neither rolls nor spins; leave rolling and spinning out")
 
     @property
     def shared_numbers(self) -> tuple[SharedNumbers, ...]:
-        """The shape's table, if it has one."""
-        return tables_of(self.shape)
+        """The tables of what touches."""
+        return (*tables_of(self.shape), *(() if self.lowest is None else self.lowest.tables))
+
+    def _lever(self) -> float:
+        """m, the radius at which it resists rolling and spinning."""
+        return self.radius + (0.0 if self.lowest is None else self.lowest.lever)
+
+    def _stiffness(self) -> float:
+        """k (N/m^p); an edge, and a profile, have no one curvature, and are to a law as a point."""
+        return self.law.stiffness(self.shape, self.radius if self.lowest is None else 0.0, self.what)
 
     def assemble(self, table: ElementTable) -> None:
         """One row; with friction three states, how far it has slid, and three more where it resists rolling."""
         rough = self.friction
         if rough is not None and rough.stretch() == 0.0 and not rough.resists:
             rough = None
-        k = self.law.stiffness(self.shape, self.radius, self.what)
+        k = self._stiffness()
         D = self.law.dissipation()
         normal = [self.radius, k, self.law.exponent, D]
         friction = [0.0] * 5 if rough is None else rough.numbers()
-        numbers = [*placed_numbers(self.shape, table), *normal, *friction, *self.centre]
+        lowest = [0.0] * 3 if self.lowest is None else self.lowest.numbers(table)
+        shape = placed_numbers(self.shape, table)
+        if self.second:
+            shape[SECOND] = 1.0
+        numbers = [*shape, *normal, *friction, *self.centre, *lowest]
         bristle = turn = None
         if rough is not None:
             bristle = rough.stretch()
             if rough.resists:
-                turn = rough.turn(self.radius)
+                turn = rough.turn(self._lever())
                 bristle = bristle or turn
-                numbers += [rough.rolling, rough.spinning]
+                numbers += [rough.rolling, rough.spinning, self._lever()]
         table.contact(
             self.what, self.frame_F, self.frame_G, numbers=numbers, bristle=bristle, turn=turn, remembers=D < 0.0
         )

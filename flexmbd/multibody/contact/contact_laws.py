@@ -13,7 +13,7 @@ from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.force.protocol import check_numbers
 
 _NEXT_TO_ONE = 1e-4  # of 1 - restitution: there the equation for D is round-off, and its series has eight digits
-_NO_ROUND = "Hertz's law is of round surfaces: a point has none; take PowerLaw"
+_NO_ROUND = "Hertz's law is of round surfaces: a point has none, and an edge or a profile not one alone; take PowerLaw"
 
 
 @runtime_checkable

@@ -25,6 +25,7 @@ _CHORD = 0.05  # rad of a chord by which it is seen whether the curve crosses it
 _ROWS = 256  # of the chords that are compared with all others at once
 _FEWEST = 3  # points of a spline
 _MIDDLE = np.array([0.5])  # of a piece, behind which the thickness is looked for
+_ALONG = np.array([0.1, 0.3, 0.5, 0.7, 0.9])  # of a piece, before which hollows are looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +128,23 @@ class Profile(TableShape):
         boxes = np.array([piece.box() for piece in pieces])
         flat = np.zeros((len(pieces), 1))
         return tabulated(np.hstack([boxes[:, 0], flat]), np.hstack([boxes[:, 1], flat]), items)
+
+    @cached_property
+    def hollow(self) -> float:
+        """m, the radius of the smallest ball that touches it at two points from outside; infinite: there is none.
+
+        0 where it has a corner that is hollow by more than the kernels tell two points apart.
+        """
+        normals = np.array([piece.normals() for piece in self._pieces])
+        before, after = np.roll(normals[:, 1], 1, axis=0), normals[:, 0]
+        if ((_cross(before, after) < 0.0) & (np.sum(before * after, axis=1) < at.APART)).any():
+            return 0.0
+        x = np.concatenate([piece.at(_ALONG) for piece in self._pieces])
+        n = np.concatenate([piece.normals_at(_ALONG) for piece in self._pieces])
+        flat = np.zeros((len(x), 1))
+        size = float(np.linalg.norm(np.ptp(x, axis=0)))
+        radius, _ = self._balls(np.hstack([x, flat]), -np.hstack([n, flat]), self.table)
+        return float(radius.min()) if radius.min() < size else np.inf
 
     def _behind(self) -> tuple[FloatArray, FloatArray, SharedNumbers]:
         x = np.concatenate([piece.at(_MIDDLE) for piece in self._pieces])

@@ -14,11 +14,14 @@ from flexmbd.given import is_number, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.contact.polytopes import Polytope, hull, polytope
 from flexmbd.multibody.contact.profile import Profile
+from flexmbd.multibody.contact.table_shape import LoneShape
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.rotation import Axis, z_onto
 
 FloatArray = NDArray[np.float64]
+
+_CROWN = 1e-4  # of the radius: how plane the faces of discs are, as turned parts
 
 
 class TouchedShape(Protocol):
@@ -109,6 +112,68 @@ class HollowCylinder(_Round):
     def curvatures(self) -> tuple[float, float]:
         """Round and straight."""
         return -1.0 / self.radius, 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Disc(LoneShape):
+    """A disc, a wheel, a coin, a round bar with ends: a cylinder about the frame's z axis, its middle at the origin.
+
+    A half space is touched by the lowest point of each face, which is a little crowned, as no face is quite plane:
+    where it lies flat it bears in its middle, and a tilt of some ``crown`` / ``radius`` brings the point to the rim.
+
+    Attributes:
+        frame: on a body or on the ground.
+        radius: m.
+        thickness: m along z; 0: a disc that is thin beside all that it touches.
+        rounding: m, the radius that its edges are rounded with, at most half the thickness and less than the radius.
+        crown: m, how much higher a face is in its middle than at its rim, before half spaces; None: a ten-thousandth of
+            the rim's radius.  A thin disc is as much thicker.
+    """
+
+    frame: Frame
+    radius: float
+    thickness: float = 0.0
+    rounding: float = 0.0
+    crown: float | None = None
+
+    def __post_init__(self) -> None:
+        _check(self, radius=self.radius)
+        what = f"a Disc on {self.frame.label}"
+        for name, value in (("thickness", self.thickness), ("rounding", self.rounding)):
+            if not (is_number(value) and 0.0 <= value < np.inf):
+                raise SceneError(f"{name} of {what} must be a length (m), 0 or more, got {value!r}")
+        if self.rounding > 0.5 * self.thickness or self.rounding >= self.radius:
+            raise SceneError(
+                f"rounding of {what}, {self.rounding:g} m, is at most half its thickness, {0.5 * self.thickness:g} m, "
+                f"and less than its radius, {self.radius:g} m; of a rod with round ends take a Capsule"
+            )
+        a, half = self.rim
+        if self.crown is not None and not (is_number(self.crown) and 0.0 < self.crown <= (half or a)):
+            raise SceneError(
+                f"crown of {what} must be a length (m), more than 0 and at most {half or a:g} m, got {self.crown!r}"
+            )
+
+    @property
+    def rim(self) -> tuple[float, float]:
+        """m, radius of the circles about which its edges are round, and how far from the middle plane they are."""
+        return self.radius - self.rounding, 0.5 * self.thickness - self.rounding
+
+    @property
+    def crowned(self) -> float:
+        """m, its crown."""
+        a, half = self.rim
+        return min(_CROWN * a, half or a) if self.crown is None else self.crown
+
+    def numbers(self) -> FloatArray:
+        """Kind, radius and half the thickness of its core, and the rounding."""
+        return np.array([kinds.DISC, *self.rim, self.rounding])
+
+    def curvatures(self) -> tuple[float, float]:
+        """Not one pair: see ``Hertz``."""
+        raise SceneError(
+            f"Disc on {self.frame.label}: its side, its faces and its edges have curvatures of their own, and Hertz's "
+            "law has one; take PowerLaw, as PowerLaw.bearing(load=..., depth=...)"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,11 +294,11 @@ class ConvexPolytope:
 
 
 TouchShape: TypeAlias = (
-    Sphere | HollowSphere | Cylinder | HollowCylinder | Vertex | Capsule | Box | HalfSpace | ConvexPolytope | Profile
-    | TriangleSurface
+    Sphere | HollowSphere | Cylinder | HollowCylinder | Disc | Vertex | Capsule | Box | HalfSpace | ConvexPolytope
+    | Profile | TriangleSurface
 )  # fmt: skip
 SHAPES = (
-    Sphere, HollowSphere, Cylinder, HollowCylinder, Vertex, Capsule, Box, HalfSpace, ConvexPolytope, Profile,
+    Sphere, HollowSphere, Cylinder, HollowCylinder, Disc, Vertex, Capsule, Box, HalfSpace, ConvexPolytope, Profile,
     TriangleSurface,
 )  # fmt: skip
 

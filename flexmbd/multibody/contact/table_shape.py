@@ -30,10 +30,15 @@ class NumberedShape(Protocol):
         """(4,) its kind and sizes (``kernels.contact.signed_distance``)."""
 
 
-class TableShape(ABC):
-    """Base of shapes with a table."""
+class LoneShape:
+    """Base of shapes that are touched one by one: not among those whose contacts are found in each step."""
 
     frame: Frame
+
+
+class TableShape(LoneShape, ABC):
+    """Base of shapes with a table."""
+
     _kind: int
 
     @cached_property
@@ -74,11 +79,21 @@ class TableShape(ABC):
     def _half_thickness(self) -> float:
         """m, the radius of the smallest ball that touches two sides from inside, of some; 0: nothing is behind.
 
-        The balls shrink until nothing is in them (Ma, Bae & Choi 2012); those in corners tell nothing.
+        Those in corners tell nothing.
         """
         x, n, table = self._behind()
         if not len(x):
             return 0.0
+        radius, cosine = self._balls(x, n, table)
+        across = cosine < _OPPOSED
+        return float(radius[across].min() if across.any() else radius.min())
+
+    def _balls(self, x: FloatArray, n: FloatArray, table: SharedNumbers) -> tuple[FloatArray, FloatArray]:
+        """Radii (m) of the largest balls that touch it from behind the normals n (k, 3) at points x (k, 3), of some.
+
+        And the cosines of the angles between n and the gradients at their other ends.  The balls shrink until nothing
+        is in them (Ma, Bae & Choi 2012); their cosines are 1 where nothing ever was.
+        """
         some = np.arange(0, len(x), max(1, len(x) // _SAMPLES))
         x, n = x[some], n[some]
         radius = np.full(len(x), float(np.linalg.norm(np.ptp(x, axis=0))))
@@ -95,8 +110,7 @@ class TableShape(ABC):
             shrinks &= along > 0.0
             radius[shrinks] = 0.5 * square[shrinks] / along[shrinks]
             facing[shrinks] = found[shrinks, 1:]
-        across = np.einsum("ij,ij->i", facing, n) < _OPPOSED
-        return float(radius[across].min() if across.any() else radius.min())
+        return radius, np.einsum("ij,ij->i", facing, n)
 
 
 def tabulated(low: FloatArray, high: FloatArray, items: list[FloatArray]) -> SharedNumbers:
@@ -149,9 +163,9 @@ def placed_numbers(shape: NumberedShape, table: ElementTable) -> FloatArray:
 
 
 def refuse_table(shape: object) -> None:
-    """Raise SceneError for a shape with a table among shapes whose contacts are found in each step."""
-    if isinstance(shape, TableShape):
+    """Raise SceneError for a shape that is touched one by one among those whose contacts are found in each step."""
+    if isinstance(shape, LoneShape):
         raise SceneError(
-            f"{type(shape).__name__} on {shape.frame.label}: spheres and vertices alone touch it, one by one; call "
-            "touch for it and each of them, not for a list"
+            f"{type(shape).__name__} on {shape.frame.label}: it is not among the shapes whose contacts are found in "
+            "each step: spheres and vertices touch it, one by one; call touch for it and each of them, not for a list"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,14 @@ from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.lowest_points import LowestPoint, Outline, Rim
+from flexmbd.multibody.contact.profile import Profile
 from flexmbd.multibody.contact.shapes import (
     SHAPES,
     Box,
     Capsule,
     ConvexPolytope,
+    Disc,
     HalfSpace,
     Sphere,
     TouchedShape,
@@ -105,16 +109,24 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
         if isinstance(touched, Vertex | ConvexPolytope):
             continue
         spheres = _spheres(touching, touched)
-        if spheres is not None:
-            places, radius = spheres
-            frame = touching.frame
-            centres = [(float(x), float(y), float(z)) for x, y, z in places]
-            if isinstance(law, Hard):
-                return [HardContact(touched, frame, radius, law, place) for place in centres]
-            return [Contact(touched, frame, radius, law, friction, place) for place in centres]
+        if spheres is None:
+            continue
+        frame = touching.frame
+        if not isinstance(law, Hard):
+            return [
+                Contact(touched, frame, one.radius, law, friction, one.centre, one.lowest, second)
+                for one in spheres
+                for second in ((False, True) if _bears_twice(touched, one) else (False,))
+            ]
+        if any(one.lowest is not None for one in spheres):
+            raise SceneError(
+                f"{_called(a)} and {_called(b)}: a point that goes around as its body turns has no hard contact yet; "
+                "take a smooth law, as contact.PowerLaw.bearing(load=..., depth=...)"
+            )
+        return [HardContact(touched, frame, one.radius, law, one.centre) for one in spheres]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape but "
-        "a ConvexPolytope; a Capsule, a Box and a ConvexPolytope touch a HalfSpace"
+        "a ConvexPolytope; a Capsule, a Box, a ConvexPolytope, a Disc and a Profile touch a HalfSpace"
     )
 
 
@@ -124,20 +136,52 @@ def _is_known(a: TouchShape, b: TouchShape) -> bool:
     return any(not isinstance(x, Vertex | ConvexPolytope) and _spheres(y, x) is not None for x, y in pairs)
 
 
-def _spheres(touching: TouchShape, touched: TouchedShape) -> tuple[FloatArray, float] | None:
-    """Centres (k, 3) m, in its frame's axes, and radius of the spheres by which a shape touches another; None: none."""
+@dataclass(frozen=True)
+class _Sphere:
+    """A sphere, or a point, by which a shape touches another: its radius (m), and where it is in the shape's frame."""
+
+    radius: float
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lowest: LowestPoint | None = None
+
+
+def _spheres(touching: TouchShape, touched: TouchedShape) -> list[_Sphere] | None:
+    """The spheres by which a shape touches another; None: by none.
+
+    Raises:
+        SceneError: a point is to meet a disc without thickness.
+    """
     if isinstance(touching, Vertex):
-        return np.zeros((1, 3)), 0.0
+        if isinstance(touched, Disc) and touched.thickness == 0.0:
+            raise SceneError(f"{_called(touching)} passes {_called(touched)}, which has no thickness; give it one")
+        return [_Sphere(0.0)]
     if type(touching) is Sphere:
-        return np.zeros((1, 3)), touching.radius
+        return [_Sphere(touching.radius)]
     if isinstance(touched, HalfSpace):
         if isinstance(touching, Capsule):
-            return ends(touching), touching.radius
+            return _at(ends(touching), touching.radius)
         if isinstance(touching, Box):
-            return corners(touching), 0.0
+            return _at(corners(touching), 0.0)
         if isinstance(touching, ConvexPolytope):
-            return touching.polytope.vertices, 0.0
+            return _at(touching.polytope.vertices, 0.0)
+        if isinstance(touching, Disc):
+            radius, half = touching.rim
+            crown = touching.crowned
+            heights = (crown - half, half - crown) if half > 0.0 else (0.0,)
+            return [_Sphere(touching.rounding, (0.0, 0.0, z), Rim(radius, crown)) for z in heights]
+        if isinstance(touching, Profile):
+            return [_Sphere(0.0, lowest=Outline(touching))]
     return None
+
+
+def _bears_twice(touched: TouchedShape, sphere: _Sphere) -> bool:
+    """Whether a sphere may touch two points of a profile at once, less than its radius deep."""
+    return isinstance(touched, Profile) and touched.hollow < 2.0 * sphere.radius
+
+
+def _at(places: FloatArray, radius: float) -> list[_Sphere]:
+    """Spheres about places (k, 3) m."""
+    return [_Sphere(radius, (float(x), float(y), float(z))) for x, y, z in places]
 
 
 def _called(shape: TouchShape) -> str:

@@ -22,6 +22,10 @@ SHAPES = {
     "box, a face": ([kinds.BOX, 0.5, 0.4, 0.3], (0.1, 0.05, 0.36)),
     "box, an edge": ([kinds.BOX, 0.5, 0.4, 0.3], (0.53, 0.1, 0.34)),
     "box, a corner": ([kinds.BOX, 0.5, 0.4, 0.3], (-0.53, 0.42, 0.33)),
+    "disc, its side": ([kinds.DISC, 0.45, 0.25, 0.05], (0.42, -0.37, 0.1)),
+    "disc, a face": ([kinds.DISC, 0.45, 0.25, 0.05], (0.1, 0.05, -0.36)),
+    "disc, its edge": ([kinds.DISC, 0.45, 0.25, 0.05], (0.3, 0.4, 0.33)),
+    "disc, inside its side": ([kinds.DISC, 0.45, 0.25, 0.05], (0.3, 0.3, 0.1)),
     "half space": ([kinds.HALF_SPACE, *(np.array([1.0, 2.0, 2.0]) / 3.0)], (0.02, 0.03, 0.0)),
 }
 RADIUS = 0.1
@@ -81,7 +85,7 @@ def march(z, moves, limits):
 
 
 def numbers(shape, *, D=0.05, mu=0.4, static=0.6):
-    return np.array([*shape, RADIUS, 1e4, 1.5, D, mu, static, 0.7, BRISTLE, DAMPING, 0.0, 0.0, 0.0])
+    return np.array([*shape, RADIUS, 1e4, 1.5, D, mu, static, 0.7, BRISTLE, DAMPING, *np.zeros(6)])
 
 
 def remembered(z=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), depth=(0.0, 0.0)):
@@ -149,7 +153,7 @@ def vary_turn(data, memory, y, motion, change, out):
 @pytest.mark.parametrize("size", [1e-7, 1e-3])  # both stick; both slide
 def test_variations_of_rolling_resistance_are_those_of_differences(name, size):
     shape, place = SHAPES[name]
-    data = np.concatenate([numbers(shape), [2e-2, 3e-2]])
+    data = np.concatenate([numbers(shape), [2e-2, 3e-2, RADIUS]])
     rng = np.random.default_rng(5)
     motion = np.concatenate([place, 0.1 * rng.normal(size=3), size / STEP / RADIUS * rng.normal(size=3)])
     memory = np.concatenate([remembered(depth=(0.03, 0.0)), 0.1 * size * rng.normal(size=9), np.zeros(2)])

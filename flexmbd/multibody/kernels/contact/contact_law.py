@@ -40,6 +40,7 @@ from flexmbd.multibody.kernels.contact.signed_distance import (
     BOX,
     CAPSULE,
     CYLINDER,
+    DISC,
     HALF_THICKNESS,
     PROFILE,
     SPHERE,
@@ -101,7 +102,7 @@ def _friction_variation(data, o, way, n, depth, v, D, N, dway, dn, ddepth, dv, d
 def way_to_middle(data, o):
     """How far the sphere moves from where it touches the shape to the shape's middle (m); infinite where none is."""
     kind = data[o]
-    solid = kind == SPHERE or kind == CAPSULE or kind == CYLINDER or kind == BOX
+    solid = kind == SPHERE or kind == CAPSULE or kind == CYLINDER or kind == BOX or kind == DISC
     size = data[o + 1]
     if kind == PROFILE or kind == TRIANGLES:
         size = data[o + HALF_THICKNESS]
@@ -110,6 +111,8 @@ def way_to_middle(data, o):
         return math.inf
     if kind == BOX:
         size = min(size, data[o + 2], data[o + 3])
+    if kind == DISC:
+        size = min(size, data[o + 2]) + data[o + 3]
     return size + data[o + RADIUS]
 
 

@@ -9,11 +9,13 @@ from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
 
 #: Places of the law's numbers: the sphere's radius (m); k (N/m^p), p, D (s/m, see ``restitution``); mu, the static mu,
 #: the speed (m/s) over which it falls; k_t (N/m), c_t (N s/m); the sphere's centre in its own frame G (3, m).
-#: Of a contact that resists rolling and spinning then the arms of both (m).
+#: Then how the centre moves in G (``lowest_point``, 3); and of a contact that resists rolling and spinning the arms of
+#: both, and the radius at which they are resisted (m).
 RADIUS, STIFFNESS, EXPONENT, DISSIPATION, FRICTION, STATIC, STRIBECK, BRISTLE, BRISTLE_DAMPING, CENTRE = range(
     SHAPE_NUMBERS, SHAPE_NUMBERS + 10
 )
-ROLLING, SPINNING = CENTRE + 3, CENTRE + 4
+LOWEST = CENTRE + 3
+ROLLING, SPINNING, LEVER = range(LOWEST + 3, LOWEST + 6)
 
 
 @kernel

@@ -9,6 +9,9 @@ start and one at its end (2, 2), each the sum of the two pieces' unit normals th
     CURVE  five control points (3) of a quartic Bezier curve (``curve``), z = 0
 
 in m and rad.  What is nearest to a corner is signed by the normal there (Baerentzen & Aanaes 2005).
+
+A roller in a slot or a hollow corner bears on two points, the nearest one and the second one: of the others that are
+nearer than all about them, and from which the way to p has another direction, the nearest.
 """
 
 from __future__ import annotations
@@ -25,6 +28,9 @@ LINE, ARC, CURVE = range(3)
 OWN = 5
 
 _WITHIN, _AT_START, _AT_END = 0, 1, 2
+
+#: Cosine of the angle (0.5 rad) by which the directions of two points differ that both bear.
+APART = math.cos(0.5)
 
 
 @kernel
@@ -46,7 +52,8 @@ def _arc_foot(data, o, x, y):
     if abs(angle) >= half:
         at_start = angle * turn < 0.0
         e = o + 6 if at_start else o + 8
-        return (_AT_START if at_start else _AT_END), data[e], data[e + 1], 0.0, 0.0, 0.0
+        nx, ny = turn * (data[e] - cx) / radius, turn * (data[e + 1] - cy) / radius
+        return (_AT_START if at_start else _AT_END), data[e], data[e + 1], nx, ny, 0.0
     ex, ey = (dx / far, dy / far) if far > 0.0 else (math.cos(middle), math.sin(middle))
     return _WITHIN, cx + radius * ex, cy + radius * ey, turn * ex, turn * ey, turn / radius
 
@@ -63,7 +70,7 @@ def _curve_foot(data, o, x, y):
 
 @kernel
 def _piece_foot(data, o, x, y):
-    """Of the piece at o the nearest point: which end it is, its place, and within it normal and curvature (1/m)."""
+    """Of the piece at o the nearest point: which end it is, its place, normal, and within it curvature (1/m)."""
     kind = data[o]
     if kind == LINE:
         return _line_foot(data, o + OWN, x, y)
@@ -91,6 +98,60 @@ def _nearest(data, table, p):
 
 
 @kernel
+def _is_least(data, piece, found, dx, dy):
+    """Whether a piece's nearest point is nearer than those about it on the next piece, and p in front of the curve.
+
+    (dx, dy): from it to p.
+    """
+    side, _, _, nx, ny, _ = found
+    if side == _WITHIN:
+        return dx * nx + dy * ny > 0.0
+    n = piece + 1 if side == _AT_START else piece + 3
+    if not dx * data[n] + dy * data[n + 1] > 0.0:
+        return False
+    ahead = dy * (data[n] - nx) - dx * (data[n + 1] - ny)  # along the other piece's tangent
+    return ahead >= 0.0 if side == _AT_START else ahead <= 0.0
+
+
+@kernel
+def _second(data, table, p, first):
+    """As ``_nearest`` the second point, which ``first`` is not; piece -1: there is none."""
+    flat = (p[0], p[1], 0.0)
+    ax, ay = p[0] - first[1], p[1] - first[2]
+    far = math.sqrt(ax * ax + ay * ay)
+    least, piece, found = math.inf, -1, first
+    node = next_leaf(data, table, 0, flat, least)
+    while node >= 0:
+        o = item_of(data, table, node)
+        foot = _piece_foot(data, o, p[0], p[1])
+        dx, dy = p[0] - foot[1], p[1] - foot[2]
+        square = dx * dx + dy * dy
+        if square < least and dx * ax + dy * ay < APART * far * math.sqrt(square) and _is_least(data, o, foot, dx, dy):
+            least, piece, found = square, o, foot
+        node = next_leaf(data, table, node + 1, flat, least)
+    return piece, found
+
+
+@kernel
+def _point(data, table, second, p):
+    """The piece and the point on it that are asked for; piece -1: there is no second one."""
+    piece, found = _nearest(data, table, p)
+    if second == 0.0:
+        return piece, found
+    return _second(data, table, p, found)
+
+
+@kernel
+def _beyond_all(data, table, p):
+    """A distance (m) that is larger than those of all points."""
+    far = 0.0
+    for k in range(2):
+        low, high = data[table + 1 + k], data[table + 4 + k]
+        far += max(abs(p[k] - low), abs(p[k] - high))
+    return far
+
+
+@kernel
 def _distance(data, piece, found, p):
     """Signed distance and gradient."""
     side, x, y, nx, ny, _ = found
@@ -108,16 +169,23 @@ def _distance(data, piece, found, p):
 
 
 @deferred_kernel((NUMBER, TUPLE3))
-def profile_distance(data, table, p):
-    """Signed distance (m) of p from the profile whose table begins at ``table``, and its gradient."""
-    piece, found = _nearest(data, table, p)
+def profile_distance(data, table, second, p):
+    """Signed distance (m) of p from the profile whose table begins at ``table``, and its gradient.
+
+    second: 1, of the second point, a distance beyond the whole profile where there is none; 0, of the nearest one.
+    """
+    piece, found = _point(data, table, second, p)
+    if piece < 0:
+        return _beyond_all(data, table, p), (1.0, 0.0, 0.0)
     return _distance(data, piece, found, p)
 
 
 @deferred_kernel(TUPLE3)
-def profile_variation(data, table, p, dp):
+def profile_variation(data, table, second, p, dp):
     """How much the gradient at p changes for p + dp."""
-    piece, found = _nearest(data, table, p)
+    piece, found = _point(data, table, second, p)
+    if piece < 0:
+        return (0.0, 0.0, 0.0)
     far, n = _distance(data, piece, found, p)
     along = n[0] * dp[1] - n[1] * dp[0]
     size = 1.0 + found[5] * far if found[0] == _WITHIN else far

@@ -1,9 +1,9 @@
 """Rolling and spinning resistance: moments about the sphere's centre, at most an arm (m) times the normal force.
 
 Two bristles as friction's, of the same stiffness and damping, one in the tangent plane and one along the normal.  They
-act at the sphere's radius R: their way is R times the angle by which the sphere has turned against the shape (m, in the
-axes of the shape's frame), and they bear at most arm / R times N.  Both ways are parts of one state, both stretches of
-one vector.
+act at the sphere's radius R, or at that of a disc: their way is R times the angle by which it has turned against the
+shape (m, in the axes of the shape's frame), and they bear at most arm / R times N.  Both ways are parts of one state,
+both stretches of one vector.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.bristle import RATE, ROLLS, SPINS, STRETCH, TURN, WAY, flat
 from flexmbd.multibody.kernels.contact.bristle_force import FREE, bristle_force, bristle_force_variation
-from flexmbd.multibody.kernels.contact.normal_force import BRISTLE, RADIUS, ROLLING, SPINNING, normal_force
+from flexmbd.multibody.kernels.contact.normal_force import BRISTLE, LEVER, RADIUS, ROLLING, SPINNING, normal_force
 from flexmbd.multibody.kernels.contact.restitution import dissipation
 from flexmbd.multibody.kernels.contact.signed_distance import distance, gradient_variation
 
@@ -31,8 +31,8 @@ def _bear(data, o, way, d, rate, spin):
     """The forces at the radius of both bristles, their stretches, pieces, and whether one bends."""
     memory, m, t, y = way
     gap, n = distance(data, o, d)
-    R = data[o + RADIUS]
-    depth = R - gap, -dot3(n, rate)
+    R = data[o + LEVER]
+    depth = data[o + RADIUS] - gap, -dot3(n, rate)
     if not depth[0] > 0.0:
         return _ZERO, _ZERO, FREE, FREE, False
     D = dissipation(data, o, (memory, m, t), depth)
@@ -55,8 +55,8 @@ def resist(data, o, way, d, rate, spin, out):
     ``way``: the memory, where the contact's begins, the time (s), and the radius times the turn (m).
     """
     force, _, _, _, bends = _bear(data, o, way, d, rate, spin)
-    store3(out, 0, scale3(data[o + RADIUS], spin))
-    return scale3(data[o + RADIUS], force), bends
+    store3(out, 0, scale3(data[o + LEVER], spin))
+    return scale3(data[o + LEVER], force), bends
 
 
 @kernel
@@ -65,11 +65,11 @@ def resist_variation(data, o, way, motion, change, out):
     d, rate, spin = motion
     dd, drate, dspin, dy = change
     memory, m, t, y = way
-    R = data[o + RADIUS]
+    R = data[o + LEVER]
     v, dv = scale3(R, spin), scale3(R, dspin)
     store3(out, 0, dv)
     gap, n = distance(data, o, d)
-    depth = R - gap, -dot3(n, rate)
+    depth = data[o + RADIUS] - gap, -dot3(n, rate)
     if not depth[0] > 0.0:
         return _ZERO
     dn = gradient_variation(data, o, d, dd)
@@ -98,7 +98,7 @@ def remember_turn(data, o, way, d, rate, spin, x):
     k = m + at.N_MEMORY_HEAD
     store3(x, k + TURN + STRETCH, z)
     store3(x, k + TURN + WAY, y)
-    store3(x, k + TURN + RATE, scale3(data[o + RADIUS], spin))
+    store3(x, k + TURN + RATE, scale3(data[o + LEVER], spin))
     x[k + ROLLS], x[k + SPINS] = piece, piece_n
 
 

@@ -1,30 +1,32 @@
 """The signed distance of a point from a shape, its gradient, and how the gradient turns with the point.
 
-Of most shapes the distance is that of the point from a core, a point, a segment, a line or a box, less a radius; of a
-hollow shape it is the radius less that.  Inside a box it is that of the nearest face.  Profiles and surfaces of
-triangles search tables (``planar_profile``, ``triangle_distance``).  Points and gradients are in the axes of the
-shape's frame.  Numbers: the kind, then a, b, c (m), or the half space's normal, or where the table begins.
+Of most shapes the distance is that of the point from a core, a point, a segment, a line, a disc or a box, less a
+radius; of a hollow shape it is the radius less that.  Inside the core of a box or a disc it is that of the nearest
+face.  Profiles and surfaces of triangles search tables (``planar_profile``, ``triangle_distance``).  Points and
+gradients are in the axes of the shape's frame.  Numbers: the kind, then a, b, c (m), or the half space's normal, or
+where the table begins.
 """
 
 from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import dot3, load3, scale3, store3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, scale3, store3, sub3
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.planar_profile import profile_distance, profile_variation
 from flexmbd.multibody.kernels.contact.triangle_distance import surface_distance, surface_variation
 
 #: Kinds of shapes: their numbers are the radius; the radius; the radius and half the length; the radius; the radius;
-#: half the sides; the unit normal; of the last two the place of the table, and half the thickness, 0 where nothing is
-#: behind the surface.
-SPHERE, HOLLOW_SPHERE, CAPSULE, CYLINDER, HOLLOW_CYLINDER, BOX, HALF_SPACE, PROFILE, TRIANGLES = range(9)
+#: half the sides; the unit normal; of the next two the place of the table, and half the thickness, 0 where nothing is
+#: behind the surface, of a profile then 1 where its second point is asked for, 0 of the nearest one; of a disc radius
+#: and half the thickness of its core, and the radius that rounds its edges.
+SPHERE, HOLLOW_SPHERE, CAPSULE, CYLINDER, HOLLOW_CYLINDER, BOX, HALF_SPACE, PROFILE, TRIANGLES, DISC = range(10)
 
 #: Numbers of a shape.
 SHAPE_NUMBERS = 4
 
-#: Where among them the place of a table stands, and half a thickness.
-TABLE, HALF_THICKNESS = 1, 2
+#: Where among them the place of a table stands, half a thickness, and whether the second point is asked for.
+TABLE, HALF_THICKNESS, SECOND = 1, 2, 3
 
 
 @kernel
@@ -41,6 +43,10 @@ def _from_core(data, o, p):
         return (_beyond(p[0], data[o + 1]), _beyond(p[1], data[o + 2]), _beyond(p[2], data[o + 3])), 0.0
     if kind == CAPSULE:
         return (p[0], p[1], _beyond(p[2], data[o + 2])), data[o + 1]
+    if kind == DISC:
+        r = math.sqrt(p[0] * p[0] + p[1] * p[1])
+        share = 1.0 - data[o + 1] / r if r > data[o + 1] else 0.0
+        return (share * p[0], share * p[1], _beyond(p[2], data[o + 2])), data[o + 3]
     if kind == CYLINDER or kind == HOLLOW_CYLINDER:
         return (p[0], p[1], 0.0), data[o + 1]
     return p, data[o + 1]
@@ -60,6 +66,26 @@ def _nearest_face(data, o, p):
 
 
 @kernel
+def _side_is_nearest(data, o, p, r):
+    """Whether from inside the core of a disc, at r from its axis, its side is nearer than its faces."""
+    return data[o + 1] - r < data[o + 2] - abs(p[2])
+
+
+@kernel
+def _inside_disc(data, o, p):
+    """Inside the core of a disc: signed distance and gradient; NaN where that has no direction.
+
+    So it is on the axis of one that is longer than it is wide, and on a core without thickness.
+    """
+    r = math.sqrt(p[0] * p[0] + p[1] * p[1])
+    if _side_is_nearest(data, o, p, r):
+        n = (p[0] / r, p[1] / r, 0.0) if r > 0.0 else (math.nan, math.nan, math.nan)
+        return r - data[o + 1] - data[o + 3] if r > 0.0 else math.nan, n
+    sign = math.copysign(1.0, p[2]) if data[o + 2] > 0.0 else math.nan
+    return sign * p[2] - data[o + 2] - data[o + 3], (0.0, 0.0, sign)
+
+
+@kernel
 def distance(data, o, p):
     """Signed distance (m) of p from the shape at ``data[o]``, and its gradient, a unit vector out of the shape.
 
@@ -69,7 +95,7 @@ def distance(data, o, p):
         n = (data[o + 1], data[o + 2], data[o + 3])
         return dot3(n, p), n
     if data[o] == PROFILE:
-        return profile_distance(data, int(data[o + TABLE]), p)
+        return profile_distance(data, int(data[o + TABLE]), data[o + SECOND], p)
     if data[o] == TRIANGLES:
         return surface_distance(data, int(data[o + TABLE]), p)
     q, radius = _from_core(data, o, p)
@@ -78,9 +104,30 @@ def distance(data, o, p):
     if length == 0.0:
         if hollow:  # in the middle, as far from the wall on all sides
             return radius, (1.0, 0.0, 0.0)
+        if data[o] == DISC:
+            return _inside_disc(data, o, p)
         return _nearest_face(data, o, p) if data[o] == BOX else (math.nan, (math.nan, math.nan, math.nan))
     sign = -1.0 if hollow else 1.0
     return sign * (length - radius), scale3(sign / length, q)
+
+
+@kernel
+def _disc_variation(data, o, p, dp):
+    """``gradient_variation`` of a disc."""
+    r = math.sqrt(p[0] * p[0] + p[1] * p[1])
+    out, across = (p[0] / r, p[1] / r, 0.0) if r > 0.0 else (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    away = dot3(out, dp)
+    if r > 0.0:
+        across = (dp[0] - away * out[0], dp[1] - away * out[1], 0.0)
+    q, _ = _from_core(data, o, p)
+    length = math.sqrt(dot3(q, q))
+    if length == 0.0:
+        return scale3(1.0 / r, across) if r > 0.0 and _side_is_nearest(data, o, p, r) else (0.0, 0.0, 0.0)
+    dq = (0.0, 0.0, dp[2] if q[2] != 0.0 else 0.0)
+    if r > data[o + 1]:  # the core's nearest point goes around with p
+        dq = add3(dq, add3(scale3(away, out), scale3(1.0 - data[o + 1] / r, across)))
+    n = scale3(1.0 / length, q)
+    return scale3(1.0 / length, sub3(dq, scale3(dot3(n, dq), n)))
 
 
 @kernel
@@ -89,9 +136,11 @@ def gradient_variation(data, o, p, dp):
     if data[o] == HALF_SPACE:
         return (0.0, 0.0, 0.0)
     if data[o] == PROFILE:
-        return profile_variation(data, int(data[o + TABLE]), p, dp)
+        return profile_variation(data, int(data[o + TABLE]), data[o + SECOND], p, dp)
     if data[o] == TRIANGLES:
         return surface_variation(data, int(data[o + TABLE]), p, dp)
+    if data[o] == DISC:
+        return _disc_variation(data, o, p, dp)
     q, _ = _from_core(data, o, p)
     length = math.sqrt(dot3(q, q))
     if length == 0.0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -20,7 +20,8 @@ from flexmbd.multibody.kernels.contact.contact_law import (
     contact_variation,
     remember_contact,
 )
-from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
+from flexmbd.multibody.kernels.contact.lowest_point import centre_arm, centre_arm_variation
+from flexmbd.multibody.kernels.contact.normal_force import DISSIPATION
 from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
 from flexmbd.multibody.kernels.elements.element import Behaviour, FloatArray, FrameElement, Stiffness
 
@@ -58,8 +59,8 @@ def is_contact(row):
 
 @kernel
 def centre_motion(plan, numbers, d, R, rate, spin):
-    """Of a contact the sphere's centre from G's origin, its place and its rate, in F's axes."""
-    arm = rotate(R, load3(plan.data, numbers + CENTRE))
+    """Of a contact the sphere's centre from G's origin, its place and G's rate there, in F's axes."""
+    arm = centre_arm(plan.data, numbers, R)
     return arm, add3(d, arm), add3(rate, cross3(spin, arm))
 
 
@@ -111,7 +112,7 @@ def _vary(plan, work, row, motion, change, dway, dturn):
     numbers = law_numbers(plan, row)
     rough, way = _way(plan, work, row)
     arm, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
-    turned = cross3(dtheta, arm)
+    turned = centre_arm_variation(plan.data, numbers, R, arm, dtheta)
     quicker = add3(drate, add3(cross3(dspin, arm), cross3(spin, turned)))
     motion, moved = (place, speed, spin), add3(dd, turned)
     force = contact_variation(plan.data, numbers, rough, way, motion, (moved, quicker, dspin, dway), out)
