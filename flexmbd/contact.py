@@ -11,6 +11,7 @@ from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
 from flexmbd.multibody.contact.hard_contact import Hard as Hard
 from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
+from flexmbd.multibody.contact.impact_law import ImpactLaw as ImpactLaw
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.profile import Profile as Profile
 from flexmbd.multibody.contact.shapes import Box as Box

@@ -6,7 +6,8 @@
 at x_m the contacts, M and J.  Smooth motion is of order 2 (position Verlet, its velocities by the implicit midpoint
 rule); the spins of bodies that fly by themselves keep their angular momentum (``free_spins``).  A contact is in the
 step where it touches, or would by the end: its normal velocity then ends at e times that of its approach at least
-(Newton's law of impact), and where it does not approach, or e = 0, its gap does not close beyond zero.  Overlaps that
+(Newton's law of impact), and where it does not approach, or e = 0, its gap does not close beyond zero; Poisson's law
+has a least impulse instead (``compression``).  Overlaps that
 an impact within a step leaves are opened by a displacement, the least in the metric of the masses, which changes no
 velocity (``solve_positions``); what flies apart by itself is left alone, so that an elastic impact keeps the energy.
 Sources: Moreau 1988, 1999; Jean 1999; Acary & Brogliato 2008, chapter 10; Schindler & Acary 2014.
@@ -28,7 +29,9 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rota
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
+from flexmbd.multibody.kernels.elements.hard_element import LAW_FRICTION, LAW_POISSON, LAW_RESTITUTION
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
+from flexmbd.multibody.kernels.impulses.compression import compress, decompresses
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
 from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
@@ -139,7 +142,19 @@ def _smooth(s, state, groups, h):
 
 
 @kernel
-def _invert(plan, work, aw, loops, parts):
+def _drive_to_end(s, state):
+    """Give prescribed coordinates the velocities of the step's end; False where a user's function failed."""
+    m = s.machine
+    evaluate_times(m.plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), m.work.time)
+    if m.plan.flag[0] != 0:
+        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+        return False
+    drive(m.plan, m.work, s.end, s.free, s.a)
+    return True
+
+
+@kernel
+def invert(plan, work, aw, loops, parts):
     """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once."""
     for j in range(parts.largest[0]):
         for k in range(parts.unit.shape[1]):
@@ -179,14 +194,14 @@ def _choose(s, h, kick):
     n, speed = 0, 0.0
     for i in range(w.count[0]):
         normal, gap = load3(w.normal[i], 0), w.gap[i]
-        e, approach = w.law[i, 0], dot3(normal, load3(w.before[i], 0))
+        e, approach = w.law[i, LAW_RESTITUTION], dot3(normal, load3(w.before[i], 0))
         closes = gap <= near or gap + 0.5 * h * dot3(normal, load3(w.free[i], 0)) < 0.0
         if not closes and (e > 0.0 or gap > h * fastest):
             continue
         bound = -max(gap, 0.0) / h  # touching at the middle of the next step
-        if e > 0.0 and approach < 0.0:
+        if e > 0.0 and approach < 0.0 and w.law[i, LAW_POISSON] == 0.0:
             bound = -e * approach
-        c.watched[n], c.bound[n], c.friction[n] = i, bound, w.law[i, 1]
+        c.watched[n], c.bound[n], c.least[n], c.friction[n] = i, bound, 0.0, w.law[i, LAW_FRICTION]
         speed = max(speed, _speed(w, i))
         n += 1
     c.count[0] = n
@@ -242,7 +257,7 @@ def _touch(s, state, h):
     n = c.count[0]
     if n == 0:
         return kick
-    _invert(plan, work, m.aw, m.loops, s.parts)
+    invert(plan, work, m.aw, m.loops, s.parts)
     for i in range(n):
         k = c.watched[i]
         enter(plan, work, s.parts, c, i, s.watched.frames[k], s.watched.point[k], s.watched.normal[k])
@@ -251,6 +266,12 @@ def _touch(s, state, h):
         _begin(s, i)
     speed, nothing = max(speed, kick), EQUAL * s.watched.fastest[0]
     least = max(_OF_TOLERANCE * state.numbers[st.TOLERANCE] * speed, nothing)
+    if decompresses(c, s.watched):
+        sweeps, change = compress(s.parts, c, s.watched, s.v, least, _SWEEPS)
+        state.counts[st.ITERATIONS] += sweeps
+        if not change <= max(_STUCK * speed, nothing):
+            state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+            return -1.0
     sweeps, change = solve_impulses(s.parts, c, s.last, least, _SWEEPS)
     state.counts[st.ITERATIONS] += sweeps
     if not change <= max(_STUCK * speed, nothing):
@@ -298,7 +319,7 @@ def attempt(s, state, groups, h):
     for k in range(s.u.shape[0]):
         s.u[k] = 0.5 * h * state.v[k]
     move(m, state.x, s.u, s.x)
-    if not _smooth(s, state, groups, h):
+    if not _smooth(s, state, groups, h) or not _drive_to_end(s, state):
         return
     for k in range(s.last.shape[0]):
         s.last[k] = s.free[k]
@@ -323,10 +344,6 @@ def attempt(s, state, groups, h):
 def _finish(s, state, groups, h):
     """Bring prescribed coordinates and loops to the step's end, and accept it."""
     m = s.machine
-    evaluate_times(m.plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), m.work.time)
-    if m.plan.flag[0] != 0:
-        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
-        return
     drive(m.plan, m.work, s.end, s.last, s.a)
     if not close_loops(m, state, groups, s.end, s.last):
         return

@@ -57,7 +57,7 @@ def contacts(
         raise SceneError("a hard contact has its own friction, fm.contact.Hard(mu=...): leave `friction` out")
     if friction is not None:
         refuse_other(friction, Friction, "friction", wanted="fm.contact.Friction(...)")
-    first, second = _group(one), _group(other)
+    first, second = shapes_of(one), shapes_of(other)
     single = len(first) == len(second) == 1
     if isinstance(law, Hard) and not any(shape.frame.modes is not None for shape in (*first, *second)):
         if not (single and _is_known(first[0], second[0])):
@@ -85,8 +85,12 @@ def contacts(
     return found
 
 
-def _group(given: Touching) -> list[TouchShape]:
-    """The shapes of a group, or one alone."""
+def shapes_of(given: Touching) -> list[TouchShape]:
+    """The shapes of a group, or one alone.
+
+    Raises:
+        SceneError: there are none, or what is no shape.
+    """
     shapes: list[object] = [given] if isinstance(given, SHAPES) or not isinstance(given, Iterable) else [*given]
     if not shapes:
         raise SceneError("a list of shapes that are to touch is empty")
@@ -110,8 +114,8 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
             frame = touching.frame
             centres = [(float(x), float(y), float(z)) for x, y, z in places]
             if isinstance(law, Hard):
-                return [HardContact(touched, frame, radius, law, place) for place in centres]
-            return [Contact(touched, frame, radius, law, friction, place) for place in centres]
+                return [HardContact(touched, frame, radius, place, law) for place in centres]
+            return [Contact(touched, frame, radius, place, law, friction) for place in centres]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape but "
         "a ConvexPolytope; a Capsule, a Box and a ConvexPolytope touch a HalfSpace"
