@@ -1,6 +1,6 @@
 """A step of Moreau's and Jean's method.
 
-    x_m = x_n moved by h/2 v_n,    v_f = v_n + h a(x_m, (v_n + v_f) / 2),
+    x_m = x_n moved by h/2 v_n,    v_f = v_n + h a(x_m, (v_n + v_n+1) / 2),
     v_n+1 = v_f + M^-1 J^T P,      x_n+1 = x_m moved by h/2 v_n+1,
 
 at x_m the contacts, M and J.  Smooth motion is of order 2 (position Verlet, its velocities by the implicit midpoint
@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, next_step
-from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accelerate, accept, close_loops, move
+from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accept, close_loops, move
 from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_tangent
+from flexmbd.integrate.moreau.smooth_forces import EVALUATIONS, drive_to_end, evaluate, halfway, smooth
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -33,7 +34,7 @@ from flexmbd.multibody.kernels.elements.hard_element import LAW_FRICTION, LAW_PO
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
 from flexmbd.multibody.kernels.impulses.compression import compress, decompresses
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
-from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
+from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
 from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
 from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
@@ -41,8 +42,7 @@ from flexmbd.multibody.kernels.impulses.parts import CoupledParts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
-from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
-from flexmbd.round_off import EQUAL, ROUND_OFF, TEN_DIGITS
+from flexmbd.round_off import EQUAL, ROUND_OFF
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,7 +50,6 @@ IntArray = NDArray[np.int64]
 #: Steps are fixed: nothing follows from it.
 RULE = Rule(exponent=0.5)
 
-_EVALUATIONS = 30  # of the smooth forces in a step
 _SWEEPS = 1000
 _OF_TOLERANCE = 0.1  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
 _STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
@@ -73,6 +72,7 @@ class MoreauWorkspace(ArrayStruct):
 
     Attributes:
         moves: (nv,) whether each velocity is free.
+        follows: (1,) whether smooth forces may follow velocities that impulses change.
         extent: (1,) m, of the machine.
         told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
@@ -90,6 +90,7 @@ class MoreauWorkspace(ArrayStruct):
     contacts: Contacts
     memory: MoreauMemory
     moves: IntArray
+    follows: IntArray
     extent: FloatArray
     told: FloatArray
     multipliers: FloatArray
@@ -104,52 +105,21 @@ class MoreauWorkspace(ArrayStruct):
 
 
 @kernel
-def _smooth(s, state, groups, h):
-    """Write the velocity at the end without impulses; False where that failed."""
-    middle = state.numbers[st.TIME] + 0.5 * h
-    for k in range(s.v.shape[0]):
-        s.begin[k] = state.v[k]
-    to_middle(s.spins, h, s.begin)
-    for k in range(s.v.shape[0]):
-        s.v[k] = s.begin[k]
-        s.free[k] = s.begin[k]
+def _follow(s, state, groups, h, least):
+    """Let forces that follow velocities know the impulses, and these the forces, in turns; False where that failed."""
     before = math.inf
-    for _ in range(_EVALUATIONS):
-        if not accelerate(s.machine, state, middle, s.x, s.v, s.a, s.multipliers):
+    for _ in range(EVALUATIONS):
+        halfway(s, s.last)
+        change = evaluate(s, state, groups, h)
+        if change < 0.0 or not drive_to_end(s, state):
             return False
-        without_gyration(s.spins, s.v, s.a)
-        change = 0.0
-        for k in range(s.v.shape[0]):
-            if s.moves[k] == 0:
-                s.free[k] = s.v[k]
-                continue
-            end = s.begin[k] + h * s.a[k]
-            size = st.group_speed(groups, groups.of[k], state.numbers[st.RATE]) + abs(end)
-            found = abs(end - s.free[k]) / size
-            if not found <= change:
-                change = found
-                state.counts[st.WORST] = k
-            s.free[k] = end
-            s.v[k] = 0.5 * (s.begin[k] + end)
-        if not math.isfinite(change):
-            state.counts[st.OUTCOME] = st.NOT_FINITE
-            return False
-        if change <= ROUND_OFF or (change <= TEN_DIGITS and not change < 0.5 * before):
-            return True
+        for k in range(s.last.shape[0]):
+            s.last[k] = s.free[k]
+        sweeps, _ = solve_impulses(s.parts, s.contacts, s.last, least, _SWEEPS)
+        state.counts[st.ITERATIONS] += sweeps
+        if change <= _OF_TOLERANCE * state.numbers[st.TOLERANCE] or not change < 0.5 * before:
+            break
         before = change
-    state.counts[st.OUTCOME] = st.NOT_CONVERGED
-    return False
-
-
-@kernel
-def _drive_to_end(s, state):
-    """Give prescribed coordinates the velocities of the step's end; False where a user's function failed."""
-    m = s.machine
-    evaluate_times(m.plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), m.work.time)
-    if m.plan.flag[0] != 0:
-        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
-        return False
-    drive(m.plan, m.work, s.end, s.free, s.a)
     return True
 
 
@@ -238,7 +208,7 @@ def _is_painleve(s, state, i, kick):
 
 
 @kernel
-def _touch(s, state, h):
+def _touch(s, state, groups, h):
     """Write the velocity at the end, the impulses in ``contacts``; False where they are not found."""
     m, c = s.machine, s.contacts
     plan, work = m.plan, m.work
@@ -276,6 +246,8 @@ def _touch(s, state, h):
     state.counts[st.ITERATIONS] += sweeps
     if not change <= max(_STUCK * speed, nothing):
         state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+        return -1.0
+    if s.follows[0] == 1 and not _follow(s, state, groups, h, least):
         return -1.0
     return kick
 
@@ -319,11 +291,11 @@ def attempt(s, state, groups, h):
     for k in range(s.u.shape[0]):
         s.u[k] = 0.5 * h * state.v[k]
     move(m, state.x, s.u, s.x)
-    if not _smooth(s, state, groups, h) or not _drive_to_end(s, state):
+    if not smooth(s, state, groups, h):
         return
     for k in range(s.last.shape[0]):
         s.last[k] = s.free[k]
-    kick = _touch(s, state, h)
+    kick = _touch(s, state, groups, h)
     if kick < 0.0:
         return
     overlaps = _overlap(s, h, kick)

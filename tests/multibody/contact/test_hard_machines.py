@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from exported_bodies import soft_bar
@@ -57,18 +59,20 @@ def driven_table(motion, law, height):
 def test_a_ball_rides_on_a_table_that_shakes():
     """Below g its acceleration is the table's: N = m (g + z''), its way the table's within h^2."""
     amplitude, omega = 0.05, 10.0
-    errors, forces = [], []
+    errors, speeds, forces = [], [], []
     for h in (2e-3, 1e-3):
         scene, lift, drop, pair = driven_table(fm.Sine(amplitude, omega, phase=np.pi / 2), contact.Hard(), 0.15)
         run = scene.simulate(2.0, h=h)
         met = run.contacts(pair)[0]
         force = 2.0 * (G - amplitude * omega**2 * np.cos(omega * (run.t - 0.5 * h)))
-        forces.append(np.abs(met.normal_force - force)[2:].max())
+        forces.append(np.abs(met.normal_force - force)[3:].max())
         errors.append(np.abs(run.beta(drop) - run.beta(lift) - 0.1).max())
-        assert np.abs(run.beta_rate(drop) - run.beta_rate(lift))[2:].max() < 1e-6 * amplitude * omega
+        speeds.append(np.abs(run.beta_rate(drop) - run.beta_rate(lift))[2:].max())
     assert errors[0] < 5e-6
     assert errors[1] < 0.3 * errors[0]
-    assert forces[0] < 2e-2 * 2.0 * G
+    assert speeds[0] < 0.1 * (2e-3 * omega) ** 2 * amplitude * omega
+    assert speeds[1] < 0.3 * speeds[0]
+    assert forces[0] < 1e-4 * 2.0 * G
     assert forces[1] < 0.3 * forces[0]
 
 
@@ -135,7 +139,8 @@ def test_links_of_one_tree_touch_each_other():
     hit = int(np.argmax(met.normal_force > 0.0))
     spin = run.momentum().angular[:, 2]
     assert hit > 0
-    assert spin == pytest.approx(np.full(len(spin), spin[0]), rel=1e-5)
+    assert spin == pytest.approx(np.full(len(spin), spin[0]), rel=1e-3)
+    assert spin[:hit] == pytest.approx(np.full(hit, spin[0]), rel=1e-5)
     before, after = run.beta_rate(second)[[hit - 1, hit]]
     assert before > 0.0 > after
     energy = run.energy().total
@@ -181,24 +186,28 @@ def test_units_and_axes_do_not_matter(e):
         assert force == pytest.approx(forces[0], abs=1e-7 * forces[0].max())
 
 
+def two_rods(root, *, h):
+    """(nt, 6) the places of two rods on a hinge that fly onto a floor, the first or the second on the free joint."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    rods = [scene.add(fm.RigidBody(1.0 + k, (1e-2, 0.1, 0.1)), name=f"rod {k}") for k in range(2)]
+    middle = ((0.5, 0.0, 0.0), (-0.5, 0.0, 0.0))
+    hinge = [rods[k].frame(p=middle[k]) for k in range(2)]
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), rods[root].frame())
+    free.position = (0.5 * (2 * root - 1.0), 0.0, 0.4, 1.0, 0.0, 0.0, 0.0)
+    scene.connect(fm.joint.Revolute("y"), hinge[root], hinge[1 - root]).position = 0.0
+    floor, law = contact.HalfSpace(scene.ground.frame()), contact.Hard(restitution=0.3, mu=0.4)
+    for k, far in enumerate(((-0.5, 0.0, 0.0), (0.5, 0.0, 0.0))):
+        scene.touch(floor, contact.Sphere(rods[k].frame(p=far), 0.05), law)
+    scene.touch(floor, contact.Sphere(rods[0].frame(p=middle[0]), 0.1), law)
+    run = scene.simulate(0.6, h=h, rtol=1e-10)
+    return np.concatenate([run.position(rod.frame()) for rod in rods], axis=1)
+
+
 def test_another_body_at_the_root_gives_the_same_motion():
-    """Two rods on a hinge fly onto a floor, the first or the second on the free joint."""
-    ends = []
-    for root in (0, 1):
-        scene = fm.System(gravity=(0.0, 0.0, -G))
-        rods = [scene.add(fm.RigidBody(1.0 + k, (1e-2, 0.1, 0.1)), name=f"rod {k}") for k in range(2)]
-        middle = ((0.5, 0.0, 0.0), (-0.5, 0.0, 0.0))
-        hinge = [rods[k].frame(p=middle[k]) for k in range(2)]
-        free = scene.connect(fm.joint.Free(), scene.ground.frame(), rods[root].frame())
-        free.position = (0.5 * (2 * root - 1.0), 0.0, 0.4, 1.0, 0.0, 0.0, 0.0)
-        scene.connect(fm.joint.Revolute("y"), hinge[root], hinge[1 - root]).position = 0.0
-        floor, law = contact.HalfSpace(scene.ground.frame()), contact.Hard(restitution=0.3, mu=0.4)
-        for k, far in enumerate(((-0.5, 0.0, 0.0), (0.5, 0.0, 0.0))):
-            scene.touch(floor, contact.Sphere(rods[k].frame(p=far), 0.05), law)
-        scene.touch(floor, contact.Sphere(rods[0].frame(p=middle[0]), 0.1), law)
-        run = scene.simulate(0.6, h=1e-3, rtol=1e-10)
-        ends.append(np.concatenate([run.position(rod.frame()) for rod in rods], axis=1))
-    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+    """Within the error of a step's impacts."""
+    apart = [np.abs(two_rods(0, h=h) - two_rods(1, h=h)).max() for h in (1e-3, 2.5e-4)]
+    assert apart[0] < 1e-3
+    assert apart[1] < 0.3 * apart[0]
 
 
 def test_variants_give_what_scenes_built_with_their_values_give():
@@ -229,19 +238,19 @@ def test_variants_give_what_scenes_built_with_their_values_give():
 
 
 def test_an_elastic_bar_rests_on_a_stop_as_on_a_stiff_spring():
-    """Its tip, let go above a stop and damped, ends with the force of the equilibrium on a stiff smooth contact."""
+    """Its damped tip, let go above a stop, ends with the force of the equilibrium on a stiff smooth contact."""
+    damped = replace(soft_bar(), damping=np.diag(0.3 * np.sqrt(soft_bar().stiffness)))
     ends = []
     for law in (contact.Hard(), contact.PowerLaw(k=1e6)):
         scene = fm.System(gravity=(0.0, 0.0, -G))
-        bar = scene.add(fm.FlexibleBody(soft_bar()), name="bar")
+        bar = scene.add(fm.FlexibleBody(damped), name="bar")
         scene.connect(fm.joint.Fixed(), scene.ground.frame(), bar.frame("x_min"))
         tip = bar.frame("x_max")
-        scene.add_force(fm.force.SpringDamper(scene.ground.frame(p=(1.0, 0.0, 2.0)), tip, 0.0, 1.0, damping=8.0))
         (pair,) = scene.touch(
             contact.HalfSpace(scene.ground.frame(p=(0.0, 0.0, -0.02))), contact.Vertex(tip), law
         )
         if isinstance(law, contact.Hard):
-            run = scene.simulate(3.0, h=2e-4)
+            run = scene.simulate(1.5, h=6e-5)
             met = run.contacts(pair)[0]
             assert abs(met.gap[-1]) < 1e-9
             ends.append(met.normal_force[-1])
@@ -260,7 +269,7 @@ def test_an_elastic_bar_strikes_by_newtons_law_and_keeps_the_balance_of_energy()
     (pair,) = scene.touch(
         contact.HalfSpace(scene.ground.frame(p=(0.0, 0.0, -0.02))), contact.Vertex(tip), contact.Hard(restitution=0.5)
     )
-    run = scene.simulate(0.3, h=1e-4)
+    run = scene.simulate(0.3, h=5e-5)
     met = run.contacts(pair)[0]
     hit = int(np.argmax(met.normal_force > 0.0))
     speed = run.velocity(tip)[:, 2]
@@ -270,24 +279,25 @@ def test_an_elastic_bar_strikes_by_newtons_law_and_keeps_the_balance_of_energy()
 
 
 def test_the_tip_of_an_exact_beam_rests_on_a_stop():
-    """As the bar: against the equilibrium of the beam on a stiff smooth contact."""
+    """The mean of its swings about it: against the equilibrium of the beam on a stiff smooth contact."""
     rubber = beam_timoshenko.Parameters.rectangle(
         2e7, 0.3, 1100.0, width=0.04, height=0.06, orientation=(0.0, 1.0, 0.0)
     )
     ends = []
     for law in (contact.Hard(), contact.PowerLaw(k=1e6)):
         scene = fm.System(gravity=(0.0, 0.0, -G))
-        points = {"clamp": (0.0, 0.0, 0.0), "tip": (1.0, 0.0, 0.0)}
-        beam = scene.add(fm.ExactBeam(points, {"rod": [("clamp", "tip")]}, {"rod": rubber}, 3), name="beam")
+        points = {"clamp": (0.0, 0.0, 0.0), "middle": (0.5, 0.0, 0.0), "tip": (1.0, 0.0, 0.0)}
+        pieces = {"rod": [("clamp", "middle"), ("middle", "tip")]}
+        beam = scene.add(fm.ExactBeam(points, pieces, {"rod": rubber}, 2), name="beam")
         scene.connect(fm.joint.Fixed(), scene.ground.frame(), beam.frame("clamp"))
-        tip = beam.frame("tip")
-        scene.add_force(fm.force.SpringDamper(scene.ground.frame(p=(1.0, 0.0, 2.0)), tip, 0.0, 1.0, damping=8.0))
+        tip, above = beam.frame("tip"), scene.ground.frame(p=(0.5, 0.0, 2.0))
+        scene.add_force(fm.force.SpringDamper(above, beam.frame("middle"), 0.0, 1.0, damping=20.0))
         (pair,) = scene.touch(
             contact.HalfSpace(scene.ground.frame(p=(0.0, 0.0, -0.02))), contact.Vertex(tip), law
         )
         if isinstance(law, contact.Hard):
             run = scene.simulate(2.0, h=1e-4)
-            ends.append(run.contacts(pair)[0].normal_force[-1])
+            ends.append(run.contacts(pair)[0].normal_force[len(run.t) // 2 :].mean())
         else:
             ends.append(1e6 * -(scene.equilibrium().position(tip)[2] + 0.02))
     assert ends[0] == pytest.approx(ends[1], rel=5e-3)
