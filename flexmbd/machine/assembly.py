@@ -265,10 +265,11 @@ class MachineAssembly:
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined
 
-        found = contacts(one, other, law, friction, are_joined=are_joined, joined=pairs)
+        first, second = shapes_of(one), shapes_of(other)
+        found = contacts(first, second, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:
             self._check_force(contact)
-        self._touched.add(shapes_of(one), shapes_of(other), joined=pairs)
+        self._touched.add(first, second, joined=pairs)
         self._forces.extend(found)
         return tuple(found)
 

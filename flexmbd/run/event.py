@@ -143,8 +143,8 @@ class Event:
     def remedy(self) -> str:
         """What to do where the machine passes the zero again at once, after the action."""
         return (
-            "end the run there (stop=True where the impact is slow enough), or let a JointStop or a contact force carry "
-            "it"
+            "end the run there (stop=True where the impact is slow enough), or let a JointStop or a contact force "
+            "carry it"
         )
 
     @property

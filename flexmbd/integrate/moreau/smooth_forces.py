@@ -29,7 +29,7 @@ def drive_to_end(s, state):
 
 @kernel
 def evaluate(s, state, groups, h):
-    """Write the velocities at the end without impulses, by forces at ``s.v``; their relative change, negative: failed."""
+    """Write the velocities at the end without impulses, by forces at ``s.v``; their relative change, -1: failed."""
     if not accelerate(s.machine, state, state.numbers[st.TIME] + 0.5 * h, s.x, s.v, s.a, s.multipliers):
         return -1.0
     without_gyration(s.spins, s.v, s.a)
