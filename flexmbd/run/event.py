@@ -33,6 +33,8 @@ class Direction(enum.Enum):
 class Moment(Instant):
     """The machine at one instant of a simulation; an event's action may change joint velocities, with ``set_rate``."""
 
+    scene: CompiledScene
+
     def __init__(
         self,
         scene: CompiledScene,

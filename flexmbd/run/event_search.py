@@ -101,18 +101,11 @@ class EventSearch:
         code = integration.advance(t_end)
         if code not in (st.OUTPUT, st.DONE) or integration.t == before.state.numbers[st.TIME]:
             return code
-        values = self._values_now()
-        signs = np.sign(values)
-        fallen = (signs != 0.0) & (signs == self._thrown_back)
-        if fallen.any():
-            code = self._follow_throw(before, np.flatnonzero(fallen))
-            values = self._values_now()
-            signs = np.sign(values)
+        code, values = self._off_throw(before, code)
         if (first := self._first_of_many(before, values)) is not None:
             code = self._step_to(before, first)
-            code = st.OUTPUT if code == st.DONE else code
-            values = self._values_now()
-            signs = np.sign(values)
+            code, values = self._off_throw(before, st.OUTPUT if code == st.DONE else code)
+        signs = np.sign(values)
         self._thrown_back[signs != 0.0] = 0.0
         self._refuse_entered(signs, values)
         passed = [k for k in range(len(signs)) if self._passes(k, signs[k])]
@@ -127,6 +120,16 @@ class EventSearch:
             return code
         self._values = np.full(len(signs), np.nan)
         return self._take_place(passed, before, signs, t_end)
+
+    def _off_throw(self, before: Snapshot, code: int) -> tuple[int, FloatArray]:
+        """Follow functions that were thrown back and have come through again; the stepper's code, and all values."""
+        values = self._values_now()
+        signs = np.sign(values)
+        fallen = (signs != 0.0) & (signs == self._thrown_back)
+        if not fallen.any():
+            return code, values
+        code = self._follow_throw(before, np.flatnonzero(fallen))
+        return code, self._values_now()
 
     def _refuse_entered(self, signs: FloatArray, values: FloatArray) -> None:
         """Raise SceneError where a function goes on, unseen, on the side that nothing is to go to."""
@@ -188,7 +191,8 @@ class EventSearch:
     ) -> None:
         """Warn, once for each event, where a function changes its sign faster than it was looked at."""
         for k, event in enumerate(self._events):
-            if len(changes[k]) > 1 and not resolved[k] and k not in self._warned and self._team.is_root:
+            followed = event.may_go_on  # else it is thrown back at its first passage
+            if followed and len(changes[k]) > 1 and not resolved[k] and k not in self._warned and self._team.is_root:
                 self._warned.add(k)
                 warn(
                     f"the function of event {event.name!r} passes through zero at least {len(changes[k])} times in a "

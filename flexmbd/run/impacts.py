@@ -24,6 +24,11 @@ from flexmbd.run.input_values import evaluate_inputs
 
 FloatArray = NDArray[np.float64]
 
+_REMEDY = (
+    "impacts as events are for what meets and parts; take integrator=fm.MoreauJean() with a step h=..., by which hard "
+    "contacts rest, or a smooth law as fm.contact.PowerLaw"
+)
+
 
 class Impacts:
     """The hard contacts of pairs of a scene, at instants."""
@@ -64,10 +69,15 @@ class Impacts:
 
 
 class _Latest:
-    """The impacts of the scene that a run is at, whose kept rows may change; copies and pickles begin without any."""
+    """The impacts of the scene that a run is at, whose kept rows may change; copies and pickles begin without any.
+
+    Attributes:
+        times: s, of the last impact of each contact.
+    """
 
     def __init__(self) -> None:
         self._impacts: Impacts | None = None
+        self.times: dict[int, float] = {}
 
     def __reduce__(self) -> tuple[type[_Latest], tuple[()]]:
         return _Latest, ()
@@ -86,10 +96,7 @@ class Impact(Event):
     @property
     def remedy(self) -> str:
         """What to do where impacts have no end."""
-        return (
-            "impacts as events are for what meets and parts; take integrator=fm.MoreauJean() with a step h=..., by "
-            "which hard contacts rest, or a smooth law as fm.contact.PowerLaw"
-        )
+        return _REMEDY
 
     @property
     def may_go_on(self) -> bool:
@@ -129,6 +136,15 @@ def _gap(latest: _Latest, k: int, moment: Moment) -> float:
 
 
 def _strike(latest: _Latest, k: int, moment: Moment) -> None:
+    """Give the machine the velocities after the impact of contact k.
+
+    Raises:
+        SceneError: since its last one it went a way that is none; or as ``Impacts.after``.
+    """
+    _, speeds, nothing = latest.of(moment.scene).gaps(moment.t, moment.x, moment.v)
+    if (moment.t - latest.times.get(k, -np.inf)) * abs(speeds[k]) <= nothing:
+        raise SceneError(f"its impacts follow each other ever faster, so that it comes to rest; {_REMEDY}")
+    latest.times[k] = moment.t
     moment.new_rates, _ = latest.of(moment.scene).after(moment.t, moment.x, moment.v, struck=k)
     moment.changed[:] = True
 

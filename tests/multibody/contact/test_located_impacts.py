@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hard_scenes import G, bouncing_ball, four_bar, times_of_bounces
+from scipy.optimize import brentq
 
 import flexmbd as fm
 from flexmbd import contact
@@ -67,6 +68,47 @@ def test_a_four_bar_with_a_stop_turns_back(backwards):
     assert before == pytest.approx(speed, rel=1e-8, abs=1e-12)
     assert after == pytest.approx(-0.4 * speed, rel=1e-8, abs=1e-12)
     assert run.stats.constraint_residual < 1e-7
+
+
+def bounces_on_a_table(amplitude, omega, *, e, height, t_end):
+    """Times of impacts of a point that falls on a table at amplitude cos(omega t), by parabolas and the roots between."""
+    begin, z, v, found = 0.0, height, 0.0, []
+    while True:
+        fine = np.linspace(0.0, t_end - begin, 200001)[1:]
+        gap = z + v * fine - 0.5 * G * fine**2 - amplitude * np.cos(omega * (begin + fine))
+        under = np.flatnonzero(gap < 0.0)
+        if not len(under):
+            return np.array(found)
+        k = under[0]
+
+        def apart(s, begin=begin, z=z, v=v):
+            return z + v * s - 0.5 * G * s**2 - amplitude * np.cos(omega * (begin + s))
+
+        flight = brentq(apart, fine[k - 1], fine[k], xtol=1e-15)
+        begin, speed = begin + flight, v - G * flight
+        table = -amplitude * omega * np.sin(omega * begin)
+        z, v = amplitude * np.cos(omega * begin), table + e * (table - speed)
+        found.append(begin)
+
+
+def test_a_ball_bounces_on_a_table_that_shakes():
+    """Against parabolas between impacts: located to rtol, by fixed steps within some steps."""
+    amplitude, omega, e = 0.02, 20.0, 0.8
+    exact = bounces_on_a_table(amplitude, omega, e=e, height=0.2, t_end=1.2)
+    assert len(exact) >= 3
+    for settings, error in (({"rtol": 1e-9, "integrator": fm.ExplicitRungeKutta()}, 1e-7), ({"h": 1e-4}, 2e-3)):
+        scene = fm.System(gravity=(0.0, 0.0, -G))
+        table = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="table")
+        lift = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), table.frame())
+        lift.prescribe(fm.Sine(amplitude, omega, phase=np.pi / 2))
+        ball = scene.add(fm.RigidBody(2.0, (0.01, 0.01, 0.01)), name="ball")
+        drop = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), ball.frame())
+        drop.position = 0.3
+        law = contact.Hard(restitution=e)
+        (pair,) = scene.touch(contact.HalfSpace(table.frame()), contact.Sphere(ball.frame(), 0.1), law)
+        run = scene.simulate(1.2, **settings)
+        met = run.contacts(pair)[0]
+        assert run.t[np.flatnonzero(met.impulse[:, 2])] == pytest.approx(exact, abs=error)
 
 
 def test_balls_that_meet_at_one_instant_share_the_blow():
