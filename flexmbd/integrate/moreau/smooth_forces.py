@@ -12,7 +12,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.round_off import ROUND_OFF, TEN_DIGITS
 
-EVALUATIONS = 30  # in a step at most
+EVALUATIONS = 60  # in a step at most: of a damper that takes nearly all of the speed in it
 
 
 @kernel
@@ -76,5 +76,7 @@ def smooth(s, state, groups, h):
         if change <= ROUND_OFF or (change <= TEN_DIGITS and not change < 0.5 * before):
             return drive_to_end(s, state)
         before = change
+    if before <= TEN_DIGITS:
+        return drive_to_end(s, state)
     state.counts[st.OUTCOME] = st.NOT_CONVERGED
     return False

@@ -117,7 +117,7 @@ def _follow(s, state, groups, h, least):
             s.last[k] = s.free[k]
         sweeps, _ = solve_impulses(s.parts, s.contacts, s.last, least, _SWEEPS)
         state.counts[st.ITERATIONS] += sweeps
-        if change <= _OF_TOLERANCE * state.numbers[st.TOLERANCE] or not change < 0.5 * before:
+        if change <= _OF_TOLERANCE * state.numbers[st.TOLERANCE] or not change < before:
             break
         before = change
     return True
