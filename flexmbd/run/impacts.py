@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.loop_dynamics import set_row_scales
-from flexmbd.integrate.moreau.impact import N_STRUCK, strike, touching_gaps
+from flexmbd.integrate.moreau.impact import BLOCKED, N_STRUCK, strike, touching_gaps
 from flexmbd.integrate.moreau.moreau_jean import new_workspace
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -64,6 +64,11 @@ class Impacts:
         scene.refuse_failed(self._work)
         if found < 0:
             name = self.names[struck] if struck >= 0 else "hard contacts"
+            if found == BLOCKED:
+                raise SceneError(
+                    f"{name} is closed at t = {t:.6g} s by prescribed motions, and nothing gives way to an impulse; "
+                    "let a force or a spring drive what meets there, or end its motion before"
+                )
             raise SceneError(f"the impulses of the impact at t = {t:.6g} s, of {name}, are not found")
         return scratch.last.copy(), told
 

@@ -30,11 +30,23 @@ def times_of_bounces(count, *, e, height=0.5, gravity=G):
     return fall * (1.0 + 2.0 * np.concatenate([[0.0], np.cumsum(e ** np.arange(1.0, count))]))
 
 
-def four_bar(law, *, backwards=False, scale=1.0):
+def _turn(t):
+    return 7.0 * np.pi / 18.0 - t
+
+
+def _turn_rate(t):
+    return 0.0 * t - 1.0
+
+
+def _turn_acceleration(t):
+    return 0.0 * t
+
+
+def four_bar(law, *, backwards=False, scale=1.0, driven=False):
     """A parallelogram of cranks of 0.5 m, whose coupler carries a ball over a plane that it meets at 30 degrees.
 
     At 70 degrees at the start, turning back by 1 rad/s, without gravity: the coupler does not turn, so that the machine
-    is one inertia, and a blow takes the share 1 + e of its speed.
+    is one inertia, and a blow takes the share 1 + e of its speed.  ``driven``: the crank goes on turning so.
     """
     scene = fm.System()
     crank, coupler, rocker = (
@@ -58,6 +70,9 @@ def four_bar(law, *, backwards=False, scale=1.0):
     angle = np.deg2rad(70.0)
     first.position, lift.position, second.position, fourth.position = angle, -angle, angle, -angle
     first.velocity, lift.velocity, second.velocity, fourth.velocity = -1.0, 1.0, -1.0, 1.0
+    if driven:
+        first.position = first.velocity = None
+        first.prescribe(fm.Motion(*map(fm.compiled, (_turn, _turn_rate, _turn_acceleration))))
     plane = contact.HalfSpace(ground.frame(p=(0.0, 0.2 * scale, 0.0)), normal="y")
     (pair,) = scene.touch(plane, contact.Sphere(coupler.frame(), 0.05 * scale), law)
     return scene, pair

@@ -24,6 +24,9 @@ _STUCK = 1e-6  # of the contacts' speed: change in the last sweep at which impul
 #: part and of friction.
 STRUCK_IMPULSE, STRUCK_NORMAL, STRUCK_FRICTION, N_STRUCK = 0, 3, 4, 5
 
+#: Failures of an impact.
+NOT_FOUND, BLOCKED = -1, -2
+
 
 @entry_kernel
 def touching_gaps(s, t, x, v, gaps, speeds):
@@ -47,8 +50,8 @@ def touching_gaps(s, t, x, v, gaps, speeds):
 def strike(s, state, struck, told):
     """Write the velocities after an impact into ``s.last``, and ``told`` (n, N_STRUCK) of all pairs.
 
-    Pairs that touch take part, and number ``struck``, whatever its gap; -1: none.  Returns how many take part, negative
-    where the impulses are not found.
+    Pairs that touch take part, and number ``struck``, whatever its gap; -1: none.  Returns how many take part,
+    NOT_FOUND where the impulses are not found, BLOCKED where nothing gives way to one.
     """
     m, w, c = s.machine, s.watched, s.contacts
     plan, work, t = m.plan, m.work, state.numbers[st.TIME]
@@ -57,7 +60,7 @@ def strike(s, state, struck, told):
     for k in range(s.last.shape[0]):
         s.last[k] = state.v[k]
     if not accelerate(m, state, t, s.x, s.last, s.a, s.multipliers):
-        return -1
+        return NOT_FOUND
     forward_kinematics(plan, work, s.x, s.last, m.aw.zeros)
     place(plan, work, w, s.groups, 0.0)
     speed = 0.0
@@ -83,6 +86,8 @@ def strike(s, state, struck, told):
     for i in range(n):
         k = c.watched[i]
         enter(plan, work, s.parts, c, i, w.frames[k], w.point[k], w.normal[k])
+        if not c.own[i, 0] > 0.0 and dot3(load3(w.normal[k], 0), load3(w.before[k], 0)) < 0.0:
+            return BLOCKED
     if decompresses(c, w):
         for k in range(s.v.shape[0]):
             s.v[k] = s.last[k]
@@ -95,4 +100,4 @@ def strike(s, state, struck, told):
         store3(told[k], STRUCK_IMPULSE, rotate_back(basis, P))
         told[k, STRUCK_NORMAL] = P[0] * u[0]
         told[k, STRUCK_FRICTION] = P[1] * u[1] + P[2] * u[2]
-    return n if change <= _STUCK * speed else -1
+    return n if change <= _STUCK * speed else NOT_FOUND

@@ -42,7 +42,7 @@ from flexmbd.multibody.kernels.impulses.parts import CoupledParts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
-from flexmbd.round_off import EQUAL, ROUND_OFF
+from flexmbd.round_off import EQUAL, ROUND_OFF, TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -125,7 +125,10 @@ def _follow(s, state, groups, h, least):
 
 @kernel
 def invert(plan, work, aw, loops, parts):
-    """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once."""
+    """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once.
+
+    What loops hold in its place follows no force; its column would be round-off of what it is without them.
+    """
     for j in range(parts.largest[0]):
         for k in range(parts.unit.shape[1]):
             parts.unit[0, k] = 0.0
@@ -134,13 +137,19 @@ def invert(plan, work, aw, loops, parts):
                 parts.unit[0, parts.velocity[parts.first[c] + j]] = 1.0
         solve_mass(plan, work, aw, parts.unit, parts.answer)
         if plan.rows.shape[0] > 0:
+            for c in range(parts.first.shape[0] - 1):
+                if j < size_of(parts, c):
+                    own = parts.velocity[parts.first[c] + j]
+                    parts.unit[0, own] = TEN_DIGITS * parts.answer[0, own]
             project_onto_tangent(plan, work, aw, loops, parts.answer[0])
         for c in range(parts.first.shape[0] - 1):
             n = size_of(parts, c)
             if j < n:
+                own = parts.velocity[parts.first[c] + j]
+                held = plan.rows.shape[0] > 0 and not parts.answer[0, own] > parts.unit[0, own]
                 for i in range(n):
                     value = parts.answer[0, parts.velocity[parts.first[c] + i]]
-                    parts.inverse[parts.square[c] + i * n + j] = value
+                    parts.inverse[parts.square[c] + i * n + j] = 0.0 if held else value
 
 
 @kernel
@@ -189,6 +198,27 @@ def _begin(s, i):
 
 
 @kernel
+def _number_of(s, k):
+    """The number in the scene of the element that watched point k is of."""
+    of_pairs = s.watched.number.shape[0]
+    return s.watched.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+
+
+@kernel
+def _is_blocked(s, state, i, h, kick):
+    """Whether a contact closes by more than ``kick`` (m/s), a step's change of speed, and nothing gives way."""
+    c, k = s.contacts, s.contacts.watched[i]
+    if c.own[i, 0] > 0.0:
+        return False
+    away = normal_at(s.parts, c, i, s.last)
+    if away >= -EQUAL * s.watched.fastest[0] or (away >= c.bound[i] - kick and s.watched.gap[k] >= -h * kick):
+        return False
+    state.counts[st.OUTCOME] = st.BLOCKED
+    state.counts[st.WORST] = _number_of(s, k)
+    return True
+
+
+@kernel
 def _is_painleve(s, state, i, kick):
     """Whether a contact that rests and slides would be pressed the more it is pushed apart (Painlevé 1895)."""
     c, w, k = s.contacts, s.watched, s.contacts.watched[i]
@@ -201,8 +231,7 @@ def _is_painleve(s, state, i, kick):
     if c.own[i, 0] > c.friction[i] * across:
         return False
     state.counts[st.OUTCOME] = st.PAINLEVE
-    of_pairs = w.number.shape[0]
-    state.counts[st.WORST] = w.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+    state.counts[st.WORST] = _number_of(s, k)
     state.numbers[st.ERROR_RATIO] = math.atan2(across, c.own[i, 0])
     return True
 
@@ -247,6 +276,9 @@ def _touch(s, state, groups, h):
     if not change <= max(_STUCK * speed, nothing):
         state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
         return -1.0
+    for i in range(n):
+        if _is_blocked(s, state, i, h, kick):
+            return -1.0
     if s.follows[0] == 1 and not _follow(s, state, groups, h, least):
         return -1.0
     return kick

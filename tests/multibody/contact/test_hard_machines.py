@@ -13,6 +13,7 @@ import flexmbd as fm
 from flexmbd import contact
 from flexmbd.errors import SceneError
 from flexmbd.forms import beam_timoshenko
+from flexmbd.run.stopped import SimulationError
 
 
 @pytest.mark.parametrize(("backwards", "scale"), [(False, 1.0), (True, 1.0), (False, 1000.0)])
@@ -92,9 +93,43 @@ def test_a_ball_bounces_on_a_table_that_rises_as_on_one_at_rest():
     assert ways[0] == pytest.approx(ways[1], abs=1e-9)
 
 
+@pytest.mark.parametrize("settings", [{"h": 1e-3}, {"rtol": 1e-6, "integrator": fm.ExplicitRungeKutta()}])
+@pytest.mark.parametrize("loop", [False, True])
+def test_what_prescribed_motions_alone_close_is_refused_by_name(loop, settings):
+    """A ball, or a four-bar, that is driven into a plane at a known time: no impulse is large enough."""
+    if loop:
+        scene, _ = four_bar(contact.Hard(restitution=0.4), driven=True)
+        time = np.deg2rad(40.0)
+    else:
+        scene = fm.System(gravity=(0.0, 0.0, -G))
+        ball = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="ball")
+        scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), ball.frame()).prescribe(
+            fm.Sine(0.1, 10.0, offset=0.15)
+        )
+        scene.touch(contact.HalfSpace(scene.ground.frame()), contact.Sphere(ball.frame(), 0.1), contact.Hard())
+        time = 7.0 * np.pi / 60.0
+    with pytest.raises(SimulationError, match=r"closed.* by prescribed motions, and nothing gives way") as caught:
+        scene.simulate(1.0, **settings)
+    assert caught.value.trajectory.t[-1] == pytest.approx(time, abs=2e-3)
+
+
+def test_driven_bodies_may_touch_and_slide_and_held_ones_overlap():
+    """One that comes down to the floor and leaves it, one that is led along it, one that a joint holds half in it."""
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    dips, slides, held = (scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name=f"body {k}") for k in range(3))
+    scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), dips.frame()).prescribe(fm.Sine(0.1, 10.0, offset=0.2))
+    along = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(p=(0.0, 5.0, 0.1)), slides.frame())
+    along.prescribe(fm.Sine(1.0, 3.0))
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), held.frame())
+    floor = contact.HalfSpace(scene.ground.frame())
+    for body in (dips, slides, held):
+        scene.touch(floor, contact.Sphere(body.frame(), 0.1), contact.Hard(mu=0.3))
+    assert scene.simulate(2.0, h=1e-3).t[-1] == 2.0
+
+
 @pytest.mark.parametrize("damping", [2.0, 500.0, 2000.0])
 def test_a_sprung_block_is_pressed_on_its_stop(damping):
-    """It comes to the stop, loses all at e = 0, and rests: N = k x0 - m g, whatever a damper would take of its speed."""
+    """It comes to the stop, loses all at e = 0, and rests: N = k x0 - m g, whatever a damper takes of its speed."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     block = scene.add(fm.RigidBody(2.0, (0.1, 0.1, 0.1)), name="block")
     slide = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), block.frame())
@@ -251,7 +286,7 @@ def test_an_elastic_bar_rests_on_a_stop_as_on_a_stiff_spring():
             contact.HalfSpace(scene.ground.frame(p=(0.0, 0.0, -0.02))), contact.Vertex(tip), law
         )
         if isinstance(law, contact.Hard):
-            run = scene.simulate(1.0, h=6e-5)
+            run = scene.simulate(1.5, h=6e-5)
             met = run.contacts(pair)[0]
             assert abs(met.gap[-1]) < 1e-9
             ends.append(met.normal_force[-1])

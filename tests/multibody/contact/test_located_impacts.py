@@ -71,7 +71,7 @@ def test_a_four_bar_with_a_stop_turns_back(backwards):
 
 
 def bounces_on_a_table(amplitude, omega, *, e, height, t_end):
-    """Times of impacts of a point that falls on a table at amplitude cos(omega t), by parabolas and the roots between."""
+    """Times of impacts of a point that falls on a table at amplitude cos(omega t): parabolas, and roots between."""
     begin, z, v, found = 0.0, height, 0.0, []
     while True:
         fine = np.linspace(0.0, t_end - begin, 200001)[1:]
