@@ -24,9 +24,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PointForces:
-    """Forces on one body at points of some rows, in inertial axes: row (k,), point (k, 3) m, force (k, 3) N."""
+    """Forces on a frame's body at points of some rows, in inertial axes: row (k,), point (k, 3) m, force (k, 3) N.
+
+    ``frame``: row of ``Plan.frames``.
+    """
 
     body: Body
+    frame: int
     row: NDArray[np.int64]
     point: FloatArray
     force: FloatArray
@@ -47,8 +51,8 @@ def reactions(
 
     The moment is about the origin of the child's frame, both in that frame's axes.
 
-    ``beside``: forces that act beside those of the scene, as the impulses of hard contacts over their steps; of a scene
-    without loops.
+    ``beside``: forces that act beside those of the scene, as the impulses of hard contacts over their steps, which the
+    multipliers know.
 
     Raises:
         SceneError: the joint is not of this scene, or a user's function of force failed, which is asked anew.

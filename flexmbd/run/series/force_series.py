@@ -23,11 +23,14 @@ from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.reading.force_tables import (
+    contact_frames,
     force_elements,
+    group_frames,
     has_hard_contacts,
     keep_forces,
     refuse_hard_contacts,
 )
+from flexmbd.multibody.kernels.sampling.contacts import add_point_loads
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.reaction import PointForces, coordinate_force, outboard_load, reactions
@@ -39,8 +42,9 @@ from flexmbd.multibody.results.contact_series import (
 )
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
-from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
+from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.series.motion_series import MotionSeries, single
 from flexmbd.run.series.repeated_impulses import (
     RepeatedImpulses,
@@ -71,7 +75,12 @@ class ForceSeries(MotionSeries):
 
     @cached_property
     def multipliers(self) -> FloatArray:
-        """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike."""
+        """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike.
+
+        Beside hard contacts they are means over the steps that end at the rows, impulses included.
+        """
+        if self.row_multipliers.shape[1] and has_hard_contacts(self.scene.plan) and not self._located:
+            return self._balancing_multipliers()
         if self.kept_rows is None:
             return self.row_multipliers
         work = new_work(self.scene.plan)
@@ -128,7 +137,7 @@ class ForceSeries(MotionSeries):
         Raises:
             SceneError: the joint is of another scene.
         """
-        beside = self._hard_forces("the reaction of a joint")
+        beside = self._hard_forces
         series = (self.t, self.x, self.v, self.a, self.multipliers)
         with looked_at():
             found = [
@@ -148,7 +157,7 @@ class ForceSeries(MotionSeries):
             return coordinate_force(connection.joint, self.reaction(connection))
         slots = self._slots(connection)
         plan = self.scene.plan
-        hard = self._hard_forces("the drive of a joint")
+        hard = self._hard_forces
         if hard and len(connection.joint.angular) != 1:
             refuse_hard_contacts(plan, "the drive of a joint of several coordinates")
         elements = force_elements(plan)
@@ -166,33 +175,46 @@ class ForceSeries(MotionSeries):
             found = found - coordinate_force(connection.joint, outboard_load(self.scene, connection, self.x, hard))
         return found
 
-    def _hard_forces(self, what: str) -> list[PointForces]:
-        """Impulses of hard contacts over the steps that end at the rows, on each of the bodies that touch.
-
-        Raises:
-            SceneError: of a machine with loops, whose share of them nobody has solved for.
-        """
-        plan = self.scene.plan
+    @cached_property
+    def _hard_forces(self) -> list[PointForces]:
+        """Impulses of hard contacts over the steps that end at the rows, on each of the bodies that touch."""
+        plan, forces = self.scene.plan, self.scene.index.forces
         if self._located or not has_hard_contacts(plan):
             return []
-        if len(plan.rows):
-            refuse_hard_contacts(plan, f"{what} of a machine with loops")
         found = []
-        for force in self.scene.index.forces:
-            if isinstance(force, HardContact):
-                met = self._contact(force, None, _RTOL_OF_IMPULSES)
-                rows = np.flatnonzero(met.force.any(axis=1))
-                for frame, sign in ((force.frame_G, 1.0), (force.frame_F, -1.0)):
-                    found.append(PointForces(frame.body, rows, met.point[rows], sign * met.force[rows]))
-            elif isinstance(force, HardGroup):
-                among = group_series(self.scene, force, self._impulses(_RTOL_OF_IMPULSES).groups, rows=len(self.t))
+        for one in forces:
+            if isinstance(one, HardContact):
+                met = self._contact(one, None, _RTOL_OF_IMPULSES)
+                at = np.flatnonzero(met.force.any(axis=1))
+                f, g = contact_frames(plan, forces[one].elements.start)
+                for frame, row, sign in ((one.frame_G, g, 1.0), (one.frame_F, f, -1.0)):
+                    found.append(PointForces(frame.body, row, at, met.point[at], sign * met.force[at]))
+            elif isinstance(one, HardGroup):
+                among = group_series(self.scene, one, self._impulses(_RTOL_OF_IMPULSES).groups, rows=len(self.t))
+                rows = group_frames(plan, forces[one].elements.start)
                 for side, sign in ((0, 1.0), (1, -1.0)):
-                    for k, shape in enumerate(among.shapes):
+                    for k, (shape, row) in enumerate(zip(among.shapes, rows, strict=True)):
                         own = among.pair[:, side] == k
-                        found.append(
-                            PointForces(shape.frame.body, among.row[own], among.point[own], sign * among.force[own])
-                        )
+                        acts = among.row[own], among.point[own], sign * among.force[own]
+                        found.append(PointForces(shape.frame.body, int(row), *acts))
         return [one for one in found if len(one.row)]
+
+    def _balancing_multipliers(self) -> FloatArray:
+        """(nt, m) those that balance the rows' motions with the impulses of hard contacts over their steps."""
+        scene = self.scene
+        plan, work = scene.plan, new_work(scene.plan)
+        loads, scratch, rest = np.zeros_like(self.v), np.zeros(scene.nv), np.zeros(scene.nv)
+        for one in self._hard_forces:
+            frames = np.full(len(one.row), one.frame)
+            add_point_loads(plan, work, self.x, one.row, frames, one.point, one.force, scratch, rest, loads)
+        rank = len(plan.rows) if self.kept_rows is None else len(self.kept_rows)
+        scene.forget_failure()
+        found = self.row_multipliers.copy()
+        for k in range(1, len(self.t)):
+            evaluate_inputs(scene, work, float(self.t[k]))
+            moves = self.x[k], self.v[k], self.a[k]
+            found[k] = balancing_multipliers(scene, work, *moves, rank=rank, load=loads[k])
+        return found
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""

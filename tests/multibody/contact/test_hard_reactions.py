@@ -8,7 +8,6 @@ from hard_scenes import G, four_bar
 
 import flexmbd as fm
 from flexmbd import contact
-from flexmbd.errors import SceneError
 
 
 def rod(scene, name="rod", length=1.0, mass=1.0):
@@ -73,11 +72,40 @@ def test_the_drive_of_a_table_bears_what_stands_on_it(listed):
         assert run.reaction(free) == pytest.approx(np.zeros((len(run.t), 6)), abs=1e-5)
 
 
-def test_reactions_beside_loops_are_refused_by_name():
+def test_a_four_bar_that_rests_on_a_plane_loads_its_joints_by_half_of_a_crank():
+    """The plane bears 3 m g; each pin holds the coupler down by m g / 2, each ground joint its crank up by as much."""
     scene, _ = four_bar(contact.Hard())
-    run = scene.simulate(0.01, h=1e-3)
-    joint = run.scene.topology.branches[0].connection
-    with pytest.raises(SceneError, match="reaction of a joint of a machine with loops"):
-        run.reaction(joint)
-    with pytest.raises(SceneError, match="drive of a joint of a machine with loops"):
-        run.drive(joint)
+    scene.gravity = (0.0, -G, 0.0)
+    run = scene.simulate(1.5, h=1e-3)
+    first, lift, second, fourth = joints_of(scene)
+    turn = np.deg2rad(30.0)
+    up = 0.5 * G * np.array([np.sin(turn), np.cos(turn), 0.0])
+    for pin in (lift, fourth):
+        assert run.reaction(pin)[-1, :3] == pytest.approx([0.0, -0.5 * G, 0.0], abs=1e-6)
+    for ground in (first, second):
+        assert run.reaction(ground)[-1, :3] == pytest.approx(up, abs=1e-6)
+
+
+def test_the_joints_of_a_four_bar_take_their_shares_of_a_blow():
+    """Each crank of inertia m L^2 / 3 turns by the part of its pin's impulse across it, the rest is half of the blow's.
+
+    So by symmetry, as the coupler neither turns nor is stopped along the cranks.
+    """
+    h, turn = 2e-4, np.deg2rad(30.0)
+    scene, pair = four_bar(contact.Hard(restitution=0.4))
+    run = scene.simulate(1.0, h=h)
+    first, lift, second, fourth = joints_of(scene)
+    blow = (2.0 / 12.0 + 2.0 / 4.0) * 1.4 / (0.5 * np.cos(turn))
+    across, along = np.array([-np.sin(turn), np.cos(turn), 0.0]), np.array([np.cos(turn), np.sin(turn), 0.0])
+    on_crank = 1.4 / 6.0 * across + 0.5 * blow * np.sin(turn) * along
+    hit = int(np.argmax(run.contacts(pair)[0].impulse[:, 1]))
+    for pin in (lift, fourth):
+        assert h * run.reaction(pin)[hit, :3] == pytest.approx(-on_crank, abs=3e-3)
+    for ground in (first, second):  # m dv of the crank's middle, L / 2 from the ground; in the crank's axes
+        wanted = np.array([-0.5 * blow * np.sin(turn), 0.25 * 1.4 - 1.4 / 6.0, 0.0])
+        assert h * run.reaction(ground)[hit, :3] == pytest.approx(wanted, abs=3e-3)
+
+
+def joints_of(scene):
+    """The joints of ``four_bar``, as it makes them."""
+    return list(scene.compile().connections)

@@ -125,6 +125,11 @@ def group_frames(plan: Plan, row: int) -> IntArray:
     return plan.data[first : first + element[at.EL_COUNT]].astype(np.int64)
 
 
+def contact_frames(plan: Plan, row: int) -> tuple[int, int]:
+    """Rows of the frames F and G of the contact in this row of the elements."""
+    return int(plan.elements[row, at.EL_F]), int(plan.elements[row, at.EL_G])
+
+
 def element_numbers(plan: Plan, rows: Sequence[int]) -> IntArray:
     """(k,) the numbers in the scene of these rows of the elements."""
     return np.ascontiguousarray(plan.elements[list(rows), at.EL_NUMBER])
