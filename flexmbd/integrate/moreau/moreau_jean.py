@@ -107,7 +107,7 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
     return MoreauWorkspace(
         new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
         spins, parts,
-        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([not alone], np.int64),
+        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([not alone, True], np.int64),
         np.array([scene.extent]), zeros((n, N_TOLD)),
         zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip

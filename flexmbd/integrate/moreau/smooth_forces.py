@@ -68,11 +68,12 @@ def smooth(s, state, groups, h):
         s.v[k] = s.begin[k]
         s.free[k] = s.begin[k]
     before = math.inf
-    for _ in range(EVALUATIONS):
+    for k in range(EVALUATIONS):
         change = evaluate(s, state, groups, h)
         if change < 0.0:
             return False
         halfway(s, s.free)
+        s.follows[1] = k > 1 or change > ROUND_OFF
         if change <= ROUND_OFF or (change <= TEN_DIGITS and not change < 0.5 * before):
             return drive_to_end(s, state)
         before = change

@@ -72,7 +72,7 @@ class MoreauWorkspace(ArrayStruct):
 
     Attributes:
         moves: (nv,) whether each velocity is free.
-        follows: (1,) whether smooth forces may follow velocities that impulses change.
+        follows: (2,) whether smooth forces may follow velocities that impulses change, and whether they do in the step.
         extent: (1,) m, of the machine.
         told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
@@ -279,7 +279,7 @@ def _touch(s, state, groups, h):
     for i in range(n):
         if _is_blocked(s, state, i, h, kick):
             return -1.0
-    if s.follows[0] == 1 and not _follow(s, state, groups, h, least):
+    if s.follows[0] == 1 and s.follows[1] == 1 and not _follow(s, state, groups, h, least):
         return -1.0
     return kick
 
