@@ -13,6 +13,7 @@ from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
 from flexmbd.multibody.contact.hard_contact import Hard as Hard
 from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
+from flexmbd.multibody.contact.impact_law import ImpactLaw as ImpactLaw
 from flexmbd.multibody.contact.lowest_points import LowestPoint as LowestPoint
 from flexmbd.multibody.contact.lowest_points import Outline as Outline
 from flexmbd.multibody.contact.lowest_points import Rim as Rim

@@ -21,7 +21,7 @@ from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.continuum_body import ImplicitInterior
 from flexmbd.multibody.interiors.scene_interiors import Interiors
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
-from flexmbd.multibody.kernels.reading.force_tables import force_elements, has_hard_contacts
+from flexmbd.multibody.kernels.reading.force_tables import force_elements, has_hard_contacts, has_hard_groups
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
 
@@ -78,13 +78,23 @@ def choose(start: Start, *, t: float, rtol: float, h: float | None) -> Integrato
     return _cheapest(start, rates, pairs, rtol=rtol)
 
 
-def check_method(method: Integrator, scene: CompiledScene) -> None:
-    """Raise SceneError where a method cannot run a scene, with one that can."""
+def locates_impacts(method: Integrator, scene: CompiledScene) -> bool:
+    """Whether a scene has hard contacts that a method does not solve for, so that a run locates their impacts."""
+    return has_hard_contacts(scene.plan) and not isinstance(method, MoreauJean)
+
+
+def check_method(method: Integrator, scene: CompiledScene, *, locates: bool = False) -> None:
+    """Raise SceneError where a method cannot run a scene, with one that can.
+
+    ``locates``: whether who steps locates impacts, which only contacts of pairs have.
+    """
     method.check(scene)
-    if has_hard_contacts(scene.plan) and not isinstance(method, MoreauJean):
+    if locates_impacts(method, scene) and not (locates and not has_hard_groups(scene.plan)):
         raise SceneError(
             f"{method.name} does not know the hard contacts of this scene (fm.contact.Hard), which act by impulses; "
-            "take integrator=fm.MoreauJean() with a step h=..., or a smooth law as fm.contact.PowerLaw"
+            "take integrator=fm.MoreauJean() with a step h=..., or a smooth law as fm.contact.PowerLaw; by error "
+            "control, simulate(..., rtol=) without h, it finds the impacts of single spheres and corners that do not "
+            "come to rest"
         )
 
 

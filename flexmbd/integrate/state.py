@@ -24,9 +24,10 @@ IntArray = NDArray[np.int64]
 # dependent, or a singular matrix; loops that do not close; a result that is not finite; an error above tolerance; rows
 # that an augmented Lagrangian does not close; jumps that follow each other endlessly; a sliding hard contact that is
 # pressed the more the more it is pushed apart (WORST: its element's number, ERROR_RATIO: the angle of
-# ``moreau.step``); points of contact without room, which the method's stepper makes.
+# ``moreau.step``); points of contact without room, which the method's stepper makes; a hard contact at which nothing
+# gives way to an impulse (WORST: its element's number).
 DONE, OUTPUT, CALLBACK_FAILED, INTERIOR_FAILED, NOT_CONVERGED, RANK_LOST, LOOPS_OPEN, NOT_FINITE, INACCURATE = range(9)
-NOT_ENFORCED, ENDLESS_JUMPS, PAINLEVE, NO_ROOM = 9, 10, 11, 12
+NOT_ENFORCED, ENDLESS_JUMPS, PAINLEVE, NO_ROOM, BLOCKED = 9, 10, 11, 12, 13
 
 # Entries of ``State.numbers``.
 TIME, TIME_END, STEP, STEP_BEFORE, STEP_FLOOR_SIZE, STEP_CEILING, TOLERANCE = range(7)

@@ -21,7 +21,8 @@ from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.touch import Touching, contacts
+from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
+from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.force.states import Followed, StateEquation, States, linear_equations
@@ -65,6 +66,7 @@ class MachineAssembly:
         self._continua: list[ContinuumBody] = []
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
+        self._touched = TouchedPairs()
         self._couplings: list[CoordinateCoupling] = []
         self._controllers: list[Controller] = []
         # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
@@ -252,7 +254,8 @@ class MachineAssembly:
             The contacts, force elements of the scene: one for each sphere or point that may touch a shape.
 
         Raises:
-            SceneError: shapes of another scene, on one body, or a pair that is not known; a law that is none.
+            SceneError: shapes of another scene, on one body, or a pair that is not known, or touches already; a law
+                that is none.
         """
         held = (c for c in self._connections if not isinstance(c.joint, Free))
         pairs = [(c.parent.body, c.child.body) for c in held]
@@ -262,9 +265,11 @@ class MachineAssembly:
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined
 
-        found = contacts(one, other, law, friction, are_joined=are_joined, joined=pairs)
+        first, second = shapes_of(one), shapes_of(other)
+        found = contacts(first, second, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:
             self._check_force(contact)
+        self._touched.add(first, second, joined=pairs)
         self._forces.extend(found)
         return tuple(found)
 

@@ -22,6 +22,7 @@ from flexmbd.ensemble.stamp import study_digest
 from flexmbd.ensemble.variants import Study, VariantOutput, refuse_outputs
 from flexmbd.errors import FlexmbdError, SceneError
 from flexmbd.given import checked, refuse_no_truth
+from flexmbd.integrate.automatic import check_method
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.machine.steppable import Steppable, StepperRequest
 from flexmbd.machine.variable_scene import VariableScene
@@ -239,7 +240,9 @@ class CompiledMachine(VariableScene, Steppable):
             return None
         try:
             start = self.start_of(self.scene, settings.begun)
-            made = PreparedRuns(start, settings.method(start), settings)
+            method = settings.method(start)
+            check_method(method, start.scene)
+            made = PreparedRuns(start, method, settings)
         except FlexmbdError:
             return None
         return made if made.is_of_use else None

@@ -33,6 +33,8 @@ class Direction(enum.Enum):
 class Moment(Instant):
     """The machine at one instant of a simulation; an event's action may change joint velocities, with ``set_rate``."""
 
+    scene: CompiledScene
+
     def __init__(
         self,
         scene: CompiledScene,
@@ -138,6 +140,19 @@ class Event:
         agreed: FloatArray = team.agree(np.concatenate([moment.new_rates, moment.changed]))
         moment.new_rates = agreed[: len(moment.new_rates)]
         moment.changed = np.array(agreed[len(moment.new_rates) :] > 0.5)
+
+    @property
+    def remedy(self) -> str:
+        """What to do where the machine passes the zero again at once, after the action."""
+        return (
+            "end the run there (stop=True where the impact is slow enough), or let a JointStop or a contact force "
+            "carry it"
+        )
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether the function may go on through zero at a rate of its own, after the action."""
+        return True
 
     def passes(self, before: float, after: float, *, begins: bool = False) -> bool:
         """Whether a function that went from one sign (-1, 0, 1) to another has passed.

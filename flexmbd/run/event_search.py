@@ -101,19 +101,13 @@ class EventSearch:
         code = integration.advance(t_end)
         if code not in (st.OUTPUT, st.DONE) or integration.t == before.state.numbers[st.TIME]:
             return code
-        values = self._values_now()
-        signs = np.sign(values)
-        fallen = (signs != 0.0) & (signs == self._thrown_back)
-        if fallen.any():
-            code = self._follow_throw(before, np.flatnonzero(fallen))
-            values = self._values_now()
-            signs = np.sign(values)
+        code, values = self._off_throw(before, code)
         if (first := self._first_of_many(before, values)) is not None:
             code = self._step_to(before, first)
-            code = st.OUTPUT if code == st.DONE else code
-            values = self._values_now()
-            signs = np.sign(values)
+            code, values = self._off_throw(before, st.OUTPUT if code == st.DONE else code)
+        signs = np.sign(values)
         self._thrown_back[signs != 0.0] = 0.0
+        self._refuse_entered(signs, values)
         passed = [k for k in range(len(signs)) if self._passes(k, signs[k])]
         self._begins_on_zero &= signs == 0.0
         if not passed:
@@ -126,6 +120,23 @@ class EventSearch:
             return code
         self._values = np.full(len(signs), np.nan)
         return self._take_place(passed, before, signs, t_end)
+
+    def _off_throw(self, before: Snapshot, code: int) -> tuple[int, FloatArray]:
+        """Follow functions that were thrown back and have come through again; the stepper's code, and all values."""
+        values = self._values_now()
+        signs = np.sign(values)
+        fallen = (signs != 0.0) & (signs == self._thrown_back)
+        if not fallen.any():
+            return code, values
+        code = self._follow_throw(before, np.flatnonzero(fallen))
+        return code, self._values_now()
+
+    def _refuse_entered(self, signs: FloatArray, values: FloatArray) -> None:
+        """Raise SceneError where a function goes on, unseen, on the side that nothing is to go to."""
+        for k, event in enumerate(self._events):
+            if not event.may_go_on and signs[k] < 0.0 and self._signs[k] < 0.0 and values[k] < self._values[k]:
+                t = self._integration.t
+                raise SceneError(f"event {event.name!r} passed unseen before t = {t:.6g} s; {event.remedy}")
 
     def _passes(self, k: int, sign: float) -> bool:
         """Whether function k has passed to a sign."""
@@ -180,7 +191,8 @@ class EventSearch:
     ) -> None:
         """Warn, once for each event, where a function changes its sign faster than it was looked at."""
         for k, event in enumerate(self._events):
-            if len(changes[k]) > 1 and not resolved[k] and k not in self._warned and self._team.is_root:
+            followed = event.may_go_on  # else it is thrown back at its first passage
+            if followed and len(changes[k]) > 1 and not resolved[k] and k not in self._warned and self._team.is_root:
                 self._warned.add(k)
                 warn(
                     f"the function of event {event.name!r} passes through zero at least {len(changes[k])} times in a "
@@ -263,17 +275,18 @@ class EventSearch:
             gone, gone_before = near - at_begin, far - at_begin
             # of c1 t + c2 t^2 through both: c1 t of the longer one; at rest it is none
             linear = (16.0 * gone - gone_before) / 3.0
-            if (linear * gone_before >= 0.5 * gone_before**2).any():
+            goes_on = linear * gone_before >= 0.5 * gone_before**2
+            if goes_on.any() and all(self._events[k].may_go_on for k in fallen[goes_on]):
                 self._step_to(before, end)
                 return st.OUTPUT
             if (np.abs(gone) <= _GONE * np.abs(first - at_begin)).any() or begin + length == begin:
                 integration.restore(before)
                 integration.state.counts[st.STORED] = 0
                 names = ", ".join(repr(self._events[k].name) for k in fallen)
+                remedies = dict.fromkeys(self._events[k].remedy for k in fallen)
                 raise SceneError(
                     f"event {names} at t = {begin:.6g} s: after its action the machine passes the zero again at once: "
-                    "it rests there, or its impacts follow each other ever faster; end the run there (stop=True where "
-                    "the impact is slow enough), or let a JointStop or a contact force carry it"
+                    f"it rests there, or its impacts follow each other ever faster; {'; '.join(remedies)}"
                 )
             far = near
 

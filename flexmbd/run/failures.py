@@ -95,6 +95,12 @@ def _failure(scene: CompiledScene, state: st.State, code: int) -> str:
         return _left_open(scene, t)
     if code == st.PAINLEVE:
         return _painleve(scene, state)
+    if code == st.BLOCKED:
+        return (
+            f"the simulation stopped at t = {t:.6g} s: {scene.element_names[int(state.counts[st.WORST])]} is closed by "
+            "prescribed motions, and nothing gives way to an impulse; let a force or a spring drive what meets there, "
+            "or end its motion before; what was computed up to then is in the error's trajectory"
+        )
     worst = scene.velocity_names[int(state.counts[st.WORST])] if scene.nv else "nothing"
     why, remedy = _CAUSES[code]
     if state.counts[st.FIXED_STEP] == 1:

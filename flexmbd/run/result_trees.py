@@ -69,13 +69,18 @@ def events_tree(events: tuple[Occurrence, ...]) -> Tree:
     }
 
 
-def events_of(path: Path, tree: Tree) -> tuple[Occurrence, ...]:
-    """The events of an `events_tree`, without their functions."""
+def event_elsewhere(name: str, place: str) -> Event:
+    """An event whose function is not here."""
 
     def lost(moment: Moment) -> float:
-        raise SceneError(f"the functions of events are not kept in {path}")
+        raise SceneError(f"the functions of events are not kept in {place}")
 
-    events = {name: Event(lost, name=name) for name in tree["name"]}
+    return Event(lost, name=name)
+
+
+def events_of(path: Path, tree: Tree) -> tuple[Occurrence, ...]:
+    """The events of an `events_tree`, without their functions."""
+    events = {name: event_elsewhere(name, str(path)) for name in tree["name"]}
     told = zip(tree["name"], tree["t"].tolist(), tree["row"].tolist(), strict=True)
     return tuple(Occurrence(events[name], t, row) for name, t, row in told)
 

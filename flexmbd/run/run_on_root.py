@@ -10,6 +10,7 @@ from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.team import Team
 from flexmbd.run.event import Occurrence
+from flexmbd.run.result_trees import event_elsewhere
 from flexmbd.run.sampling import with_samples
 from flexmbd.run.settings import RunSettings
 from flexmbd.run.stopped import SimulationError, SimulationInterrupted
@@ -25,12 +26,13 @@ class _Outcome:
 
     Attributes:
         parts: of the trajectory, by name.
-        occurred: number of the event among the settings', time (s) and row of each occurrence.
+        occurred: number of the event among the settings', -1 of an impact, its name, time (s) and row of each
+            occurrence.
         error: what it ended with, and the message; None: it reached its end.
     """
 
     parts: dict[str, Any]
-    occurred: tuple[tuple[int, float, int], ...]
+    occurred: tuple[tuple[int, str, float, int], ...]
     error: tuple[type[SimulationError | SimulationInterrupted], str] | None = None
 
 
@@ -76,7 +78,7 @@ def _outcome(
     number = {id(event): k for k, event in enumerate(settings.events)}
     return _Outcome(
         {one.name: getattr(trajectory, one.name) for one in fields(Trajectory) if one.name not in _OWN},
-        tuple((number[id(one.event)], one.t, one.row) for one in trajectory.events),
+        tuple((number.get(id(one.event), -1), one.name, one.t, one.row) for one in trajectory.events),
         None if error is None else (type(error), str(error)),
     )
 
@@ -84,7 +86,10 @@ def _outcome(
 def _received(
     outcome: _Outcome, scene: CompiledScene, bodies: Mapping[str, Body], settings: RunSettings, team: Team
 ) -> tuple[Trajectory, BaseException | None]:
-    events = tuple(Occurrence(settings.events[k], t, row) for k, t, row in outcome.occurred)
+    events = tuple(
+        Occurrence(settings.events[k] if k >= 0 else event_elsewhere(name, "rank 0"), t, row)
+        for k, name, t, row in outcome.occurred
+    )
     driven = with_samples(scene, outcome.parts["samples"])
     trajectory = Trajectory(scene=driven, bodies=bodies, team=team, events=events, **outcome.parts)
     if outcome.error is None:

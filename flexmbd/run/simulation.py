@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import FlexmbdError, RecordError, SceneError
 from flexmbd.integrate import state as st
-from flexmbd.integrate.automatic import check_method
+from flexmbd.integrate.automatic import check_method, locates_impacts
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
@@ -30,6 +30,7 @@ from flexmbd.run.event import NO_EVENTS, Occurrence
 from flexmbd.run.event_search import EventSearch
 from flexmbd.run.failures import interrupted, refuse_broken_off, refuse_stopped
 from flexmbd.run.fixed_step_watch import FixedStepWatch
+from flexmbd.run.impacts import impact_events
 from flexmbd.run.interrupts import interrupt_ends, interrupts_wait
 from flexmbd.run.limits import Limits
 from flexmbd.run.prepared import PreparedRuns, SteppedRows
@@ -65,13 +66,16 @@ def run(
 
     ``explicit_steps``: (1/s), as of ``IntegratorChoice``.
     """
-    check_method(method, start.scene)
+    check_method(method, start.scene, locates=snapshot.state.counts[st.FIXED_STEP] == 0)
     start.scene.callbacks.reset()
     purpose = type(method).__name__
     if team.is_root:
         announce_compilation(purpose)
     set_out = time.perf_counter()
-    searches = len(settings.events) > 0 or len(start.scene.switches) > 0
+    begin, events = snapshot.state, [*settings.events]
+    if locates_impacts(method, start.scene):
+        events += impact_events(start.scene, float(begin.numbers[st.TIME]), begin.x, begin.v)
+    searches = len(events) > 0 or len(start.scene.switches) > 0
     integration = Integration(
         start, method, team, snapshot,
         one_by_one=searches, controllers=controllers, begun=settings.begun,
@@ -80,7 +84,7 @@ def run(
     if settings.max_step is not None:
         integration.bound_steps(settings.max_step)
     with open_stream(start, settings, integration, team) as stream:
-        search = EventSearch(integration, settings.events, bodies, team, snapshot.events) if searches else None
+        search = EventSearch(integration, events, bodies, team, snapshot.events) if searches else None
         creep = CreepWatch(integration, settings.t_end, explicit_steps=explicit_steps)
         trajectory = _run(
             start, integration, bodies, settings, team, search=search, stream=stream, creep=creep, set_out=set_out

@@ -20,6 +20,7 @@ from flexmbd.integrate.moreau.shape_groups import new_groups
 from flexmbd.integrate.moreau.step import N_TOLD, RULE, MoreauMemory, MoreauWorkspace, advance
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.contact.finding.find_contacts import make_room
+from flexmbd.multibody.kernels.elements.table import behaviours
 from flexmbd.multibody.kernels.impulses.contact_rows import new_contacts
 from flexmbd.multibody.kernels.impulses.free_spins import new_free_spins
 from flexmbd.multibody.kernels.impulses.kept_impulses import forget, grown, new_kept
@@ -99,13 +100,15 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
     groups = new_groups(scene)
     watched = new_watched(plan, len(groups.out.gap))
     parts = new_parts(plan, reached_bodies(plan, np.append(watched.frames[: len(watched.element)], groups.frame)))
-    n, memory = len(watched.gap), MoreauMemory(new_loop_memory(plan))
+    n, memory, spins = len(watched.gap), MoreauMemory(new_loop_memory(plan)), new_free_spins(plan)
+    alone = len(spins.first) == len(plan.tree) and all(one.hard for one in behaviours(plan)) and not len(plan.rows)
     moves = zeros(nv, np.int64)
     moves[plan.free] = 1
     return MoreauWorkspace(
         new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
-        new_free_spins(plan), parts,
-        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
+        spins, parts,
+        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([not alone, True], np.int64),
+        np.array([scene.extent]), zeros((n, N_TOLD)),
         zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.shape_tables import shape_table
 from flexmbd.multibody.contact.shapes import TouchShape
 from flexmbd.multibody.kernels.contact.finding.shape_table import new_contact_points, new_finding_work
+from flexmbd.multibody.kernels.elements.hard_element import N_LAW
 from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
 from flexmbd.multibody.kernels.reading.force_tables import element_numbers, group_frames
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -62,7 +63,7 @@ def new_groups(scene: CompiledScene) -> ShapeGroups:
         excluded=_joined(groups, shapes),
     )  # fmt: skip
     n = len(scene.plan.tree)
-    law = np.array([(group.law.restitution, group.law.mu) for group in groups]).reshape(-1, 2)
+    law = np.array([group.law.numbers for group in groups]).reshape(-1, N_LAW)
     return ShapeGroups(
         table, new_finding_work(table), new_contact_points(8 * len(shapes)), frame, law,
         element_numbers(scene.plan, rows), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)),

@@ -1,12 +1,13 @@
 """A step of Moreau's and Jean's method.
 
-    x_m = x_n moved by h/2 v_n,    v_f = v_n + h a(x_m, (v_n + v_f) / 2),
+    x_m = x_n moved by h/2 v_n,    v_f = v_n + h a(x_m, (v_n + v_n+1) / 2),
     v_n+1 = v_f + M^-1 J^T P,      x_n+1 = x_m moved by h/2 v_n+1,
 
 at x_m the contacts, M and J.  Smooth motion is of order 2 (position Verlet, its velocities by the implicit midpoint
 rule); the spins of bodies that fly by themselves keep their angular momentum (``free_spins``).  A contact is in the
 step where it touches, or would by the end: its normal velocity then ends at e times that of its approach at least
-(Newton's law of impact), and where it does not approach, or e = 0, its gap does not close beyond zero.  Overlaps that
+(Newton's law of impact), and where it does not approach, or e = 0, its gap does not close beyond zero; Poisson's law
+has a least impulse instead (``compression``).  Overlaps that
 an impact within a step leaves are opened by a displacement, the least in the metric of the masses, which changes no
 velocity (``solve_positions``); what flies apart by itself is left alone, so that an elastic impact keeps the energy.
 Sources: Moreau 1988, 1999; Jean 1999; Acary & Brogliato 2008, chapter 10; Schindler & Acary 2014.
@@ -22,15 +23,18 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, next_step
-from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accelerate, accept, close_loops, move
+from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accept, close_loops, move
 from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_tangent
+from flexmbd.integrate.moreau.smooth_forces import EVALUATIONS, drive_to_end, evaluate, halfway, smooth
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
+from flexmbd.multibody.kernels.elements.hard_element import LAW_FRICTION, LAW_POISSON, LAW_RESTITUTION
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
+from flexmbd.multibody.kernels.impulses.compression import compress, decompresses
 from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
-from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
+from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
 from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
 from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
@@ -38,7 +42,6 @@ from flexmbd.multibody.kernels.impulses.parts import CoupledParts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive
-from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.round_off import EQUAL, ROUND_OFF, TEN_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +50,6 @@ IntArray = NDArray[np.int64]
 #: Steps are fixed: nothing follows from it.
 RULE = Rule(exponent=0.5)
 
-_EVALUATIONS = 30  # of the smooth forces in a step
 _SWEEPS = 1000
 _OF_TOLERANCE = 0.1  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
 _STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
@@ -70,6 +72,7 @@ class MoreauWorkspace(ArrayStruct):
 
     Attributes:
         moves: (nv,) whether each velocity is free.
+        follows: (2,) whether smooth forces may follow velocities that impulses change, and whether they do in the step.
         extent: (1,) m, of the machine.
         told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
@@ -87,6 +90,7 @@ class MoreauWorkspace(ArrayStruct):
     contacts: Contacts
     memory: MoreauMemory
     moves: IntArray
+    follows: IntArray
     extent: FloatArray
     told: FloatArray
     multipliers: FloatArray
@@ -101,46 +105,30 @@ class MoreauWorkspace(ArrayStruct):
 
 
 @kernel
-def _smooth(s, state, groups, h):
-    """Write the velocity at the end without impulses; False where that failed."""
-    middle = state.numbers[st.TIME] + 0.5 * h
-    for k in range(s.v.shape[0]):
-        s.begin[k] = state.v[k]
-    to_middle(s.spins, h, s.begin)
-    for k in range(s.v.shape[0]):
-        s.v[k] = s.begin[k]
-        s.free[k] = s.begin[k]
+def _follow(s, state, groups, h, least):
+    """Let forces that follow velocities know the impulses, and these the forces, in turns; False where that failed."""
     before = math.inf
-    for _ in range(_EVALUATIONS):
-        if not accelerate(s.machine, state, middle, s.x, s.v, s.a, s.multipliers):
+    for _ in range(EVALUATIONS):
+        halfway(s, s.last)
+        change = evaluate(s, state, groups, h)
+        if change < 0.0 or not drive_to_end(s, state):
             return False
-        without_gyration(s.spins, s.v, s.a)
-        change = 0.0
-        for k in range(s.v.shape[0]):
-            if s.moves[k] == 0:
-                s.free[k] = s.v[k]
-                continue
-            end = s.begin[k] + h * s.a[k]
-            size = st.group_speed(groups, groups.of[k], state.numbers[st.RATE]) + abs(end)
-            found = abs(end - s.free[k]) / size
-            if not found <= change:
-                change = found
-                state.counts[st.WORST] = k
-            s.free[k] = end
-            s.v[k] = 0.5 * (s.begin[k] + end)
-        if not math.isfinite(change):
-            state.counts[st.OUTCOME] = st.NOT_FINITE
-            return False
-        if change <= ROUND_OFF or (change <= TEN_DIGITS and not change < 0.5 * before):
-            return True
+        for k in range(s.last.shape[0]):
+            s.last[k] = s.free[k]
+        sweeps, _ = solve_impulses(s.parts, s.contacts, s.last, least, _SWEEPS)
+        state.counts[st.ITERATIONS] += sweeps
+        if change <= _OF_TOLERANCE * state.numbers[st.TOLERANCE] or not change < before:
+            break
         before = change
-    state.counts[st.OUTCOME] = st.NOT_CONVERGED
-    return False
+    return True
 
 
 @kernel
-def _invert(plan, work, aw, loops, parts):
-    """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once."""
+def invert(plan, work, aw, loops, parts):
+    """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once.
+
+    What loops hold in its place follows no force; its column would be round-off of what it is without them.
+    """
     for j in range(parts.largest[0]):
         for k in range(parts.unit.shape[1]):
             parts.unit[0, k] = 0.0
@@ -149,13 +137,19 @@ def _invert(plan, work, aw, loops, parts):
                 parts.unit[0, parts.velocity[parts.first[c] + j]] = 1.0
         solve_mass(plan, work, aw, parts.unit, parts.answer)
         if plan.rows.shape[0] > 0:
+            for c in range(parts.first.shape[0] - 1):
+                if j < size_of(parts, c):
+                    own = parts.velocity[parts.first[c] + j]
+                    parts.unit[0, own] = TEN_DIGITS * parts.answer[0, own]
             project_onto_tangent(plan, work, aw, loops, parts.answer[0])
         for c in range(parts.first.shape[0] - 1):
             n = size_of(parts, c)
             if j < n:
+                own = parts.velocity[parts.first[c] + j]
+                held = plan.rows.shape[0] > 0 and not parts.answer[0, own] > parts.unit[0, own]
                 for i in range(n):
                     value = parts.answer[0, parts.velocity[parts.first[c] + i]]
-                    parts.inverse[parts.square[c] + i * n + j] = value
+                    parts.inverse[parts.square[c] + i * n + j] = 0.0 if held else value
 
 
 @kernel
@@ -179,14 +173,14 @@ def _choose(s, h, kick):
     n, speed = 0, 0.0
     for i in range(w.count[0]):
         normal, gap = load3(w.normal[i], 0), w.gap[i]
-        e, approach = w.law[i, 0], dot3(normal, load3(w.before[i], 0))
+        e, approach = w.law[i, LAW_RESTITUTION], dot3(normal, load3(w.before[i], 0))
         closes = gap <= near or gap + 0.5 * h * dot3(normal, load3(w.free[i], 0)) < 0.0
         if not closes and (e > 0.0 or gap > h * fastest):
             continue
         bound = -max(gap, 0.0) / h  # touching at the middle of the next step
-        if e > 0.0 and approach < 0.0:
+        if e > 0.0 and approach < 0.0 and w.law[i, LAW_POISSON] == 0.0:
             bound = -e * approach
-        c.watched[n], c.bound[n], c.friction[n] = i, bound, w.law[i, 1]
+        c.watched[n], c.bound[n], c.least[n], c.friction[n] = i, bound, 0.0, w.law[i, LAW_FRICTION]
         speed = max(speed, _speed(w, i))
         n += 1
     c.count[0] = n
@@ -204,6 +198,27 @@ def _begin(s, i):
 
 
 @kernel
+def _number_of(s, k):
+    """The number in the scene of the element that watched point k is of."""
+    of_pairs = s.watched.number.shape[0]
+    return s.watched.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+
+
+@kernel
+def _is_blocked(s, state, i, h, kick):
+    """Whether a contact closes by more than ``kick`` (m/s), a step's change of speed, and nothing gives way."""
+    c, k = s.contacts, s.contacts.watched[i]
+    if c.own[i, 0] > 0.0:
+        return False
+    away = normal_at(s.parts, c, i, s.last)
+    if away >= -EQUAL * s.watched.fastest[0] or (away >= c.bound[i] - kick and s.watched.gap[k] >= -h * kick):
+        return False
+    state.counts[st.OUTCOME] = st.BLOCKED
+    state.counts[st.WORST] = _number_of(s, k)
+    return True
+
+
+@kernel
 def _is_painleve(s, state, i, kick):
     """Whether a contact that rests and slides would be pressed the more it is pushed apart (Painlevé 1895)."""
     c, w, k = s.contacts, s.watched, s.contacts.watched[i]
@@ -216,14 +231,13 @@ def _is_painleve(s, state, i, kick):
     if c.own[i, 0] > c.friction[i] * across:
         return False
     state.counts[st.OUTCOME] = st.PAINLEVE
-    of_pairs = w.number.shape[0]
-    state.counts[st.WORST] = w.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+    state.counts[st.WORST] = _number_of(s, k)
     state.numbers[st.ERROR_RATIO] = math.atan2(across, c.own[i, 0])
     return True
 
 
 @kernel
-def _touch(s, state, h):
+def _touch(s, state, groups, h):
     """Write the velocity at the end, the impulses in ``contacts``; False where they are not found."""
     m, c = s.machine, s.contacts
     plan, work = m.plan, m.work
@@ -242,7 +256,7 @@ def _touch(s, state, h):
     n = c.count[0]
     if n == 0:
         return kick
-    _invert(plan, work, m.aw, m.loops, s.parts)
+    invert(plan, work, m.aw, m.loops, s.parts)
     for i in range(n):
         k = c.watched[i]
         enter(plan, work, s.parts, c, i, s.watched.frames[k], s.watched.point[k], s.watched.normal[k])
@@ -251,10 +265,21 @@ def _touch(s, state, h):
         _begin(s, i)
     speed, nothing = max(speed, kick), EQUAL * s.watched.fastest[0]
     least = max(_OF_TOLERANCE * state.numbers[st.TOLERANCE] * speed, nothing)
+    if decompresses(c, s.watched):
+        sweeps, change = compress(s.parts, c, s.watched, s.v, least, _SWEEPS)
+        state.counts[st.ITERATIONS] += sweeps
+        if not change <= max(_STUCK * speed, nothing):
+            state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+            return -1.0
     sweeps, change = solve_impulses(s.parts, c, s.last, least, _SWEEPS)
     state.counts[st.ITERATIONS] += sweeps
     if not change <= max(_STUCK * speed, nothing):
         state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+        return -1.0
+    for i in range(n):
+        if _is_blocked(s, state, i, h, kick):
+            return -1.0
+    if s.follows[0] == 1 and s.follows[1] == 1 and not _follow(s, state, groups, h, least):
         return -1.0
     return kick
 
@@ -298,11 +323,11 @@ def attempt(s, state, groups, h):
     for k in range(s.u.shape[0]):
         s.u[k] = 0.5 * h * state.v[k]
     move(m, state.x, s.u, s.x)
-    if not _smooth(s, state, groups, h):
+    if not smooth(s, state, groups, h):
         return
     for k in range(s.last.shape[0]):
         s.last[k] = s.free[k]
-    kick = _touch(s, state, h)
+    kick = _touch(s, state, groups, h)
     if kick < 0.0:
         return
     overlaps = _overlap(s, h, kick)
@@ -323,10 +348,6 @@ def attempt(s, state, groups, h):
 def _finish(s, state, groups, h):
     """Bring prescribed coordinates and loops to the step's end, and accept it."""
     m = s.machine
-    evaluate_times(m.plan, st.function_time(state.numbers, state.numbers[st.STEP_END]), m.work.time)
-    if m.plan.flag[0] != 0:
-        state.counts[st.OUTCOME] = st.CALLBACK_FAILED
-        return
     drive(m.plan, m.work, s.end, s.last, s.a)
     if not close_loops(m, state, groups, s.end, s.last):
         return

@@ -2,64 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.lowest_points import LowestPoint
-from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
-from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
-from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
-from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.multibody.contact.sphere_contact import SphereContact
+from flexmbd.multibody.contact.table_shape import placed_numbers
+from flexmbd.multibody.force.protocol import ElementTable, WithStates
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact.signed_distance import SECOND
 
 
 @dataclass(frozen=True, eq=False)
-class Contact(BetweenFrames, WithStates, WithSharedNumbers):
+class Contact(SphereContact, WithStates):
     """A sphere, or a point, that touches a shape; ``System.touch`` makes them.
 
     Attributes:
-        shape: on frame F.
-        frame_G: the frame that carries the sphere.
-        radius: m; 0 of a point.
+        shape, frame_G, radius, centre: see ``SphereContact``.
         law: of the normal force.
         friction: None: smooth.
-        centre: (3,) m of the sphere, in frame G's axes.
         lowest: how the centre moves from there as G turns; None: not at all.
         second: whether it is where the sphere touches a Profile as well, as the other side of a slot.
     """
 
-    shape: TouchedShape
-    frame_G: Frame
-    radius: float
     law: NormalLaw
     friction: Friction | None = None
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lowest: LowestPoint | None = None
     second: bool = False
-    frame_F: Frame = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "frame_F", self.shape.frame)
+    kind: ClassVar[str] = "contact"
 
     @property
     def what(self) -> str:
         """Its name in messages."""
-        touching = "sphere" if self.radius > 0.0 else "point"
-        if self.lowest is not None:
-            touching = self.lowest.called
-        shape = type(self.shape).__name__
-        place = f"({', '.join(f'{x:.6g}' for x in self.centre)}) of " if any(self.centre) else ""
-        other = ", second point" if self.second else ""
-        return f"contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}{other}"
+        return super().what + (", second point" if self.second else "")
+
+    @property
+    def touching(self) -> str:
+        """What touches, in messages."""
+        return super().touching if self.lowest is None else self.lowest.called
 
     def check(self) -> None:
         """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would turn."""
-        if not isinstance(self.shape, (Sphere, HollowSphere)):
-            refuse_turn(self.frame_F, f"{self.what}: a {type(self.shape).__name__} turns with its frame")
-        if any(self.centre) or self.lowest is not None:
+        self.refuse_turns()
+        if self.lowest is not None:
             refuse_turn(self.frame_G, f"{self.what}: it turns with its frame")
         self.law.check(self.what)
         self._stiffness()
@@ -71,7 +59,7 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
     @property
     def shared_numbers(self) -> tuple[SharedNumbers, ...]:
         """The tables of what touches."""
-        return (*tables_of(self.shape), *(() if self.lowest is None else self.lowest.tables))
+        return (*super().shared_numbers, *(() if self.lowest is None else self.lowest.tables))
 
     def _lever(self) -> float:
         """m, the radius at which it resists rolling and spinning."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.contact.shapes import TouchedShape
-from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
-from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
-from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.given import refuse_other
+from flexmbd.multibody.contact.impact_law import ImpactLaw
+from flexmbd.multibody.contact.sphere_contact import SphereContact
+from flexmbd.multibody.contact.table_shape import placed_numbers
+from flexmbd.multibody.force.protocol import ElementTable, check_numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,61 +20,48 @@ class Hard:
     """A contact that nothing enters, 0 <= N, 0 <= gap, one of both zero: for ``fm.MoreauJean`` alone, at fixed steps.
 
     Attributes:
-        restitution: e, share of its normal speed that an impact leaves, between 0 and 1, at each contact by itself
-            (Newton's law of impact).
+        restitution: e between 0 and 1: the share of its normal speed that an impact leaves, at each contact by itself
+            (Newton's law of impact), or what ``impact`` says.
         mu: coefficient of Coulomb's friction, in impacts too.
+        impact: the law of impact.
     """
 
     restitution: float = 0.0
     mu: float = 0.0
+    impact: ImpactLaw = ImpactLaw.NEWTON
 
     def check(self, what: str) -> None:
         """Raise SceneError for numbers that no contact has; ``what`` is its name in messages."""
         check_numbers(what, least={"restitution": self.restitution, "mu": self.mu})
         if self.restitution > 1.0:
             raise SceneError(f"{what}: restitution = {self.restitution} makes energy; it is between 0 and 1")
+        wanted = " or ".join(f"fm.contact.{one}" for one in ImpactLaw)
+        refuse_other(self.impact, ImpactLaw, f"{what}: impact", wanted=wanted)
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """Restitution, friction, and 1 of Poisson's law, else 0 (``kernels.elements.hard_element``)."""
+        return self.restitution, self.mu, float(self.impact is ImpactLaw.POISSON)
 
 
 @dataclass(frozen=True, eq=False)
-class HardContact(BetweenFrames, WithSharedNumbers):
+class HardContact(SphereContact):
     """A sphere, or a point, that touches a shape and does not enter it; ``System.touch`` makes them.
 
     Attributes:
-        shape: on frame F.
-        frame_G: the frame that carries the sphere.
-        radius: m; 0 of a point.
+        shape, frame_G, radius, centre: see ``SphereContact``.
         law: of impacts and friction.
-        centre: (3,) m of the sphere, in frame G's axes.
     """
 
-    shape: TouchedShape
-    frame_G: Frame
-    radius: float
     law: Hard
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    frame_F: Frame = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "frame_F", self.shape.frame)
-
-    @property
-    def what(self) -> str:
-        """Its name in messages."""
-        touching = "sphere" if self.radius > 0.0 else "point"
-        shape = type(self.shape).__name__
-        place = f"({', '.join(f'{x:.6g}' for x in self.centre)}) of " if any(self.centre) else ""
-        return f"hard contact of {touching} {place}{self.frame_G.label} with {shape} {self.frame_F.label}"
+    kind: ClassVar[str] = "hard contact"
 
     def check(self) -> None:
-        """Raise SceneError for a law that is none."""
+        """Raise SceneError for a law that is none, or a point mass that would turn."""
+        self.refuse_turns()
         self.law.check(self.what)
-
-    @property
-    def shared_numbers(self) -> tuple[SharedNumbers, ...]:
-        """The shape's table, if it has one."""
-        return tables_of(self.shape)
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""
-        numbers = [*placed_numbers(self.shape, table), self.radius, self.law.restitution, self.law.mu, *self.centre]
+        numbers = [*placed_numbers(self.shape, table), self.radius, *self.law.numbers, *self.centre]
         table.hard_contact(self.what, self.frame_F, self.frame_G, numbers=np.array(numbers))

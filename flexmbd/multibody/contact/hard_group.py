@@ -67,8 +67,7 @@ class HardGroup(BetweenFrames):
     def assemble(self, table: ElementTable) -> None:
         """One row."""
         numbers = [_numbers(shape) for shape in self.shapes]
-        law = [self.law.restitution, self.law.mu]
-        table.hard_group(self.what, self.frames, law=law, numbers=np.concatenate(numbers))
+        table.hard_group(self.what, self.frames, law=self.law.numbers, numbers=np.concatenate(numbers))
 
 
 def _numbers(shape: TouchShape) -> np.ndarray:

@@ -61,7 +61,7 @@ def contacts(
         raise SceneError("a hard contact has its own friction, fm.contact.Hard(mu=...): leave `friction` out")
     if friction is not None:
         refuse_other(friction, Friction, "friction", wanted="fm.contact.Friction(...)")
-    first, second = _group(one), _group(other)
+    first, second = shapes_of(one), shapes_of(other)
     single = len(first) == len(second) == 1
     if isinstance(law, Hard) and not any(shape.frame.modes is not None for shape in (*first, *second)):
         if not (single and _is_known(first[0], second[0])):
@@ -89,8 +89,12 @@ def contacts(
     return found
 
 
-def _group(given: Touching) -> list[TouchShape]:
-    """The shapes of a group, or one alone."""
+def shapes_of(given: Touching) -> list[TouchShape]:
+    """The shapes of a group, or one alone.
+
+    Raises:
+        SceneError: there are none, or what is no shape.
+    """
     shapes: list[object] = [given] if isinstance(given, SHAPES) or not isinstance(given, Iterable) else [*given]
     if not shapes:
         raise SceneError("a list of shapes that are to touch is empty")
@@ -114,7 +118,7 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
         frame = touching.frame
         if not isinstance(law, Hard):
             return [
-                Contact(touched, frame, one.radius, law, friction, one.centre, one.lowest, second)
+                Contact(touched, frame, one.radius, one.centre, law, friction, one.lowest, second)
                 for one in spheres
                 for second in ((False, True) if _bears_twice(touched, one) else (False,))
             ]
@@ -123,7 +127,7 @@ def _pair(a: TouchShape, b: TouchShape, law: NormalLaw | Hard, friction: Frictio
                 f"{_called(a)} and {_called(b)}: a point that goes around as its body turns has no hard contact yet; "
                 "take a smooth law, as contact.PowerLaw.bearing(load=..., depth=...)"
             )
-        return [HardContact(touched, frame, one.radius, law, one.centre) for one in spheres]
+        return [HardContact(touched, frame, one.radius, one.centre, law) for one in spheres]
     raise SceneError(
         f"{_called(a)} and {_called(b)}: no such pair is known yet. A Sphere or a Vertex touches each other shape but "
         "a ConvexPolytope; a Capsule, a Box, a ConvexPolytope, a Disc and a Profile touch a HalfSpace"

@@ -151,7 +151,7 @@ class ElementTable(Protocol):
     def hard_group(self, what: str, frames: Sequence[Frame], *, law: ArrayLike, numbers: ArrayLike) -> None:
         """Let shapes on many frames touch without entering each other.
 
-        ``law``: restitution and friction.  ``numbers``: what tells the shapes from others.
+        ``law``: its numbers (``kernels.elements.hard_element``).  ``numbers``: what tells the shapes from others.
         """
 
     def pairs(

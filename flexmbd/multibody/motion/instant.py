@@ -13,6 +13,7 @@ from flexmbd.given import numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.joint.connection import Connection
+from flexmbd.multibody.kernels.reading.force_tables import refuse_hard_contacts
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.moving_frames import MovingFrames
@@ -122,6 +123,7 @@ class Instant:
                 f"the reaction of joint {connection.name!r} at t = {self.t:g} s is not known: {why}; ask a "
                 "trajectory, run.reaction(joint)"
             )
+        refuse_hard_contacts(self.scene.plan, "the reaction of a joint at one instant")
         rows = (np.array([self.t]), self.x[None], self.v[None], self.a[None], self.multipliers[None])
         with looked_at():
             found = reactions(self.scene, connection, *rows)

@@ -33,6 +33,7 @@ from flexmbd.multibody.kernels.elements.element import ElementKind, PairsElement
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
+from flexmbd.multibody.kernels.elements.hard_element import HARD_CONTACT
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
 from flexmbd.multibody.kernels.elements.pairs import PAIRS_LAW, STORING_PAIRS_LAW
 from flexmbd.multibody.kernels.elements.penalty import PENALTY
@@ -48,7 +49,7 @@ FloatArray = NDArray[np.float64]
 #: What may act on a point mass; where it could turn the point the force's own ``check`` has seen to it.
 _AT_POINTS = (
     DISTANCE_SPRING, GIVEN_ON_LINE, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_IN_F, GIVEN_IN_G, BUSHING, PENALTY,
-    CONTACT, ROUGH_CONTACT,
+    CONTACT, ROUGH_CONTACT, HARD_CONTACT,
 )  # fmt: skip
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
 

@@ -74,15 +74,22 @@ def contact_rows(
 
 @dataclass(frozen=True, eq=False)
 class HardContactSeries(ContactSeries):
-    """A hard contact along a motion: forces are impulses over the steps in which they act.
+    """A hard contact along a motion: forces are impulses over the steps in which they act, none of located impacts.
 
     Attributes:
+        impulse: (nt, 3) N s on the sphere, in the step that ends at a row, or in the impact between two rows of one
+            time, at the second.
         normal_work, friction_work: (nt,) J, what both have done on the machine since the start: of impacts that lose
             speed and of what slides it is negative.
     """
 
+    impulse: FloatArray
     normal_work: FloatArray
     friction_work: FloatArray
+
+
+#: Columns of what is told of a hard contact: the force (N) on the sphere, both works (J), the impulse (N s).
+WORKS, IMPULSE, N_TOLD_PAIR = 3, 5, 8
 
 
 def hard_contact_rows(
@@ -90,7 +97,7 @@ def hard_contact_rows(
 ) -> HardContactSeries:
     """The series of a hard contact at rows x (nt, nx), v, a (nt, nv).
 
-    ``told`` (nt, n, 5) of all: force on the sphere (N, inertial axes), and both works since the start.
+    ``told`` (nt, n, N_TOLD_PAIR) of all: force on the sphere (N, inertial axes), both works since the start, impulse.
 
     Raises:
         SceneError: it is of another scene.
@@ -100,7 +107,8 @@ def hard_contact_rows(
     at.hard_contact_series(scene.plan, new_work(scene.plan), row, x, v, a, out)
     gap, normal, _, slip, point = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
     own = told[:, int(np.searchsorted(hard_contact_places(scene.plan), row))]
-    return HardContactSeries(gap[:, 0], normal, own[:, :3], slip, point, own[:, 3], own[:, 4])
+    works = own[:, WORKS], own[:, WORKS + 1]
+    return HardContactSeries(gap[:, 0], normal, own[:, :WORKS], slip, point, own[:, IMPULSE:], *works)
 
 
 @dataclass(frozen=True, eq=False)

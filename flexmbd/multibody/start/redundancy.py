@@ -74,7 +74,14 @@ def _smallest(
 
 
 def balancing_multipliers(
-    scene: CompiledScene, work: Work, x: FloatArray, v: FloatArray, a: FloatArray, *, rank: int
+    scene: CompiledScene,
+    work: Work,
+    x: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    *,
+    rank: int,
+    load: FloatArray | None = None,
 ) -> FloatArray:
     """(m,) N or N m: the smallest multipliers that balance a motion, M a + b - f + C^T nu = 0.
 
@@ -88,6 +95,7 @@ def balancing_multipliers(
         v: (nv,) velocities.
         a: (nv,) accelerations.
         rank: how many of the rows are independent there.
+        load: (nv,) generalised forces that act beside those of the scene; None: there are none.
 
     Raises:
         AssemblyError: some motion moves no mass.
@@ -99,6 +107,8 @@ def balancing_multipliers(
     force = np.zeros(scene.nv)
     residual(scene.plan, work, x, v, a, np.zeros(len(rows)), force)
     scene.refuse_failed(work)
+    if load is not None:
+        force -= load
     lower = mass_factor(scene, work, x)
     slopes = constraint_jacobian(scene, work, x)[:, free] / rows[:, None]
     both = scipy.linalg.solve_triangular(lower, np.column_stack([force[free], slopes.T]), lower=True)

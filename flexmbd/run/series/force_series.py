@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, refuse_other, shown
+from flexmbd.integrate.moreau.moreau_jean import MoreauJean
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
@@ -21,10 +22,18 @@ from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.reading.force_tables import force_elements, keep_forces, refuse_hard_contacts
+from flexmbd.multibody.kernels.reading.force_tables import (
+    contact_frames,
+    force_elements,
+    group_frames,
+    has_hard_contacts,
+    keep_forces,
+    refuse_hard_contacts,
+)
+from flexmbd.multibody.kernels.sampling.contacts import add_point_loads
 from flexmbd.multibody.kernels.sampling.series import energy_series, force_series
 from flexmbd.multibody.motion.memory_series import memory_series
-from flexmbd.multibody.motion.reaction import coordinate_force, reactions
+from flexmbd.multibody.motion.reaction import PointForces, coordinate_force, outboard_load, reactions
 from flexmbd.multibody.results.contact_series import (
     ContactSeries,
     HardGroupSeries,
@@ -33,28 +42,45 @@ from flexmbd.multibody.results.contact_series import (
 )
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
-from flexmbd.multibody.start.redundancy import minimum_norm_multipliers
+from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
+from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.series.motion_series import MotionSeries, single
-from flexmbd.run.series.repeated_impulses import RepeatedImpulses, group_series, impulses_at, repeated_impulses
+from flexmbd.run.series.repeated_impulses import (
+    RepeatedImpulses,
+    group_series,
+    impulses_at,
+    impulses_of_impacts,
+    repeated_impulses,
+)
+from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
+
+_RTOL_OF_IMPULSES = 1e-6  # to which impulses are found again
+
 
 
 class ForceSeries(MotionSeries):
     """Questions to the rows of a `Trajectory` that its forces answer; as those of `MotionSeries` beyond numbers.
 
     Attributes:
-        row_multipliers, interior_rows, kept_rows: as there.
+        row_multipliers, interior_rows, kept_rows, stats: as there.
     """
 
     row_multipliers: FloatArray
     interior_rows: tuple[InteriorRecord, ...]
     kept_rows: tuple[int, ...] | None
+    stats: Stats
 
     @cached_property
     def multipliers(self) -> FloatArray:
-        """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike."""
+        """(nt, m) reactions of the loops (N or N m), of redundant rows the smallest that act alike.
+
+        Beside hard contacts they are means over the steps that end at the rows, impulses included.
+        """
+        if self.row_multipliers.shape[1] and has_hard_contacts(self.scene.plan) and not self._located:
+            return self._balancing_multipliers()
         if self.kept_rows is None:
             return self.row_multipliers
         work = new_work(self.scene.plan)
@@ -105,15 +131,18 @@ class ForceSeries(MotionSeries):
 
         The moment is about the origin of the child's frame; both are in that frame's axes.  All that
         the joint passes on counts: what it holds, and along its free axes the forces of motors,
-        springs and friction on its coordinates and of its prescribed motion.
+        springs and friction on its coordinates and of its prescribed motion.  Beside hard contacts it is the mean over
+        the step that ends at a row, impulses included, at the first row without them.
 
         Raises:
             SceneError: the joint is of another scene.
         """
+        beside = self._hard_forces
         series = (self.t, self.x, self.v, self.a, self.multipliers)
         with looked_at():
             found = [
-                reactions(self.scene, connection, *(part[rows] for part in series)) for rows in self._stretches()
+                reactions(self.scene, connection, *(part[rows] for part in series), beside=beside)
+                for rows in self._stretches()
             ]
         return finite_answer(f"the reaction of joint {connection.name!r}", self.t, np.vstack(found))
 
@@ -128,7 +157,9 @@ class ForceSeries(MotionSeries):
             return coordinate_force(connection.joint, self.reaction(connection))
         slots = self._slots(connection)
         plan = self.scene.plan
-        refuse_hard_contacts(plan, "the drive of a joint")
+        hard = self._hard_forces
+        if hard and len(connection.joint.angular) != 1:
+            refuse_hard_contacts(plan, "the drive of a joint of several coordinates")
         elements = force_elements(plan)
         plan = keep_forces(plan, [], np.array([not one.drives for one in elements.behaviour], bool))
         if not (force_elements(plan).time >= 0).any():
@@ -139,7 +170,51 @@ class ForceSeries(MotionSeries):
             series = (self.t, self.x, self.v, self.a, self.multipliers, out)
             force_series(plan, work, *(part[rows] for part in series))
         self.scene.refuse_failed(work)
-        return single(finite_answer(f"the drive of joint {connection.name!r}", self.t, out[:, slots.v]))
+        found = single(finite_answer(f"the drive of joint {connection.name!r}", self.t, out[:, slots.v]))
+        if hard:
+            found = found - coordinate_force(connection.joint, outboard_load(self.scene, connection, self.x, hard))
+        return found
+
+    @cached_property
+    def _hard_forces(self) -> list[PointForces]:
+        """Impulses of hard contacts over the steps that end at the rows, on each of the bodies that touch."""
+        plan, forces = self.scene.plan, self.scene.index.forces
+        if self._located or not has_hard_contacts(plan):
+            return []
+        found = []
+        for one in forces:
+            if isinstance(one, HardContact):
+                met = self._contact(one, None, _RTOL_OF_IMPULSES)
+                at = np.flatnonzero(met.force.any(axis=1))
+                f, g = contact_frames(plan, forces[one].elements.start)
+                for frame, row, sign in ((one.frame_G, g, 1.0), (one.frame_F, f, -1.0)):
+                    found.append(PointForces(frame.body, row, at, met.point[at], sign * met.force[at]))
+            elif isinstance(one, HardGroup):
+                among = group_series(self.scene, one, self._impulses(_RTOL_OF_IMPULSES).groups, rows=len(self.t))
+                rows = group_frames(plan, forces[one].elements.start)
+                for side, sign in ((0, 1.0), (1, -1.0)):
+                    for k, (shape, row) in enumerate(zip(among.shapes, rows, strict=True)):
+                        own = among.pair[:, side] == k
+                        acts = among.row[own], among.point[own], sign * among.force[own]
+                        found.append(PointForces(shape.frame.body, int(row), *acts))
+        return [one for one in found if len(one.row)]
+
+    def _balancing_multipliers(self) -> FloatArray:
+        """(nt, m) those that balance the rows' motions with the impulses of hard contacts over their steps."""
+        scene = self.scene
+        plan, work = scene.plan, new_work(scene.plan)
+        loads, scratch, rest = np.zeros_like(self.v), np.zeros(scene.nv), np.zeros(scene.nv)
+        for one in self._hard_forces:
+            frames = np.full(len(one.row), one.frame)
+            add_point_loads(plan, work, self.x, one.row, frames, one.point, one.force, scratch, rest, loads)
+        rank = len(plan.rows) if self.kept_rows is None else len(self.kept_rows)
+        scene.forget_failure()
+        found = self.row_multipliers.copy()
+        for k in range(1, len(self.t)):
+            evaluate_inputs(scene, work, float(self.t[k]))
+            moves = self.x[k], self.v[k], self.a[k]
+            found[k] = balancing_multipliers(scene, work, *moves, rank=rank, load=loads[k])
+        return found
 
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
         """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
@@ -220,7 +295,8 @@ class ForceSeries(MotionSeries):
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
         Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once
-        more, for the rows hold no impulses, by ``rtol`` as of ``simulate``.  Each acts as a force over its step.
+        more, for the rows hold no impulses, by ``rtol`` as of ``simulate``.  Each acts as a force over its step; of
+        impacts that were located as events there is an ``impulse`` and no force.
 
         Raises:
             SceneError: it is no contact, or of another scene.
@@ -246,6 +322,11 @@ class ForceSeries(MotionSeries):
         times = self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))
         return contact_rows(self.scene, one, times, *series)
 
+    @property
+    def _located(self) -> bool:
+        """Whether hard contacts acted by impacts at instants, and not by impulses over steps."""
+        return self.stats.integrator != MoreauJean().name
+
     @cached_property
     def _repeated(self) -> dict[float, RepeatedImpulses]:
         return {}
@@ -253,7 +334,10 @@ class ForceSeries(MotionSeries):
     def _impulses(self, rtol: float) -> RepeatedImpulses:
         if rtol not in self._repeated:
             scene = self.scene if self.kept_rows is None else self.scene.keep_rows(self.kept_rows)
-            found = repeated_impulses(scene, self.t, self.x, self.v, self.departures, rtol=rtol)
+            if self._located:
+                found = impulses_of_impacts(scene, self.t, self.x, self.v)
+            else:
+                found = repeated_impulses(scene, self.t, self.x, self.v, self.departures, rtol=rtol)
             self._repeated[rtol] = found
         return self._repeated[rtol]
 

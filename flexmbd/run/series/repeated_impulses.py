@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.loop_dynamics import set_row_scales
+from flexmbd.integrate.moreau.impact import STRUCK_IMPULSE, STRUCK_NORMAL
 from flexmbd.integrate.moreau.moreau_jean import new_workspace, with_room
 from flexmbd.integrate.moreau.shape_groups import group_shapes, groups_of
 from flexmbd.integrate.moreau.step import (
@@ -24,7 +25,8 @@ from flexmbd.integrate.moreau.step import (
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.results.contact_series import HardGroupSeries
+from flexmbd.multibody.results.contact_series import IMPULSE, N_TOLD_PAIR, WORKS, HardGroupSeries
+from flexmbd.run.impacts import struck
 from flexmbd.run.input_values import evaluate_inputs
 from flexmbd.run.series.departure import Departure
 from flexmbd.run.snapshot import bound_by_span, new_groups
@@ -61,8 +63,8 @@ class RepeatedImpulses:
     """What hard contacts did.
 
     Attributes:
-        pairs: (nt, n, 5) force (N, inertial axes) on the sphere in the step that ends at a row, works (J) since the
-            start.
+        pairs: (nt, n, N_TOLD_PAIR) force (N, inertial axes) on the sphere in the step that ends at a row, works (J)
+            since the start, impulse (N s) in the step.
         groups: the points of groups.
     """
 
@@ -83,7 +85,7 @@ def repeated_impulses(
     work = new_work(scene.plan)
     s = new_workspace(scene, work)
     pairs = len(s.watched.element)
-    told, found = np.zeros((len(t), pairs, 5)), [_points(s, 0, np.zeros(0, np.int64))]
+    told, found = np.zeros((len(t), pairs, N_TOLD_PAIR)), [_points(s, 0, np.zeros(0, np.int64))]
     number, count = np.zeros(st.N_NUMBER), np.zeros(st.N_COUNT, np.int64)
     bound_by_span(number, t_start=float(t[0]), t_end=float(t[-1]) or 1.0, h=float(np.diff(t).max(initial=1e-300)))
     number[st.TOLERANCE], number[st.LATEST], count[st.FIXED_STEP] = rtol, np.inf, 1
@@ -103,9 +105,10 @@ def repeated_impulses(
             raise SceneError(f"the step from t = {t[r]:.6g} s cannot be repeated, so that no impulses are known")
         n = int(s.contacts.count[0])
         of = s.contacts.watched[:n]
-        told[r + 1, of[of < pairs]] = s.told[:n][of < pairs, :5]
+        told[r + 1, of[of < pairs], :IMPULSE] = s.told[:n][of < pairs, :IMPULSE]
         found.append(_points(s, int(r) + 1, np.flatnonzero(of >= pairs)))
-    told[:, :, 3:] = np.cumsum(told[:, :, 3:], axis=0)
+    told[1:, :, IMPULSE:] = np.diff(t)[:, None, None] * told[1:, :, :WORKS]
+    told[:, :, WORKS:IMPULSE] = np.cumsum(told[:, :, WORKS:IMPULSE], axis=0)
     columns = [np.concatenate(parts) for parts in zip(*found, strict=True)]
     return RepeatedImpulses(told, FoundPoints(*columns))
 
@@ -121,6 +124,21 @@ def _points(s: MoreauWorkspace, row: int, chosen: IntArray) -> tuple[NDArray, ..
     )  # fmt: skip
 
 
+def impulses_of_impacts(scene: CompiledScene, t: FloatArray, x: FloatArray, v: FloatArray) -> RepeatedImpulses:
+    """Of a run that located impacts as events, found once more between its rows of one time; no force in no time.
+
+    Raises:
+        SceneError: as ``impacts.struck``.
+    """
+    found = struck(scene, t, x, v)
+    told = np.zeros((*found.shape[:2], N_TOLD_PAIR))
+    told[:, :, IMPULSE:] = found[:, :, STRUCK_IMPULSE:STRUCK_NORMAL]
+    told[:, :, WORKS:IMPULSE] = np.cumsum(found[:, :, STRUCK_NORMAL:], axis=0)
+    none, ids = np.zeros((0, 3)), np.zeros(0, np.int64)
+    points = FoundPoints(ids, np.zeros((0, 2), np.int64), ids, none, none, none[:, 0], none, none, none[:, :2])
+    return RepeatedImpulses(told, points)
+
+
 def impulses_at(pairs: FloatArray, t: FloatArray, times: ArrayLike | None) -> FloatArray:
     """``RepeatedImpulses.pairs`` of rows t at other times: of the step that each is in, works as they grow."""
     if times is None:
@@ -129,8 +147,8 @@ def impulses_at(pairs: FloatArray, t: FloatArray, times: ArrayLike | None) -> Fl
     k = np.clip(np.searchsorted(t, asked), 1, max(1, len(t) - 1))
     share = (asked - t[k - 1]) / (t[k] - t[k - 1])
     found = pairs[k].copy()
-    before = pairs[k - 1, :, 3:]
-    found[:, :, 3:] = before + share[:, None, None] * (found[:, :, 3:] - before)
+    before = pairs[k - 1, :, WORKS:IMPULSE]
+    found[:, :, WORKS:IMPULSE] = before + share[:, None, None] * (found[:, :, WORKS:IMPULSE] - before)
     return found
 
 

@@ -360,10 +360,11 @@ def test_bodies_that_a_joint_holds_on_the_ground_touch_it():
 
 
 def test_a_pair_touches_once_in_whatever_lists_it_stands():
-    scene, a, b, _ = two_spheres(contact.Hertz(**STEEL))
-    shapes = [contact.Sphere(body.frame(), RADIUS) for body in (a, b)]
-    for one, other in ((shapes, shapes), (shapes, list(shapes)), (shapes, shapes[::-1]), (iter(shapes), tuple(shapes))):
-        assert len(scene.touch(one, other, contact.PowerLaw(k=1.0))) == 1
+    ways = (lambda s: (s, s), lambda s: (s, list(s)), lambda s: (s, s[::-1]), lambda s: (tuple(s), iter(s)))
+    for sides in ways:
+        scene = fm.System()
+        shapes = [contact.Sphere(ball(scene, name, (x, 0.0, 0.0)).frame(), RADIUS) for name, x in (("a", 0), ("b", 1))]
+        assert len(scene.touch(*sides(shapes), contact.PowerLaw(k=1.0))) == 1
 
 
 @pytest.mark.parametrize("left", [1e-3, 1e-4, 9e-5, 1e-7, 1e-12, 0.0])

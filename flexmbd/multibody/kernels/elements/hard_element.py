@@ -9,9 +9,11 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.signed_distance import SHAPE_NUMBERS
 from flexmbd.multibody.kernels.elements.element import Behaviour, FrameElement
 
-#: Places of the numbers: the sphere's radius (m); the coefficients of restitution and of friction; the sphere's centre
-#: in the axes of its own frame G (3, m).
-RADIUS, RESTITUTION, FRICTION, CENTRE = range(SHAPE_NUMBERS, SHAPE_NUMBERS + 4)
+#: Places of the numbers: the sphere's radius (m); the coefficients of restitution and of friction, and 1 where the law
+#: of impact is Poisson's, else 0; the sphere's centre in the axes of its own frame G (3, m).
+RADIUS, RESTITUTION, FRICTION, POISSON, CENTRE = range(SHAPE_NUMBERS, SHAPE_NUMBERS + 5)
+#: Columns of a law.
+LAW_RESTITUTION, LAW_FRICTION, LAW_POISSON, N_LAW = range(4)
 
 
 @kernel
@@ -21,7 +23,7 @@ def _wrench(plan, work, row, d, R, rate, spin):
 
 HARD_CONTACT = FrameElement(Behaviour("hard contacts", hard=True, lets_go=True), _wrench)
 
-#: The same of groups of shapes, whose points are found in each step.  Numbers: restitution, friction, how many shapes
-#: (EL_COUNT), the row of ``Plan.frames`` of each, and what tells the shapes.
+#: The same of groups of shapes, whose points are found in each step.  Numbers: its law, the row of ``Plan.frames``
+#: of each of its shapes, of which there are EL_COUNT, and what tells the shapes.
 HARD_GROUP = FrameElement(Behaviour("groups of hard contacts", hard=True, lets_go=True), _wrench)
-GROUP_RESTITUTION, GROUP_FRICTION, GROUP_FRAMES = 0, 1, 2
+GROUP_FRAMES = N_LAW

@@ -36,7 +36,7 @@ class Contacts(ArrayStruct):
         jacobian, response: J and Y.
         basis: (k, 9) normal and tangents by rows.
         own: (k, 9) J Y^T, 1/kg.
-        bound: (k,) m/s, the least normal velocity at the step's end.
+        bound: (k,) m/s, the least normal velocity at the step's end; least: (k,) N s, the least normal impulse.
         friction: (k,) its coefficient.
         impulse: (k, 3) N s on G, along the rows of ``basis``; old, ahead: before a sweep, and where sweeps lead.
         shift, push: (k,) m, the gap at the step's end, and the multiplier that opens it where it is closed.
@@ -52,6 +52,7 @@ class Contacts(ArrayStruct):
     basis: FloatArray
     own: FloatArray
     bound: FloatArray
+    least: FloatArray
     friction: FloatArray
     impulse: FloatArray
     old: FloatArray
@@ -66,7 +67,7 @@ def new_contacts(count: int, entries: int, nv: int) -> Contacts:
     zeros, whole = np.zeros, np.int64
     return Contacts(
         zeros(1, whole), zeros(count, whole), zeros((count, 2), whole), zeros(count + 1, whole),
-        zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)), zeros(count), zeros(count),
+        zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)), zeros(count), zeros(count), zeros(count),
         zeros((count, 3)), zeros((count, 3)), zeros((count, 3)), zeros(count), zeros(count), zeros(nv),
     )  # fmt: skip
 

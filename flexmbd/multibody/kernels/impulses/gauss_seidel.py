@@ -10,6 +10,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, scal
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.impulses.contact_rows import normal_at, push, velocity_at
 from flexmbd.multibody.kernels.impulses.point_law import point_impulse
+from flexmbd.multibody.kernels.impulses.pressed_point import pressed_impulse
 
 _OF_POSITION = 1e-3  # of the deepest overlap: what a projection may leave
 _SWEEPS_OF_POSITION = 50
@@ -30,10 +31,13 @@ def _own_part(W, P):
 def _solve_point(parts, contacts, i, v):
     """Give contact i the impulse that its law asks for; by how much its velocity changes (m/s)."""
     W, P = load9(contacts.own[i], 0), load3(contacts.impulse[i], 0)
-    if P == _ZERO and normal_at(parts, contacts, i, v) >= contacts.bound[i]:
+    least = contacts.least[i]
+    if P == _ZERO and least == 0.0 and normal_at(parts, contacts, i, v) >= contacts.bound[i]:
         return 0.0  # as most contacts that may touch do not
     q = sub3(velocity_at(parts, contacts, i, v), _own_part(W, P))
     found = point_impulse(W, contacts.friction[i], (q[0] - contacts.bound[i], q[1], q[2]), P)
+    if found[0] < least:
+        found = pressed_impulse(W, contacts.friction[i], q, least)
     change = sub3(found, P)
     if change[0] == 0.0 and change[1] == 0.0 and change[2] == 0.0:
         return 0.0

@@ -14,6 +14,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import find_contacts
 from flexmbd.multibody.kernels.contact.finding.shape_table import ContactPoints, FindingWork, ShapeTable
+from flexmbd.multibody.kernels.elements.hard_element import N_LAW
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -26,7 +27,7 @@ class ShapeGroups(ArrayStruct):
     Attributes:
         table, work, out: of ``contact.finding``.
         frame: (n,) row of ``Plan.frames`` of each shape.
-        law: (g, 2) restitution and friction of each group; number: (g,) that of its element in the scene.
+        law: (g, N_LAW) of each group (``hard_element``); number: (g,) that of its element in the scene.
         positions, rotations, velocities, spins: of the bodies, in the world.
     """
 
@@ -70,8 +71,8 @@ def find_groups(plan, work, groups, watched, h):
         a, b = groups.out.shapes[i, 0], groups.out.shapes[i, 1]
         watched.shapes[k, 0], watched.shapes[k, 1] = a, b
         watched.frames[k, 0], watched.frames[k, 1] = groups.frame[b], groups.frame[a]
-        watched.law[k, 0] = groups.law[groups.out.law[i], 0]
-        watched.law[k, 1] = groups.law[groups.out.law[i], 1]
+        for j in range(N_LAW):
+            watched.law[k, j] = groups.law[groups.out.law[i], j]
         normal, gap = load3(groups.out.normal[i], 0), groups.out.gap[i]
         store3(watched.point[k], 0, add3(load3(groups.out.position_b[i], 0), scale3(0.5 * gap, normal)))
         store3(watched.normal[k], 0, normal)

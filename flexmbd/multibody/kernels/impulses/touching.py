@@ -15,7 +15,15 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.signed_distance import distance
-from flexmbd.multibody.kernels.elements.hard_element import CENTRE, FRICTION, HARD_CONTACT, RADIUS, RESTITUTION
+from flexmbd.multibody.kernels.elements.hard_element import (
+    CENTRE,
+    FRICTION,
+    HARD_CONTACT,
+    N_LAW,
+    POISSON,
+    RADIUS,
+    RESTITUTION,
+)
 from flexmbd.multibody.kernels.elements.table import are_of
 from flexmbd.multibody.kernels.impulses.group_points import find_groups
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
@@ -36,7 +44,7 @@ class Watched(ArrayStruct):
         frames: (k, 2) rows of ``Plan.frames`` of F and G.
         shapes: (k, 2) those of G and F in their table; -1 of pairs.
         id: (k,) what each is known by from step to step.
-        law: (k, 2) coefficients of restitution and of friction.
+        law: (k, N_LAW) of each (``hard_element``).
         point, normal: (k, 3) m, midway where G is nearest to F, and out of F there.
         gap: (k,) m, negative where they overlap.
         before, free: (k, 3) m/s, velocity of G's point against F's at a step's begin, and as it would be at its end
@@ -63,9 +71,9 @@ def new_watched(plan: Plan, room: int = 0) -> Watched:
     chosen: Any = np.flatnonzero(are_of(plan, HARD_CONTACT))
     rows = plan.elements[chosen]
     n, k, zeros = len(rows), len(rows) + room, np.zeros
-    frames, law, ids = zeros((k, 2), np.int64), zeros((k, 2)), zeros(k, np.int64)
+    frames, law, ids = zeros((k, 2), np.int64), zeros((k, N_LAW)), zeros(k, np.int64)
     frames[:n] = rows[:, [at.EL_F, at.EL_G]]
-    law[:n] = plan.data[rows[:, [at.EL_DATA]] + np.array([RESTITUTION, FRICTION])]
+    law[:n] = plan.data[rows[:, [at.EL_DATA]] + np.array([RESTITUTION, FRICTION, POISSON])]
     ids[:n] = -2 - np.arange(n)
     return Watched(
         np.array([n]), zeros(1), chosen.astype(np.int64), np.ascontiguousarray(rows[:, at.EL_NUMBER]), frames,

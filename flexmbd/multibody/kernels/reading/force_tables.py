@@ -17,9 +17,9 @@ from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.elements.hard_element import (
     FRICTION,
     GROUP_FRAMES,
-    GROUP_FRICTION,
     HARD_CONTACT,
     HARD_GROUP,
+    LAW_FRICTION,
 )
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
@@ -106,10 +106,15 @@ def has_hard_contacts(plan: Plan) -> bool:
     return any(one.hard for one in behaviours(plan))
 
 
+def has_hard_groups(plan: Plan) -> bool:
+    """Whether there are groups of shapes among these."""
+    return bool(are_of(plan, HARD_GROUP).any())
+
+
 def friction_of_hard_contact(plan: Plan, number: int) -> float:
     """The coefficient of friction of the hard contact that is this element of the scene."""
     row = plan.elements[plan.elements[:, at.EL_NUMBER] == number][0]
-    place = GROUP_FRICTION if row[at.EL_KIND] == kind_of(HARD_GROUP) else FRICTION
+    place = LAW_FRICTION if row[at.EL_KIND] == kind_of(HARD_GROUP) else FRICTION
     return float(plan.data[row[at.EL_DATA] + place])
 
 
@@ -118,6 +123,11 @@ def group_frames(plan: Plan, row: int) -> IntArray:
     element = plan.elements[row]
     first = element[at.EL_DATA] + GROUP_FRAMES
     return plan.data[first : first + element[at.EL_COUNT]].astype(np.int64)
+
+
+def contact_frames(plan: Plan, row: int) -> tuple[int, int]:
+    """Rows of the frames F and G of the contact in this row of the elements."""
+    return int(plan.elements[row, at.EL_F]), int(plan.elements[row, at.EL_G])
 
 
 def element_numbers(plan: Plan, rows: Sequence[int]) -> IntArray:

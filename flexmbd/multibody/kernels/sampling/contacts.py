@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, scale3, store3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    cross3,
+    dot3,
+    load3,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
@@ -12,7 +22,12 @@ from flexmbd.multibody.kernels.elements.contact_wrench import centre_motion, law
 from flexmbd.multibody.kernels.elements.table import element_wrench
 from flexmbd.multibody.kernels.impulses.touching import nearest_point, relative_velocity
 from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
+    forward_kinematics,
+    frame_motion,
+    load_frame,
+    propagate_wrench,
+)
 
 # Columns: the gap, the normal, the force on the sphere, its sliding velocity, the point: all in inertial axes.
 GAP, NORMAL, FORCE, SLIDING, POINT, N_CONTACT = 0, 1, 4, 7, 10, 13
@@ -72,3 +87,26 @@ def hard_contact_series(plan, work, i, x, v, a, out):
         store3(out[k], NORMAL, normal)
         store3(out[k], SLIDING, sub3(slip, scale3(dot3(normal, slip), normal)))
         store3(out[k], POINT, point)
+
+
+@entry_kernel
+def add_point_loads(plan, work, x, rows, frames, points, forces, scratch, rest, out):
+    """Add the generalised forces of forces[i] (N, inertial axes) at points[i] (m) on row frames[i] of ``plan.frames``.
+
+    To out[rows[i]] (nv,), at x[rows[i]]; ``scratch`` (nv,) is written to, ``rest`` (nv,) zeros.
+    """
+    for i in range(rows.shape[0]):
+        f, r = frames[i], rows[i]
+        forward_kinematics(plan, work, x[r], rest, rest)
+        for k in range(scratch.shape[0]):
+            scratch[k] = 0.0
+        for b in range(plan.tree.shape[0]):
+            store3(work.body[b], at.B_F, (0.0, 0.0, 0.0))
+            store3(work.body[b], at.B_T, (0.0, 0.0, 0.0))
+        p, R, _, _, _, _ = frame_motion(plan, work, f)
+        force, arm = load3(forces[i], 0), sub3(load3(points[i], 0), p)
+        load_frame(plan, work, f, rotate_back(R, force), rotate_back(R, cross3(arm, force)), scratch)
+        for b in range(plan.tree.shape[0] - 1, -1, -1):
+            propagate_wrench(plan, work, b, scratch)
+        for k in range(scratch.shape[0]):
+            out[r, k] += scratch[k]
