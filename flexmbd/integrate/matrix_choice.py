@@ -68,7 +68,8 @@ class MatrixChoice:
 
     def new_tangent(self, nv: int, sizes: FloatArray) -> TangentWork:
         """Allocate the tangent's scratch, see ``new_tangent_work``."""
-        return new_tangent_work(self.plan, nv, sizes=sizes, blocks=self.sparse[0] if self.sparse else None)
+        blocks = self.sparse[0] if self.sparse else None
+        return new_tangent_work(self.plan, nv, sizes=sizes, blocks=blocks, side_by_side=self.side_by_side)
 
     def text(self) -> str:
         """What is chosen, in words."""

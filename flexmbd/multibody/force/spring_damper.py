@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
+from flexmbd.multibody.force.alike import AlikeBetweenFrames
+from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
+from flexmbd.multibody.kernels.elements.element import ElementKind
 
 
 @dataclass(frozen=True, eq=False)
-class SpringDamper(BetweenFrames):
+class SpringDamper(AlikeBetweenFrames):
     """A pull stiffness (L - length) + damping dL/dt along the line of length L between two frames' origins.
 
     Attributes:
@@ -26,15 +32,16 @@ class SpringDamper(BetweenFrames):
     length: float
     damping: float = 0.0
 
+    element: ClassVar[ElementKind] = DISTANCE_SPRING
+    number_names: ClassVar[tuple[str, ...]] = ("stiffness", "length", "damping")
+
     def check(self) -> None:
         """Raise SceneError for numbers that no spring has."""
         check_numbers(
             self.what, least={"stiffness": self.stiffness, "length": self.length, "damping": self.damping}
         )
 
-    def assemble(self, table: ElementTable) -> None:
-        """One row."""
-        data = table.numbers([self.stiffness, self.length, self.damping])
-        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        acts = self.stiffness > 0.0 or self.damping > 0.0
-        table.element(DISTANCE_SPRING, self.what, f=f, g=g, data=data, acts=acts)
+    @classmethod
+    def acting(cls, numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) those (n, 3) with a stiffness or a damping."""
+        return (numbers[:, [0, 2]] > 0.0).any(axis=1)

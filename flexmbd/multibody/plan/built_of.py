@@ -12,7 +12,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
-from itertools import chain
+from itertools import chain, groupby
 from types import NoneType
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -134,9 +134,9 @@ def built_of(parts: GivenParts) -> BuiltOf | None:
             read.value(parts.gravity),
             parts.ground,
             parts.ground.name,
-            tuple(map(read.body, parts.bodies)),
-            tuple(map(read.joint, parts.connections)),
-            tuple(map(read.value, parts.forces)),
+            read.bodies(parts.bodies),
+            read.joints(parts.connections),
+            read.forces(parts.forces),
             tuple(map(read.value, parts.couplings)),
         )
     except _UnknownError:
@@ -188,20 +188,47 @@ class _Reader:
         self.lists: dict[int, tuple[list[Any], Any]] = {}
         self._frames: dict[int, Any] = {}  # each is read once, however many parts it is an end of
 
-    def body(self, body: Body) -> tuple[Any, ...]:
-        """A body with its values."""
-        given = _attributes_of(type(body))(body)
-        if type(body) is FlexibleBody:
-            if type(body.record) is not ReducedBody:
-                raise _UnknownError
-            return body, body.record, *map(self.value, given[1:])
-        return body, *map(self.value, given)
+    def bodies(self, bodies: Sequence[Body]) -> tuple[Any, ...]:
+        """Bodies with their values, those of each class attribute by attribute."""
+        found: list[Any] = [tuple(bodies)]
+        for kind, own in _by_kind(bodies):
+            given = list(zip(*map(_attributes_of(kind), own), strict=True))
+            if kind is FlexibleBody:
+                if any(type(record) is not ReducedBody for record in given[0]):
+                    raise _UnknownError
+                found.append(given.pop(0))
+            found += map(self._attribute, given)
+        return tuple(found)
 
-    def joint(self, joint: Connection) -> tuple[Any, ...]:
-        """A joint with its values."""
-        if type(joint) is not Connection:
+    def joints(self, joints: Sequence[Connection]) -> tuple[Any, ...]:
+        """Joints with their values."""
+        if any(type(joint) is not Connection for joint in joints):
             raise _UnknownError
-        return joint, *map(self.value, _OF_JOINT(joint))
+        given = zip(*map(_OF_JOINT, joints), strict=True)
+        return tuple(joints), *map(self._attribute, given)
+
+    def forces(self, forces: Sequence[Force]) -> tuple[Any, ...]:
+        """Forces with their values, those next to each other of one class field by field."""
+        found: list[Any] = [tuple(forces)]
+        for kind, run in groupby(forces, key=type):
+            names, alone = _FIELDS.get(kind) or _learnt(kind)
+            own = list(run)
+            if not alone or len(own) == 1:
+                found += map(self.value, own)
+                continue
+            if set(map(len, map(vars, own))) != {len(names)}:  # something was hung on one
+                raise _UnknownError
+            found += map(self._attribute, zip(*(map(vars(one).get, names) for one in own), strict=True))
+        return tuple(found)
+
+    def _attribute(self, values: tuple[Any, ...]) -> Any:
+        """The values of one attribute of several objects."""
+        kinds = set(map(type, values))
+        if kinds <= _ATOMS:
+            return values
+        if kinds == {Frame}:
+            return values, *map(self.value, {id(frame): frame for frame in values}.values())
+        return tuple(map(self.value, values))
 
     def value(self, one: object) -> Any:
         """A value of any class that is known."""

@@ -22,6 +22,7 @@ from flexmbd.multibody.kernels.sparse.block_lu import (
     solve_sparse,
 )
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import one_block
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, put_rows
 from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix, sparse_blocks
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
@@ -212,7 +213,7 @@ def sparse_stiffness(
     blocks, pattern = found
     if sizes is None:
         sizes = np.stack([coordinate_sizes(scene), np.zeros(scene.nv)])
-    tangents = new_tangent_work(plan, scene.nv, sizes=sizes, blocks=blocks)
+    tangents = new_tangent_work(plan, scene.nv, sizes=sizes, blocks=blocks, side_by_side=one_block(plan))
     matrix = new_sparse_matrix(plan, blocks, pattern)
     return SparseStiffness(scene, plan, work, matrix, tangents, _entries(plan, pattern))
 

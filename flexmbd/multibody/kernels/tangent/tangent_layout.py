@@ -95,19 +95,27 @@ class TangentWork(ArrayStruct):
     blocks: DiagonalBlocks
 
 
-def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownBlocks | None = None) -> TangentWork:
+def new_tangent_work(
+    plan: Plan,
+    nv: int,
+    *,
+    sizes: FloatArray,
+    blocks: UnknownBlocks | None = None,
+    side_by_side: DiagonalBlocks | None = None,
+) -> TangentWork:
     """Allocate the tangent's scratch space for ``plan`` with nv velocities.
 
     ``sizes``: (2, nv) of positions and of velocities, kept and not copied, for they may change from step to step;
     those of velocities may be zero where there is no derivative by them.  ``blocks``: of a sparse matrix, which has
-    other unknowns besides but no prescribed velocities.
+    other unknowns besides but no prescribed velocities.  ``side_by_side``: the ``diagonal_blocks``, if they are known.
     """
     edge_of, edges = edge_columns(plan)
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
     polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
     loaded = _frame_load_times(plan)
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
-    states = max((len(own_links(plan, row)) for row in plan.elements[act_between_frames(plan)]), default=0)
+    with_states = plan.elements[act_between_frames(plan) & (plan.elements[:, at.EL_V] >= 0)]
+    states = max((len(own_links(plan, row)) for row in with_states), default=0)
     zeros = np.zeros
     n, longest, m = nv, nv, len(plan.rows)
     cut_of = np.full(len(plan.tree), -1, np.int64)
@@ -148,7 +156,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownB
         out=zeros(nv),
         frame_loads=zeros((len(loaded), nv)),
         frame_load_times=loaded,
-        blocks=diagonal_blocks(plan),
+        blocks=diagonal_blocks(plan) if side_by_side is None else side_by_side,
     )
 
 
