@@ -49,8 +49,8 @@ class TangentWork(ArrayStruct):
     second: (n, n) scratch for second derivatives of the strain energy of the bodies whose energy is a polynomial.
     point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
-    path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
-    path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
+    path_twist: (nv, 18) of each: twist of F, twist of G, rate of the twist of G against F.
+    path_wrench: (nv, 12) change of the wrench between F and G, in F's axes and by turning G's.
     path_rates: (most, nv) change of what the states of a force between frames require, of its own most states.
     jacobian: (rows, nv) rates of the constraint rows per unit velocity.  For a sparse matrix (rows, longest path), and
     ``row_unknown`` has the unknowns of its columns, ``row_count`` many, in the first of rows that join the same frames.
@@ -140,8 +140,8 @@ def new_tangent_work(
         point=zeros(N_COMPOSITE),
         path=zeros(n, np.int64),
         path_mark=marks,
-        path_twist=zeros((18, n)),
-        path_wrench=zeros((12, n)),
+        path_twist=zeros((n, 18)),
+        path_wrench=zeros((n, 12)),
         path_rates=zeros((states, n)),
         jacobian=zeros((m, longest)),
         rate_jacobian=zeros((m, longest)),
