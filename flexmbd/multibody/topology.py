@@ -36,10 +36,15 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """The tree's branches, parents before children, one a body; and the joints held by constraints."""
+    """The tree's branches, parents before children, one a body; and the joints held by constraints.
+
+    Attributes:
+        joints: what was found of the joints, for those who go on with them now.
+    """
 
     branches: tuple[Branch, ...]
     closures: tuple[Connection, ...]
+    joints: AlikeJoints
 
 
 def spanning_tree(
@@ -82,8 +87,9 @@ def spanning_tree(
         reached.add(id(body))
         for index, c in at_body.get(id(body), ()):
             parent, child = c.parent.body, c.child.body
-            neighbours.extend((parent, child))
-            if c.must_be_constraints or (id(parent) in reached and id(child) in reached):
+            neighbours.append(parent)
+            neighbours.append(child)
+            if (id(parent) in reached and id(child) in reached) or c.must_be_constraints:
                 continue
             layout, at_point = joints.of(c.joint), is_point(child)
             if layout.has_coordinates(at_point=at_point):
@@ -115,7 +121,7 @@ def spanning_tree(
                 "its bodies, or its frame on the outer body deforms, or it only runs from parent to child"
             )
     closures = tuple(c for c in connections if id(c) not in used)
-    return Topology(tuple(_side_by_side(ground, branches, closures)), closures)
+    return Topology(tuple(_side_by_side(ground, branches, closures)), closures, joints)
 
 
 def _side_by_side(ground: Body, branches: list[Branch], closures: Sequence[Connection]) -> list[Branch]:

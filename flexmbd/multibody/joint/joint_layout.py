@@ -109,18 +109,28 @@ class JointLayout:
 
 
 class AlikeJoints:
-    """The layouts of joints, one for all that are equal."""
+    """The layouts of joints, one for all that are equal; copies and pickles know none."""
 
     def __init__(self) -> None:
         self._known: dict[object, JointLayout] = {}
-        self._unlike: dict[int, JointLayout] = {}  # what cannot be hashed, as by an axis in a list; by its id
+        self._met: dict[int, tuple[Joint, JointLayout]] = {}  # by ids of joints, which live as long
+
+    def __reduce__(self) -> tuple[type[AlikeJoints], tuple[()]]:
+        """Ids are of one process."""
+        return AlikeJoints, ()
 
     def of(self, joint: Joint) -> JointLayout:
         """The layout of a joint."""
+        met = self._met.get(id(joint))
+        if met is None:
+            met = self._met[id(joint)] = joint, self._like(joint)
+        return met[1]
+
+    def _like(self, joint: Joint) -> JointLayout:
         try:
             found = self._known.get(joint)
-        except TypeError:
-            return self._unlike.setdefault(id(joint), JointLayout(joint))
+        except TypeError:  # it cannot be hashed, as by an axis in a list
+            return JointLayout(joint)
         if found is None:
             found = self._known[joint] = JointLayout(joint)
         return found

@@ -326,7 +326,7 @@ def build(
     masses = alike_rows(branch.outer.body for branch in topology.branches)
     reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces))
     extent = max([beams, *(one.size for one in reach)]) or 1.0
-    b = Numbering(ground, extent, Callbacks(team))
+    b = Numbering(ground, extent, Callbacks(team), topology.joints)
     for branch, mass in zip(topology.branches, masses, strict=True):
         b.add_branch(branch, mass)
     rows = assemble_rows(b, topology, couplings)

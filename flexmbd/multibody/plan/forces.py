@@ -42,18 +42,18 @@ from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
 from flexmbd.multibody.plan.force_places import AlikeRows, AlikeSpans, ForceSpan
-from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.plan.numbering import UNTURNED, Numbering
 from flexmbd.multibody.plan.state_table import StateTable, checked_law, flat
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, RunMap
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: What may act on a point mass; where it could turn the point the force's own ``check`` has seen to it.
 _AT_POINTS = (
     DISTANCE_SPRING, GIVEN_ON_LINE, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_IN_F, GIVEN_IN_G, BUSHING, PENALTY,
     CONTACT, ROUGH_CONTACT,
 )  # fmt: skip
-_UNTURNED = np.eye(3)
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
 
 
@@ -64,6 +64,7 @@ class ForceTable(StateTable):
         forces: functions of time on coordinates: index in v, row of ``Plan.times``.
         shafts: one-dimensional inertias on coordinates: index in v, inertia.
         elements: rows of ``Plan.elements``.
+        alike: of these the arrays of elements alike, each with where it begins.
         names: of each element, in messages, or the element alike to others that has one.
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
@@ -77,6 +78,7 @@ class ForceTable(StateTable):
         self.forces: list[list[int]] = []
         self.shafts: list[list[float]] = []
         self.elements: list[list[int]] = []
+        self.alike: list[tuple[int, IntArray]] = []
         self.names: list[str | AlikeBetweenFrames] = []
         self.wrench_sources: list[WrenchSource] = []
         self.interiors: list[PlacedInterior] = []
@@ -111,9 +113,9 @@ class ForceTable(StateTable):
         self.spans[force] = ForceSpan(data, times, tuple(self._asked), places, tuple(self._links))
         self._name_memories(force, self._memories)
 
-    def may_vary(self, force: Force) -> bool:
-        """Whether other values are to be given to a force."""
-        return force in self._varied
+    def may_vary(self, forces: Sequence[Force]) -> bool:
+        """Whether other values are to be given to any of these forces."""
+        return len(self._varied) > 0 and any(force in self._varied for force in forces)
 
     def assemble_alike(self, forces: Sequence[AlikeBetweenFrames]) -> AlikeRows:
         """Let elements of one class add their rows at once, to the same arrays as one after the other."""
@@ -134,6 +136,7 @@ class ForceTable(StateTable):
         rows[:, at.EL_DATA] = first + numbers.shape[1] * acts
         rows[:, at.EL_COUNT : at.EL_NUMBER] = 0
         rows[:, at.EL_NUMBER] = np.arange(row, row + len(acts))
+        self.alike.append((row, rows))
         self.elements.extend(rows.tolist())
         self.names.extend([forces[k] for k in acts.tolist()])
         self.idle.extend([forces[k].what for k in np.flatnonzero(~acting).tolist()])
@@ -194,14 +197,14 @@ class ForceTable(StateTable):
         if frame not in self._frames:
             if is_point(frame.body):
                 self._at_points[len(self._numbering.frames)] = frame
-            self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), _UNTURNED)
+            self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), UNTURNED)
         return self._frames[frame]
 
     def ground(self) -> int:
         """Row of ``Plan.frames`` of the inertial frame."""
         if self._origin is None:
             origin = Frame(self._ground, np.zeros(3), np.eye(3), None, "ground")
-            self._origin = self._numbering.add_frame(origin, -1, _UNTURNED)
+            self._origin = self._numbering.add_frame(origin, -1, UNTURNED)
         self._asked.append(self._origin)
         return self._origin
 
@@ -216,12 +219,11 @@ class ForceTable(StateTable):
             raise SceneError("a contact cannot vary to a shape with another table; build the scene anew")
         return place
 
-    def share(self, force: Force) -> None:
+    def share(self, force: WithSharedNumbers) -> None:
         """Let the numbers that a force shares stand in the plan, once, before any force's own begin."""
-        if isinstance(force, WithSharedNumbers):
-            for one in force.shared_numbers:
-                if one not in self._numbering.index.shared:
-                    self._numbering.index.shared[one] = self.numbers(one.values)
+        for one in force.shared_numbers:
+            if one not in self._numbering.index.shared:
+                self._numbering.index.shared[one] = self.numbers(one.values)
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``."""
@@ -502,13 +504,14 @@ def assemble_forces(
     """
     table = ForceTable(numbering, ground, varied)
     for force in forces:
-        table.share(force)
+        if isinstance(force, WithSharedNumbers):
+            table.share(force)
     with_states = [force for force in forces if isinstance(force, (States, WithStates))]
     others = [force for force in forces if not isinstance(force, (States, WithStates))]
     for kind, run in groupby([*with_states, *others], key=type):
         several = list(run)
         enter_together = issubclass(kind, AlikeBetweenFrames) and kind.assemble is AlikeBetweenFrames.assemble
-        if enter_together and not any(map(table.may_vary, several)):
+        if enter_together and not table.may_vary(several):
             numbering.index.forces.add_run(several, table.assemble_alike(several))
             continue
         for force in several:

@@ -113,6 +113,7 @@ def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatA
 _UPPER = [0, 1, 2, 4, 5, 8]  # xx xy xz yy yz zz among nine
 _MASSLESS = [0.0] * at.N_RIGID
 _NO_PLACE = np.zeros(3)
+UNTURNED = np.eye(3)
 _ANGLES = (kinds.GROUP_ANGLE, 1.0, 1.0)
 
 
@@ -125,7 +126,7 @@ def modal_sizes(extent: float, record: ReducedBody) -> tuple[float, float]:
 class Numbering:
     """Numbers frames, bodies, joints, modes and functions of time: growing lists of the plan's arrays."""
 
-    def __init__(self, ground: Body, extent: float, callbacks: Callbacks) -> None:
+    def __init__(self, ground: Body, extent: float, callbacks: Callbacks, joints: AlikeJoints | None = None) -> None:
         self.extent = extent
         self.index = SceneIndex()
         self.index.bodies[ground] = -1
@@ -136,7 +137,9 @@ class Numbering:
         self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
         self._lengths = (kinds.GROUP_LENGTH, extent, extent)
         self.group_of: list[int] = []
-        self.frames: list[tuple[FloatArray, FloatArray, FloatArray | None]] = []  # place, axes, what turns these
+        self.frames: list[FloatArray] = []  # places; likewise axes, and what turns these
+        self._axes: list[FloatArray] = []
+        self._turns: list[FloatArray] = []
         self.frame_of: list[tuple[int, int, int]] = []
         self.markers: list[Marker | None] = []  # of each frame; None of what no marker gives
         self.modal: list[FloatArray] = []
@@ -150,7 +153,7 @@ class Numbering:
         self.data_size = 1
         self.pairs: dict[KinematicPair, int] = {}
         self._remembers = False
-        self._joints = AlikeJoints()
+        self._joints = joints or AlikeJoints()
 
     def add_branch(self, branch: Branch, mass: list[float]) -> None:
         """Append a body with its inboard joint; steps but the last lead to massless links.
@@ -292,14 +295,18 @@ class Numbering:
     def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
         """Append a frame, its axes turned by ``turn``; return its row."""
         modes = (-1, -1) if frame.modes is None else mode_places(self.add_modal(frame.modes), frame.modes)
-        self.frames.append((frame.p_BF_B, frame.R_BF, turn))
+        self.frames.append(frame.p_BF_B)
+        self._axes.append(frame.R_BF)
+        self._turns.append(turn)
         self.frame_of.append((row, *modes))
         self.markers.append(Marker(frame, turn))
         return len(self.frames) - 1
 
     def add_body_frame(self, row: int, p: FloatArray, R: FloatArray, modes: tuple[int, int] = (-1, -1)) -> int:
         """Append a frame of the body in ``row``, its modes at two `mode_places`; return its row."""
-        self.frames.append((p, R, None))
+        self.frames.append(p)
+        self._axes.append(R)
+        self._turns.append(UNTURNED)
         self.frame_of.append((row, *modes))
         self.markers.append(None)
         return len(self.frames) - 1
@@ -308,13 +315,9 @@ class Numbering:
         """(frames, N_FRAME) the places and turned axes of all frames."""
         rows = np.empty((len(self.frames), at.N_FRAME))
         if len(rows):
-            places, axes, turns = zip(*self.frames, strict=True)
-            rows[:, at.FRAME_P : at.FRAME_R] = np.concatenate(places).reshape(-1, 3)
-            rows[:, at.FRAME_R :] = np.concatenate(axes).reshape(-1, 9)
-            turned = [k for k, turn in enumerate(turns) if turn is not None]
-            if turned:
-                by = np.concatenate([turns[k] for k in turned]).reshape(-1, 3, 3)
-                rows[turned, at.FRAME_R :] = (rows[turned, at.FRAME_R :].reshape(-1, 3, 3) @ by).reshape(-1, 9)
+            axes, turns = (np.concatenate(several).reshape(-1, 3, 3) for several in (self._axes, self._turns))
+            rows[:, at.FRAME_P : at.FRAME_R] = np.concatenate(self.frames).reshape(-1, 3)
+            rows[:, at.FRAME_R :] = (axes @ turns).reshape(-1, 9)
         return rows
 
     def add_flex(self, record: ReducedBody) -> int:

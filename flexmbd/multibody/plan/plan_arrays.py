@@ -58,7 +58,7 @@ def fill_plan(
         lapack=lapack_addresses(),
         flag=b.callbacks.flag,
         wrenches=np.zeros((sum(len(one.rows) for one in table.interiors), 6)),
-        elements=_int_table(table.elements, at.N_ELEMENT),
+        elements=_elements(table),
         penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),
         horizon=open_horizon(),
@@ -87,6 +87,15 @@ def time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
         data.append(data_with_integrals(row))
         offset += data[-1].size
     return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
+
+
+def _elements(table: ForceTable) -> IntArray:
+    """(k, N_ELEMENT) ``Plan.elements``."""
+    found, done = [], 0
+    for first, rows in table.alike:
+        found += [_int_table(table.elements[done:first], at.N_ELEMENT), rows]
+        done = first + len(rows)
+    return np.concatenate([*found, _int_table(table.elements[done:], at.N_ELEMENT)])
 
 
 def _int_table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:

@@ -37,14 +37,14 @@ def point_reach(topology: Topology, forces: Sequence[Force]) -> float:
         on_ground = [frame.p_BF_B for frame in group if isinstance(frame.body, Ground)]
         if on_ground and any(id(frame.body) in points for frame in group):
             fixed += on_ground
-    places = _places([joint for joint, _ in carried])
+    places = _places([joint for joint, _ in carried], topology.joints)
     return float(np.linalg.norm(np.ptp(np.concatenate([places, np.reshape(fixed, (-1, 3))]), axis=0)))
 
 
-def _places(joints: Sequence[Connection]) -> FloatArray:
+def _places(joints: Sequence[Connection], known: AlikeJoints) -> FloatArray:
     """(n, 3) m, where the points that joints carry are at the start."""
     places = np.concatenate([joint.parent.p_BF_B for joint in joints]).reshape(-1, 3)
-    known, moved = AlikeJoints(), dict[JointLayout, list[int]]()
+    moved: dict[JointLayout, list[int]] = {}
     for k, joint in enumerate(joints):
         if joint.position is not None:
             moved.setdefault(known.of(joint.joint), []).append(k)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.joint.joint_layout import AlikeJoints
 from flexmbd.multibody.plan.force_places import ForceSpan
 from flexmbd.multibody.plan.numbering import Marker
 from flexmbd.multibody.plan.rows import ScaledRow
@@ -122,7 +121,7 @@ def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[Reac
         frames.setdefault(id(frame.body), []).append(frame)
     moving: set[int] = set()
     sizes: dict[object, float] = {}  # those of bodies alike are found once
-    joints = AlikeJoints()
+    joints = topology.joints
     found: list[Reach] = []
     for branch, mass in zip(topology.branches, masses, strict=True):
         body, joint = branch.outer.body, branch.connection

@@ -6,7 +6,18 @@ the frames and not the other change it; that it goes along with the bodies is pa
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, store3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    compose,
+    cross3,
+    dot3,
+    load3,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
@@ -142,6 +153,20 @@ def pair_frames(plan, work, tw, f, g):
 
 
 @kernel
+def pair_motion(plan, work, tw, f, g):
+    """The motion of G against F, as of ``relative_rates``, and what ``pair_frames`` gives."""
+    p_F, R_F, v_F, w_F, _, _ = frame_motion(plan, work, f)
+    p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
+    d = rotate_back(R_F, sub3(p_G, p_F))
+    R = compose((R_F[0], R_F[3], R_F[6], R_F[1], R_F[4], R_F[7], R_F[2], R_F[5], R_F[8]), R_G)
+    rate = sub3(rotate(R, v_G), add3(v_F, cross3(w_F, d)))
+    spin = sub3(rotate(R, w_G), w_F)
+    o = load3(tw.origin, 0)
+    v = sub3(rotate(R_G, v_G), load3(tw.origin, 3))
+    return (d, R, rate, spin), (sub3(p_F, o), sub3(p_G, o), v, rotate(R_F, w_F), rotate(R_G, w_G), R_F)
+
+
+@kernel
 def put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
     """Store what unknown k changes of the wrench between F and G, about o in world axes.
 
@@ -225,8 +250,7 @@ def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     frames and how many of these, the first of the path, move them apart; the states of the force are among both.
     """
     f, g = row[at.EL_F], row[at.EL_G]
-    d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-    c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
+    (d, R, rate, spin), (c_F, c_G, v_G, w_F, w_G, R_F) = pair_motion(plan, work, tw, f, g)
     force, torque = element_wrench(plan, work, row, d, R, rate, spin)
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
