@@ -9,7 +9,7 @@ table of points tells again that its spline swings.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from itertools import chain, groupby
@@ -213,22 +213,41 @@ class _Reader:
         for kind, run in groupby(forces, key=type):
             names, alone = _FIELDS.get(kind) or _learnt(kind)
             own = list(run)
-            if not alone or len(own) == 1:
-                found += map(self.value, own)
-                continue
-            if set(map(len, map(vars, own))) != {len(names)}:  # something was hung on one
-                raise _UnknownError
-            found += map(self._attribute, zip(*(map(vars(one).get, names) for one in own), strict=True))
+            found += self._columns(own, names) if alone else map(self.value, own)
         return tuple(found)
+
+    def _columns(self, several: Sequence[Any], names: Sequence[str]) -> Iterator[Any]:
+        """The values of objects of a frozen class, field by field."""
+        known = [vars(one) for one in several]
+        if set(map(len, known)) != {len(names)}:  # something was hung on one
+            raise _UnknownError
+        return map(self._attribute, zip(*map(operator.itemgetter(*names), known), strict=True))
 
     def _attribute(self, values: tuple[Any, ...]) -> Any:
         """The values of one attribute of several objects."""
         kinds = set(map(type, values))
-        if kinds <= _ATOMS:
+        if kinds <= _ATOMS or kinds <= _THEMSELVES:
             return values
+        if len(kinds) > 1:
+            return tuple(map(self.value, values))
         if kinds == {Frame}:
-            return values, *map(self.value, {id(frame): frame for frame in values}.values())
+            new = {id(frame): frame for frame in values if id(frame) not in self._frames}
+            self._frames.update(new)
+            return values, *(self._columns(list(new.values()), _FRAME) if new else ())
+        if kinds == {np.ndarray}:
+            return self._arrays(values)
+        kind = type(values[0])
+        if not (kind in _WITH_KIND or kind is list or kind is tuple or issubclass(kind, Enum)):
+            names, alone = _FIELDS.get(kind) or _learnt(kind)
+            if len(names) > 1 and not alone:
+                return kind, *self._columns(values, names)
         return tuple(map(self.value, values))
+
+    def _arrays(self, arrays: tuple[NDArray[Any], ...]) -> tuple[Any, ...]:
+        if any(kind not in "iufb" for kind in {array.dtype.kind for array in arrays}):
+            raise _UnknownError
+        self.arrays.update(zip(map(id, arrays), arrays, strict=True))
+        return _numbers(arrays)
 
     def value(self, one: object) -> Any:
         """A value of any class that is known."""
