@@ -243,8 +243,8 @@ def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
 def _filter(plan, scratch, error):
     """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
 
-    This damps the error in stiff parts and removes it across rows.  ``s.full_matrix``, or ``s.end_mass``, must hold the mass
-    matrix.
+    This damps the error in stiff parts and removes it across rows.  ``s.full_matrix``, or ``s.end_mass``, must hold the
+    mass matrix.
     """
     free = plan.free
     if is_sparse(scratch):

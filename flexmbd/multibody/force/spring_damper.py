@@ -44,4 +44,4 @@ class SpringDamper(AlikeBetweenFrames):
     @classmethod
     def acting(cls, numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) those (n, 3) with a stiffness or a damping."""
-        return (numbers[:, [0, 2]] > 0.0).any(axis=1)
+        return np.asarray((numbers[:, [0, 2]] > 0.0).any(axis=1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -138,9 +138,9 @@ class ForceTable(StateTable):
         rows[:, at.EL_NUMBER] = np.arange(row, row + len(acts))
         self.alike.append((row, rows))
         self.elements.extend(rows.tolist())
-        self.names.extend([forces[k] for k in acts.tolist()])
-        self.idle.extend([forces[k].what for k in np.flatnonzero(~acting).tolist()])
-        self.spans.add_run(forces, AlikeSpans(first, numbers.shape[1], time, frames))
+        self.names.extend([force for force, acts_at_all in zip(forces, acting, strict=True) if acts_at_all])
+        self.idle.extend([force.what for force, acts_at_all in zip(forces, acting, strict=True) if not acts_at_all])
+        self.spans.add_run(list[Force](forces), AlikeSpans(first, numbers.shape[1], time, frames))
         return AlikeRows(len(self.forces), row + np.concatenate([[0], np.cumsum(acting)]))
 
     def _name_memories(self, force: Force, memories: Iterable[tuple[int, tuple[str, ...]]]) -> None:
@@ -512,7 +512,7 @@ def assemble_forces(
         several = list(run)
         enter_together = issubclass(kind, AlikeBetweenFrames) and kind.assemble is AlikeBetweenFrames.assemble
         if enter_together and not table.may_vary(several):
-            numbering.index.forces.add_run(several, table.assemble_alike(several))
+            numbering.index.forces.add_run(several, table.assemble_alike(cast(list[AlikeBetweenFrames], several)))
             continue
         for force in several:
             first, first_element = len(table.forces), len(table.elements)

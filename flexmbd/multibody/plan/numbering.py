@@ -95,8 +95,8 @@ def _numbers_of(body: Body) -> object:
     """What the row of a body without modes follows from, None of others; types count, for not all are numbers."""
     if type(body) is PointMass:
         return type(body.mass), body.mass
-    if type(body) is RigidBody and type(body.inertia) is tuple:
-        com, inertia = tuple(body.com), body.inertia
+    if type(body) is RigidBody and isinstance(body.inertia, tuple):
+        com, inertia = tuple(body.com), tuple(body.inertia)
         return type(body.mass), body.mass, com, inertia, body.as_measured, *map(type, com + inertia)
     return None
 

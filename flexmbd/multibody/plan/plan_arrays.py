@@ -74,7 +74,7 @@ def classify_rotations(tree: IntArray, frame_of: IntArray) -> IntArray:
     deforms = frame_of[tree[:, at.FRAME_PARENT], at.FRAME_MODES] >= 0
     own = (tree[:, at.JOINT_TURN] != kinds.TURN_NONE) | deforms
     rotates: list[bool] = []
-    for parent, turns in zip(tree[:, at.PARENT].tolist(), own.tolist(), strict=True):
+    for parent, turns in zip(map(int, tree[:, at.PARENT]), map(bool, own), strict=True):
         rotates.append(turns or (parent >= 0 and rotates[parent]))
     return np.where(np.array(rotates, bool), kinds.ROTATING, kinds.NONROTATING)
 

@@ -13,7 +13,8 @@ def components(count: int, one: IntArray, other: IntArray) -> IntArray:
 
     Args:
         count: how many things there are.
-        one, other: (k,) pairs that hang together.
+        one: (k,) the first of pairs that hang together.
+        other: (k,) the second.
     """
     least = np.arange(count)
     while True:

@@ -220,7 +220,7 @@ def _flexible_bodies(plan: Plan) -> tuple[IntArray, list[int]]:
     """Rows of ArticulatedWork.flex, and the frames of all interfaces body by body."""
     rows: list[list[int]] = []
     frames: list[int] = []
-    for i in np.flatnonzero(plan.tree[:, at.FLEX] >= 0).tolist():
+    for i in map(int, np.flatnonzero(plan.tree[:, at.FLEX] >= 0)):
         tree = plan.tree[i]
         carriers = [int(f) for f in plan.tree[plan.tree[:, at.PARENT] == i, at.FRAME_PARENT]]
         deforming = [f for f in carriers if plan.frame_of[f, at.FRAME_MODES] >= 0]

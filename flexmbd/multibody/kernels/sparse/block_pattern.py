@@ -8,6 +8,7 @@ then of its factors.  What it leaves to its others (u, u) lives on a stack until
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -235,7 +236,8 @@ def _stacked(parent: IntArray, others: IntArray) -> tuple[IntArray, int]:
     Two stacks: of fronts at even depths, and of those at odd ones, so that a front takes from one what its children
     left and leaves on the other; the second begins where the first ends at its highest.
     """
-    parents, sizes = parent.tolist(), (others**2).tolist()
+    parents: Any = parent.tolist()
+    sizes: Any = (others**2).tolist()
     side = [0] * len(parents)  # of the depth, whether it is odd
     for k in range(len(parents) - 1, -1, -1):
         if parents[k] >= 0:

@@ -101,7 +101,7 @@ def _coupled(plan: Plan) -> list[tuple[int, int, int, int]]:
             rows.setdefault(moving[0], []).append(r)
         else:
             found.append((nv, nv, r, r + 1))
-    for root in np.flatnonzero(most > 0).tolist():
+    for root in map(int, np.flatnonzero(most > 0)):
         held = rows.get(root, [-1])
         found.append((int(least[root]), int(most[root]), max(held[0], 0), held[-1] + 1))
     return found

@@ -32,8 +32,8 @@ CONSTANT, STIFFNESS, DAMPING, MASS, N_PARTS = range(5)
 class LoopMatrices(ArrayStruct):
     """What an implicit step needs besides of a sparse matrix with constraint rows; empty without these.
 
-    tree: factors of the matrix without rows.  across: of that in which all rows hold, where an augmented Lagrangian lets
-    some yield.  stiffness: (fill,) the part by positions.
+    tree: factors of the matrix without rows.  across: of that in which all rows hold, where an augmented Lagrangian
+    lets some yield.  stiffness: (fill,) the part by positions.
     jacobian, rate_jacobian: (m, longest path) of the rows and, by positions, of their rates, as those of
     ``TangentWork``, but by the turns of balls within the step.  spins: (nv,) 1 where the velocities of a ball begin;
     whole: (fill,) the matrix, of which rate_jacobian is then; both (0,) without balls.

@@ -208,7 +208,8 @@ class UnknownBlocks:
     @cached_property
     def _owns(self) -> list[tuple[UnknownGroup, UnknownPath]]:
         """Each free group of a body with the way from there inwards."""
-        found, is_free = [], (self.of >= 0).tolist()
+        found: list[tuple[UnknownGroup, UnknownPath]] = []
+        is_free: Any = (self.of >= 0).tolist()
         for joint, modes, inward, outward in zip(self.joints, self.modes, self.inward, self.outward, strict=True):
             if joint is not None and is_free[joint.first]:
                 found.append((joint, inward))
