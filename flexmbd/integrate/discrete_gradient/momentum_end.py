@@ -1,7 +1,8 @@
 """The end of an energy-momentum step: its mass matrix, velocities from momenta, accelerations, multipliers.
 
 The mass matrix is that of the tangent, factored densely block by block or as a sparse one.  With constraint rows
-momenta are projected, p - C^T mu, so that velocities close the loops too.  ``scratch`` is an ``EnergyMomentumWorkspace``.
+momenta are projected, p - C^T mu, so that velocities close the loops too.  ``scratch`` is an
+``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations

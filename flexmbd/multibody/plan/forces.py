@@ -140,7 +140,7 @@ class ForceTable(StateTable):
         self.elements.extend(rows.tolist())
         self.names.extend([force for force, acts_at_all in zip(forces, acting, strict=True) if acts_at_all])
         self.idle.extend([force.what for force, acts_at_all in zip(forces, acting, strict=True) if not acts_at_all])
-        self.spans.add_run(list[Force](forces), AlikeSpans(first, numbers.shape[1], time, frames))
+        self.spans.add_run(cast(Sequence[Force], forces), AlikeSpans(first, numbers.shape[1], time, frames))
         return AlikeRows(len(self.forces), row + np.concatenate([[0], np.cumsum(acting)]))
 
     def _name_memories(self, force: Force, memories: Iterable[tuple[int, tuple[str, ...]]]) -> None:

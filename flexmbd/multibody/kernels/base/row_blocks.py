@@ -85,7 +85,8 @@ def moving_branches(plan: Plan) -> list[int]:
     for first, count in velocity_spans(plan):
         moves |= (count > 0) & (before[np.where(count > 0, first + count, 0)] > before[np.where(count > 0, first, 0)])
     branch: list[int] = []
-    for i, (parent, is_moved) in enumerate(zip(plan.tree[:, at.PARENT].tolist(), moves.tolist(), strict=True)):
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    for i, (parent, is_moved) in enumerate(zip(parents, map(bool, moves), strict=True)):
         inner = branch[parent] if parent >= 0 else -1
         branch.append(inner if inner >= 0 else i if is_moved else -1)
     return branch
