@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.force.alike import AlikeBetweenFrames
-from flexmbd.multibody.force.protocol import check_numbers
+from flexmbd.multibody.force.alike import AlikeElements, BoolArray, FloatArray
+from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
-from flexmbd.multibody.kernels.elements.element import ElementKind
 
 
 @dataclass(frozen=True, eq=False)
-class SpringDamper(AlikeBetweenFrames):
+class SpringDamper(BetweenFrames):
     """A pull stiffness (L - length) + damping dL/dt along the line of length L between two frames' origins.
 
     Attributes:
@@ -32,16 +29,25 @@ class SpringDamper(AlikeBetweenFrames):
     length: float
     damping: float = 0.0
 
-    element: ClassVar[ElementKind] = DISTANCE_SPRING
-    number_names: ClassVar[tuple[str, ...]] = ("stiffness", "length", "damping")
-
     def check(self) -> None:
         """Raise SceneError for numbers that no spring has."""
         check_numbers(
             self.what, least={"stiffness": self.stiffness, "length": self.length, "damping": self.damping}
         )
 
-    @classmethod
-    def acting(cls, numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(n,) those (n, 3) with a stiffness or a damping."""
-        return np.asarray((numbers[:, [0, 2]] > 0.0).any(axis=1))
+    def assemble(self, table: ElementTable) -> None:
+        """One row."""
+        numbers = SPRINGS.numbers([self])
+        data = table.numbers(numbers[0])
+        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
+        acts = bool(SPRINGS.acting(numbers)[0])
+        table.element(SPRINGS.element, self.what, f=f, g=g, data=data, acts=acts)
+
+
+def _acting(numbers: FloatArray) -> BoolArray:
+    """Those with a stiffness or a damping."""
+    return np.asarray((numbers[:, [0, 2]] > 0.0).any(axis=1))
+
+
+#: Of springs a scene may have many.
+SPRINGS = AlikeElements(DISTANCE_SPRING, ("stiffness", "length", "damping"), _acting)

@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.force.alike import AlikeBetweenFrames
+from flexmbd.multibody.force.protocol import BetweenFrames
 from flexmbd.multibody.scene_index import ForceRows
 
 IntArray = NDArray[np.int64]
@@ -77,7 +77,7 @@ class AlikeRows:
 class ElementNames(Sequence[str]):
     """Names of the rows of ``Plan.elements``, of elements alike made when they are asked for."""
 
-    def __init__(self, names: Iterable[str | AlikeBetweenFrames]) -> None:
+    def __init__(self, names: Iterable[str | BetweenFrames]) -> None:
         self._names = tuple(names)
 
     @overload
@@ -97,5 +97,5 @@ class ElementNames(Sequence[str]):
         return len(self._names)
 
 
-def _said(name: str | AlikeBetweenFrames) -> str:
+def _said(name: str | BetweenFrames) -> str:
     return name if isinstance(name, str) else name.what

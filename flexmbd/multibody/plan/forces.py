@@ -14,9 +14,10 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
-from flexmbd.multibody.force.alike import AlikeBetweenFrames
-from flexmbd.multibody.force.protocol import Force, SwitchValue, WithStates
+from flexmbd.multibody.force.alike import AlikeElements
+from flexmbd.multibody.force.protocol import BetweenFrames, Force, SwitchValue, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.multibody.force.spring_damper import SPRINGS, SpringDamper
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
@@ -54,6 +55,8 @@ _AT_POINTS = (
     DISTANCE_SPRING, GIVEN_ON_LINE, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_IN_F, GIVEN_IN_G, BUSHING, PENALTY,
     CONTACT, ROUGH_CONTACT,
 )  # fmt: skip
+#: Classes of which many enter the plan together; what is derived from them may do it in its own way.
+_ALIKE: dict[type, AlikeElements] = {SpringDamper: SPRINGS}
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
 
 
@@ -79,7 +82,7 @@ class ForceTable(StateTable):
         self.shafts: list[list[float]] = []
         self.elements: list[list[int]] = []
         self.alike: list[tuple[int, IntArray]] = []
-        self.names: list[str | AlikeBetweenFrames] = []
+        self.names: list[str | BetweenFrames] = []
         self.wrench_sources: list[WrenchSource] = []
         self.interiors: list[PlacedInterior] = []
         self.idle: list[str] = []
@@ -117,10 +120,9 @@ class ForceTable(StateTable):
         """Whether other values are to be given to any of these forces."""
         return len(self._varied) > 0 and any(force in self._varied for force in forces)
 
-    def assemble_alike(self, forces: Sequence[AlikeBetweenFrames]) -> AlikeRows:
+    def assemble_alike(self, alike: AlikeElements, forces: Sequence[BetweenFrames]) -> AlikeRows:
         """Let elements of one class add their rows at once, to the same arrays as one after the other."""
-        kind, element = type(forces[0]), forces[0].element
-        numbers = kind.numbers_of(forces)
+        element, numbers = alike.element, alike.numbers(forces)
         first, time = self.numbers(numbers), len(self._numbering.times)
         ends = [frame for force in forces for frame in (force.frame_F, force.frame_G)]
         rows_of = {number: self._row_of(frame) for number, frame in {id(frame): frame for frame in ends}.items()}
@@ -128,7 +130,7 @@ class ForceTable(StateTable):
         if element not in _AT_POINTS and not self._at_points.keys().isdisjoint(frames.ravel().tolist()):
             turned = next(k for k, row in enumerate(frames.ravel().tolist()) if row in self._at_points)
             refuse_turn(ends[turned], forces[turned // 2].what)
-        acting = kind.acting(numbers)
+        acting = alike.acting(numbers)
         row, acts = len(self.elements), np.flatnonzero(acting)
         rows = np.full((len(acts), at.N_ELEMENT), -1, np.int64)
         rows[:, at.EL_KIND] = kind_of(element)
@@ -510,9 +512,10 @@ def assemble_forces(
     others = [force for force in forces if not isinstance(force, (States, WithStates))]
     for kind, run in groupby([*with_states, *others], key=type):
         several = list(run)
-        enter_together = issubclass(kind, AlikeBetweenFrames) and kind.assemble is AlikeBetweenFrames.assemble
-        if enter_together and not table.may_vary(several):
-            numbering.index.forces.add_run(several, table.assemble_alike(cast(list[AlikeBetweenFrames], several)))
+        alike = _ALIKE.get(kind)
+        if alike is not None and not table.may_vary(several):
+            rows_of = table.assemble_alike(alike, cast(list[BetweenFrames], several))
+            numbering.index.forces.add_run(several, rows_of)
             continue
         for force in several:
             first, first_element = len(table.forces), len(table.elements)
