@@ -85,11 +85,11 @@ class Scene:
 _HALF = (0.5 * many_scenes.LINK, 0.0, 0.0)
 SCENES = {
     "statics": Scene(
-        ((12, 4), (72, 6), (72, 24), (300, 100)), many_scenes.lattice, many_scenes.exudyn_lattice,
+        ((36, 4), (72, 6), (72, 24), (300, 100)), many_scenes.lattice, many_scenes.exudyn_lattice,
         lambda nx, ny: 2 * nx * ny, error=1e-6, methods=("statics", "exudyn statics"),
     ),
     "lattice": Scene(
-        ((12, 4), (72, 6), (72, 24), (300, 100)), many_scenes.lattice, many_scenes.exudyn_lattice,
+        ((36, 4), (72, 6), (72, 24), (300, 100)), many_scenes.lattice, many_scenes.exudyn_lattice,
         lambda nx, ny: 2 * nx * ny, 0.5, 1e-5, ("alpha", "radau", "explicit", "exudyn", "exudyn RK"),
     ),
     "ladder": Scene(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from flexmbd.errors import FlexmbdError, SceneError
 FloatArray = NDArray[np.float64]
 
 _NUMBERS = frozenset({float, int})
+_FITTING: set[tuple[type, type | tuple[type, ...]]] = set()  # classes all of whose objects are of these kinds
 
 
 def numbers(value: object) -> FloatArray:
@@ -98,10 +100,15 @@ def refuse_other(value: object, kinds: type | tuple[type, ...], what: str, *, wa
     Raises:
         SceneError: it is of none of these kinds.
     """
+    if (type(value), kinds) in _FITTING:
+        return
     if isinstance(value, type):
         raise SceneError(f"{what} must be {wanted}, got the class {value.__name__} itself; call it, with its arguments")
     if not isinstance(value, kinds):
         raise SceneError(f"{what} must be {wanted}, got {shown(value)}")
+    with suppress(Exception):  # of what has no such object, or asks for more than is there
+        if isinstance(object.__new__(type(value)), kinds):  # whatever it holds: its class tells, and need not again
+            _FITTING.add((type(value), kinds))
 
 
 def shown(value: object) -> str:

@@ -18,7 +18,6 @@ from flexmbd.multibody.kernels.tangent.diagonal_blocks import DiagonalBlocks, di
 from flexmbd.multibody.kernels.tangent.sparse_matrix import (
     SparseMatrix,
     factor_cost,
-    is_augmented,
     new_sparse_matrix,
     no_sparse_matrix,
     sparse_blocks,
@@ -68,7 +67,8 @@ class MatrixChoice:
 
     def new_tangent(self, nv: int, sizes: FloatArray) -> TangentWork:
         """Allocate the tangent's scratch, see ``new_tangent_work``."""
-        return new_tangent_work(self.plan, nv, sizes=sizes, blocks=self.sparse[0] if self.sparse else None)
+        blocks = self.sparse[0] if self.sparse else None
+        return new_tangent_work(self.plan, nv, sizes=sizes, blocks=blocks, side_by_side=self.side_by_side)
 
     def text(self) -> str:
         """What is chosen, in words."""
@@ -97,26 +97,31 @@ def _in_blocks(sizes: IntArray) -> str:
     return f"{many}{most} unknown{'' if most == 1 else 's'}"
 
 
-def choose_matrix(plan: Plan, *, dense: bool = False, serves: bool = True) -> MatrixChoice:
-    """The choice for ``plan``: by counted operations.
-
-    ``dense``: nothing else.  ``serves``: whether the method has a sparse matrix for it.
-    """
+def choose_matrix(plan: Plan, *, dense: bool = False) -> MatrixChoice:
+    """That of generalized-alpha and of Radau IIA: by counted operations; ``dense``: nothing else."""
     side_by_side = diagonal_blocks(plan)
     free = np.diff(side_by_side.free)
     recursion = new_tree_recursion(plan, free[:0] if dense else free)
     found = None
-    if serves and not dense and len(recursion.number) == 0:
+    if not dense and len(recursion.number) == 0:
         found = sparse_blocks(plan, np.diff(unknown_bounds(side_by_side, 2)))
     return MatrixChoice(plan, side_by_side, recursion, found)
 
 
 def alpha_matrix(plan: Plan, *, dense: bool = False) -> MatrixChoice:
-    """That of generalized-alpha.
+    """That of generalized-alpha."""
+    return choose_matrix(plan, dense=dense)
 
-    Its loops stand in a sparse matrix but where an augmented Lagrangian enforces some.
+
+def momentum_matrix(plan: Plan) -> MatrixChoice:
+    """That of the energy-momentum method, sparse of trees of rigid bodies without prescribed motions alone.
+
+    It takes masses at two places from each other, of which no body may be cut.
     """
-    return choose_matrix(plan, dense=dense, serves=not is_augmented(plan))
+    side_by_side, found = diagonal_blocks(plan), None
+    if not (len(plan.rows) or len(plan.flex) or len(plan.driven)):
+        found = sparse_blocks(plan, np.diff(unknown_bounds(side_by_side, 1)), cuts=False)
+    return MatrixChoice(plan, side_by_side, new_tree_recursion(plan, side_by_side.free[:0]), found)
 
 
 def radau_matrix(plan: Plan) -> MatrixChoice:

@@ -6,10 +6,10 @@ import numpy as np
 
 from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum
-from flexmbd.integrate.matrix_choice import alpha_matrix, dense_text, radau_matrix
+from flexmbd.integrate.matrix_choice import alpha_matrix, dense_text, momentum_matrix, radau_matrix
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import diagonal_blocks, unknown_bounds
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import unknown_bounds
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 
@@ -20,6 +20,7 @@ def matrix_text(method: Integrator, scene: CompiledScene) -> str:
     if isinstance(method, RadauIIA):
         return f"matrix of a step: {radau_matrix(scene.plan).text()}\n"
     if isinstance(method, EnergyMomentum):
-        sizes = np.diff(unknown_bounds(diagonal_blocks(scene.plan), 1))
-        return f"matrix of a step: {dense_text(scene.plan, sizes)}\n"
+        choice = momentum_matrix(scene.plan)
+        sizes = np.diff(unknown_bounds(choice.side_by_side, 1))
+        return f"matrix of a step: {choice.text() if choice.sparse else dense_text(scene.plan, sizes)}\n"
     return ""

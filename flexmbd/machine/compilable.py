@@ -71,11 +71,12 @@ class CompilableMachine(MachineAssembly):
         self, more: Sequence[Force], without: Sequence[Force], varied: Sequence[object]
     ) -> CompiledScene:
         self._refuse_renamed()
-        own = [force for force in self._forces if not any(force is one for one in without)]
+        left_out = {id(force) for force in without}
+        own = [force for force in self._forces if id(force) not in left_out]
         wanted = {id(c) for force in (*own, *more) for c in force.connections}
         wanted |= {id(term.connection) for coupling in self._couplings for term in coupling.terms}
         for c in self._connections:
-            if any(given is not None for given in (c.position, c.velocity, c.motion)):
+            if not (c.position is None and c.velocity is None and c.motion is None):
                 wanted.add(id(c))
         together = [body.parts for body in self._continua]
         topology = spanning_tree(self.ground, self._bodies, self._connections, wanted=wanted, together=together)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, MutableMapping
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar
+from itertools import repeat
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from flexmbd.multibody.kernels.reading.tree import with_frame
 FloatArray = NDArray[np.float64]
 K = TypeVar("K")
 V = TypeVar("V")
+V_co = TypeVar("V_co", covariant=True)
 T = TypeVar("T")
 
 
@@ -48,6 +50,11 @@ class IdentityMap(MutableMapping[K, V], Generic[K, V]):
         """Whether this very object is in."""
         return id(key) in self._found
 
+    def get(self, key: K, default: Any = None) -> Any:
+        """The value of an object, or what is to be in its place."""
+        found = self._found.get(id(key))
+        return default if found is None else found[1]
+
     def __iter__(self) -> Iterator[K]:
         """The objects, in the order in which they were entered."""
         return (key for key, _ in self._found.values())
@@ -63,6 +70,35 @@ class IdentityMap(MutableMapping[K, V], Generic[K, V]):
     def __setstate__(self, state: dict[str, list[tuple[K, V]]]) -> None:
         """Enter the objects as they are now."""
         self._found = {id(key): (key, value) for key, value in state["pairs"]}
+
+
+class ByNumber(Protocol[V_co]):
+    """Values of a run of objects, by their numbers in it."""
+
+    def __getitem__(self, number: int, /) -> V_co:
+        """The value of one."""
+        ...
+
+
+class RunMap(IdentityMap[K, V], Generic[K, V]):
+    """An `IdentityMap` whose values are no tuples, to which runs of objects are added with what tells their values."""
+
+    def add_run(self, keys: Sequence[K], values: ByNumber[V]) -> None:
+        """Enter objects, whose values are those of their numbers."""
+        entries: Any = zip(keys, zip(repeat(values), range(len(keys)), strict=False), strict=True)
+        self._found.update(zip(map(id, keys), entries, strict=True))
+
+    def __getitem__(self, key: K) -> V:
+        """The value of an object; KeyError if it has none."""
+        found: Any = super().__getitem__(key)
+        if type(found) is tuple:
+            values, number = found
+            found = values[number]
+        return found  # type: ignore[no-any-return]
+
+    def get(self, key: K, default: Any = None) -> Any:
+        """The value of an object, or what is to be in its place."""
+        return self[key] if key in self else default
 
 
 @dataclass(frozen=True)
@@ -123,7 +159,7 @@ class SceneIndex:
     links: IdentityMap[Connection, tuple[int, ...]] = field(default_factory=IdentityMap)
     closures: IdentityMap[Connection, tuple[int, int]] = field(default_factory=IdentityMap)
     modes: IdentityMap[Body, Slots] = field(default_factory=IdentityMap)
-    forces: IdentityMap[object, ForceRows] = field(default_factory=IdentityMap)
+    forces: RunMap[object, ForceRows] = field(default_factory=RunMap)
     memories: IdentityMap[object, dict[str, int]] = field(default_factory=IdentityMap)
     states: IdentityMap[object, StatePlaces] = field(default_factory=IdentityMap)
     shared: IdentityMap[object, int] = field(default_factory=IdentityMap)

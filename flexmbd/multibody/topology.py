@@ -11,8 +11,10 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.joint.enforcement import Way
+from flexmbd.multibody.joint.joint_layout import AlikeJoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +36,15 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """The tree's branches, parents before children, one a body; and the joints held by constraints."""
+    """The tree's branches, parents before children, one a body; and the joints held by constraints.
+
+    Attributes:
+        joints: what was found of the joints, for those who go on with them now.
+    """
 
     branches: tuple[Branch, ...]
     closures: tuple[Connection, ...]
+    joints: AlikeJoints
 
 
 def spanning_tree(
@@ -74,13 +81,19 @@ def spanning_tree(
     # rank of a joint, then the order in which joints were made; the index tells equal ones apart
     frontier: list[tuple[tuple[bool, bool, int], int, Connection]] = []
     neighbours: deque[Body] = deque()
+    joints = AlikeJoints()
 
     def reach(body: Body) -> None:
         reached.add(id(body))
         for index, c in at_body.get(id(body), ()):
-            neighbours.extend((c.parent.body, c.child.body))
-            if c.may_be_coordinates:
-                rank = (c.way is not Way.COORDINATES, id(c) not in wanted, -len(c.rows))
+            parent, child = c.parent.body, c.child.body
+            neighbours.append(parent)
+            neighbours.append(child)
+            if (id(parent) in reached and id(child) in reached) or c.must_be_constraints:
+                continue
+            layout, at_point = joints.of(c.joint), is_point(child)
+            if layout.has_coordinates(at_point=at_point):
+                rank = (c.way is not Way.COORDINATES, id(c) not in wanted, -len(layout.rows(at_point=at_point)))
                 heapq.heappush(frontier, (rank, index, c))
 
     reach(ground)
@@ -108,7 +121,7 @@ def spanning_tree(
                 "its bodies, or its frame on the outer body deforms, or it only runs from parent to child"
             )
     closures = tuple(c for c in connections if id(c) not in used)
-    return Topology(tuple(_side_by_side(ground, branches, closures)), closures)
+    return Topology(tuple(_side_by_side(ground, branches, closures)), closures, joints)
 
 
 def _side_by_side(ground: Body, branches: list[Branch], closures: Sequence[Connection]) -> list[Branch]:

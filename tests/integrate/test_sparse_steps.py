@@ -9,6 +9,7 @@ import pytest
 from bicycle import bicycle
 from large_machines import HINGE, brick, combs, hammock, ladder, lattice, marbles
 from particles import particle_body
+from spring_lattice import spring_lattice
 
 import flexmbd as fm
 from flexmbd.integrate import matrix_choice
@@ -29,7 +30,7 @@ from flexmbd.multibody.kernels.tangent.sparse_matrix import new_pattern
 from flexmbd.multibody.kernels.tangent.unknown_blocks import unknown_blocks
 from flexmbd.run.snapshot import new_snapshot
 
-ALPHA, RADAU = fm.GeneralizedAlpha(), fm.RadauIIA()
+ALPHA, RADAU, EM = fm.GeneralizedAlpha(), fm.RadauIIA(), fm.EnergyMomentum()
 
 
 def flexible_loop():
@@ -44,6 +45,15 @@ def flexible_loop():
     scene.connect(fm.joint.PointOnPlane("y"), plane, rod.frame("tip"), way=fm.Way.CONSTRAINTS)
     turn = scene.connect(HINGE, scene.ground.frame((0.0, 1.0, 0.0)), follower.frame(), name="follower's hinge")
     scene.couple(fm.joint.Gear(drive, turn, 2.0))
+    return scene
+
+
+def yielding():
+    """A ladder some of whose hinges an augmented Lagrangian closes."""
+    scene = ladder(4)
+    for k, joint in enumerate(scene._connections[3::4]):
+        if k % 2:
+            joint.enforce = fm.AugmentedLagrangian(stiffness=1e5, damping=10.0, tol=1e-8)
     return scene
 
 
@@ -62,6 +72,7 @@ MACHINES = {
     "hammock": lambda: hammock(5),
     "bicycle": riding,
     "marbles": lambda: marbles(3),
+    "yielding": yielding,
 }
 
 
@@ -103,6 +114,26 @@ def test_radau_iia(monkeypatch, name, way):
     (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), way, rtol=1e-6, integrator=RADAU)
     np.testing.assert_allclose(end, expected, atol=1e-9)
     assert stats.steps == dense.steps
+
+
+@pytest.mark.parametrize("name", ["lattice", "combs", "marbles"])
+def test_energy_momentum(monkeypatch, name):
+    """Of trees: the same steps, whether or not they are halved."""
+    how = {"h": 2e-3} if name != "marbles" else {"h": 2e-4}
+    (end, stats), (expected, dense) = both(monkeypatch, MACHINES[name](), "none", integrator=EM, **how)
+    np.testing.assert_allclose(end, expected, atol=1e-9)
+    assert stats.iterations == dense.iterations
+
+
+def test_energy_momentum_keeps_the_energy_of_a_large_lattice():
+    """By the sparse matrix, which is chosen there; with error control as well as at equal steps."""
+    scene, _ = spring_lattice(30, 5, fm.joint.PlanarPoint("z"), load=(0.0, 0.0, 0.0))
+    scene.gravity = (0.0, -9.81, 0.0)
+    assert "matrix of a step: sparse" in scene.explain(integrator=EM)
+    for how in ({"h": 2e-3}, {"rtol": 1e-4}):
+        run = scene.simulate(0.05, integrator=EM, **how)
+        energy = run.energy()
+        assert np.abs(energy.total - energy.total[0]).max() < 1e-9 * energy.kinetic.max()
 
 
 def plan_of(scene):

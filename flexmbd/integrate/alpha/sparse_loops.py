@@ -100,6 +100,20 @@ def _turn_stiffness(plan, scratch):
 
 
 @deferred_kernel(FLAG)
+def _factor_across(plan, state, scratch):
+    """Factor the saddle matrix in which all rows hold, those that an augmented Lagrangian lets yield included."""
+    sparse, loops = scratch.sparse, scratch.loops
+    _copy(sparse.matrix.values, loops.across.values)
+    for i in range(plan.rows.shape[0]):
+        loops.slopes[i, 0], loops.slopes[i, 1], loops.slopes[i, 2] = 1.0, 0.0, 0.0
+    put_rows(plan, scratch.tangent, sparse.to, loops.jacobian, loops.slopes, 1.0, loops.across.values)
+    if factor_sparse(sparse.pattern, loops.across):
+        return True
+    tell_worthless(plan, state, scratch.tangent, sparse.to, loops.across)
+    return False
+
+
+@deferred_kernel(FLAG)
 def linearise_loops(plan, work, state, scratch, per_x, per_v):
     """Build and factor the saddle matrix and the tree's; False if one is singular."""
     sparse, loops, to = scratch.sparse, scratch.loops, scratch.sparse.to
@@ -128,12 +142,16 @@ def linearise_loops(plan, work, state, scratch, per_x, per_v):
     if not factor_sparse(sparse.pattern, loops.tree):
         tell_worthless(plan, state, scratch.tangent, to, loops.tree)
         return False
+    across = loops.across.values.shape[0] > 0
+    if across and not _factor_across(plan, state, scratch):
+        return False
     _put_slopes(plan, scratch, per_x, per_v)
     put_rows(plan, scratch.tangent, to, loops.jacobian, loops.slopes, 1.0, sparse.matrix.values)
     if not factor_sparse(sparse.pattern, sparse.matrix):
         tell_worthless(plan, state, scratch.tangent, to, sparse.matrix)
         return False
-    least = least_row_pivot(plan, sparse.pattern, sparse.matrix, scratch.memory.row_length)
+    of_rows = loops.across if across else sparse.matrix
+    least = least_row_pivot(plan, sparse.pattern, of_rows, scratch.memory.row_length)
     st.watch_pivot(state, least)
     scratch.least_pivot[0] = least
     return True
@@ -288,6 +306,6 @@ def remove_across_sparse(plan, scratch, vector):
     own[:] = 0.0
     for i in range(m):
         own[nu + i] = loops.row[i]
-    _solve(scratch, scratch.sparse.matrix, own)
+    _solve(scratch, loops.across if loops.across.values.shape[0] > 0 else scratch.sparse.matrix, own)
     for j in range(nu):
         vector[j] -= own[j]

@@ -24,6 +24,7 @@ from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
 from flexmbd.integrate.discrete_gradient.newton import bind, solve_factored, solve_step
+from flexmbd.integrate.discrete_gradient.sparse_matrices import is_sparse, multiply_end_mass, solve_iteration
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
@@ -160,7 +161,8 @@ def projector(scene: CompiledScene, stored: Plan) -> FloatArray:
         seen = _gradients(scene, stored, size)
         refuse_not_finite("how energy changes with the joints", seen * size)
     joints = [k for slots in scene.index.joints.values() for k in range(slots.v.start, slots.v.stop)]
-    joints += [k for k in range(nv) if k not in joints and not scene.index.is_modal(k)]
+    of_joints = set(joints)
+    joints += [k for k in range(nv) if k not in of_joints and not scene.index.is_modal(k)]
     nothing = _ROUND_OFF * float(np.abs(seen[:, joints] * size[joints]).max(initial=0.0))
     kept = np.zeros((2 * bodies + nv, 9))
     kept[2 * bodies :, 0] = 1.0
@@ -241,9 +243,14 @@ def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
 def _filter(plan, scratch, error):
     """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
 
-    This damps the error in stiff parts and removes it across rows.  ``s.full_matrix`` must hold the mass matrix.
+    This damps the error in stiff parts and removes it across rows.  ``s.full_matrix``, or ``s.end_mass``, must hold the
+    mass matrix.
     """
     free = plan.free
+    if is_sparse(scratch):
+        multiply_end_mass(plan, scratch, error)
+        solve_iteration(scratch)
+        return
     for i in range(scratch.correction.shape[1]):
         scratch.correction[0, i] = 0.0
     bounds = scratch.tangent.blocks.free

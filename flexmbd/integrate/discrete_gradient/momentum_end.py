@@ -1,13 +1,15 @@
 """The end of an energy-momentum step: its mass matrix, velocities from momenta, accelerations, multipliers.
 
-The mass matrix is that of the tangent, factored densely block by block.  With constraint rows momenta are projected,
-p - C^T mu, so that velocities close the loops too.  ``scratch`` is an ``EnergyMomentumWorkspace``.
+The mass matrix is that of the tangent, factored densely block by block or as a sparse one.  With constraint rows
+momenta are projected, p - C^T mu, so that velocities close the loops too.  ``scratch`` is an
+``EnergyMomentumWorkspace``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from flexmbd.integrate.discrete_gradient.sparse_matrices import factor_sparse_mass, is_sparse, solve_sparse_mass
 from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_block, solve_block
@@ -29,6 +31,9 @@ def factor_end_mass(plan, work, scratch):
     call_separate(
         scratch.kernels[RESIDUAL], (plan, work, scratch.x_end, scratch.zeros, scratch.zeros, none, scratch.scratch_v)
     )
+    if is_sparse(scratch):
+        scratch.energy[SINGULAR] = 0.0 if factor_sparse_mass(plan, work, scratch) else 1.0
+        return
     call_separate(
         scratch.kernels[TANGENT],
         (
@@ -57,6 +62,16 @@ def factor_end_mass(plan, work, scratch):
     scratch.energy[SINGULAR] = 1.0
     if finite and factor_blocks(plan.lapack, scratch.mass, bounds, scratch.mass_pivot, scratch.sizes):
         scratch.energy[SINGULAR] = 0.0
+
+
+@kernel
+def solve_end_mass(plan, scratch):
+    """Solve with the factors of M at the end for ``s.mass_rhs``, in place."""
+    if is_sparse(scratch):
+        solve_sparse_mass(scratch)
+        return
+    bounds = scratch.tangent.blocks.free
+    solve_blocks(plan.lapack, scratch.mass, bounds, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
 
 
 @kernel
@@ -126,9 +141,7 @@ def close_velocities(plan, loops, scratch):
         scratch.mass_rhs[0, j] = p[k]
         for i in range(plan.driven.shape[0]):
             scratch.mass_rhs[0, j] -= scratch.full_matrix[k, driven_place(plan.driven[i])[1]] * scratch.driven[i, 1]
-    solve_blocks(
-        plan.lapack, scratch.mass, scratch.tangent.blocks.free, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs
-    )
+    solve_end_mass(plan, scratch)
     for j in range(plan.free.shape[0]):
         scratch.v_end[plan.free[j]] = scratch.mass_rhs[0, j]
     if plan.rows.shape[0] > 0:
@@ -176,9 +189,7 @@ def accelerate_end(plan, work, loops, scratch):
     )
     for j in range(plan.free.shape[0]):
         scratch.mass_rhs[0, j] = -scratch.scratch_v[plan.free[j]]
-    solve_blocks(
-        plan.lapack, scratch.mass, scratch.tangent.blocks.free, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs
-    )
+    solve_end_mass(plan, scratch)
     for j in range(plan.free.shape[0]):
         scratch.a_end[plan.free[j]] = scratch.mass_rhs[0, j]
     if plan.rows.shape[0] > 0:

@@ -13,6 +13,15 @@ from flexmbd.integrate.discrete_gradient.momentum_balance import conserve_moment
 from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, factor_end_mass
 from flexmbd.integrate.discrete_gradient.momentum_predictors import first_guess
 from flexmbd.integrate.discrete_gradient.polynomial_average import vary_average_polynomials
+from flexmbd.integrate.discrete_gradient.sparse_matrices import (
+    add_stiff_forces,
+    end_mass_of,
+    factor_iteration,
+    is_sparse,
+    put_middle,
+    solve_iteration,
+    take_end_mass,
+)
 from flexmbd.integrate.discrete_gradient.step import evaluate
 from flexmbd.integrate.discrete_gradient.workspace import (
     ANDERSON_DEPTH,
@@ -62,6 +71,11 @@ def _put_matrix(plan, work, scratch, h):
     call_separate(
         scratch.kernels[RESIDUAL], (plan, work, scratch.x_mid, scratch.u, scratch.zeros, scratch.nu, scratch.scratch_v)
     )
+    if is_sparse(scratch):
+        put_middle(plan, work, scratch, h)
+        call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
+        take_end_mass(scratch)
+        return
     call_separate(
         scratch.kernels[TANGENT],
         (
@@ -129,6 +143,9 @@ def _change_block(plan, scratch, c):
 @kernel
 def solve_factored(plan, scratch):
     """Solve with the factors of the iteration matrix for ``s.correction``, in place."""
+    if is_sparse(scratch):
+        solve_iteration(scratch)
+        return
     if scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
         return
@@ -168,6 +185,11 @@ def _stiff_forces(plan, work, groups, scratch, h):
         n, qx, qv = modes_of(plan.tree[i], plan.flex)
         for k in range(n):
             size[qv + k] = abs(scratch.x_mid[qx + k])
+    if is_sparse(scratch):
+        add_stiff_forces(plan, scratch, size, force)
+        for j in range(plan.free.shape[0]):
+            force[plan.free[j]] *= 4.0 / (h * h)
+        return
     blocks = scratch.tangent.blocks
     for c in range(scratch.bounds.shape[0] - 1):
         begin = scratch.bounds[c]
@@ -180,6 +202,26 @@ def _stiff_forces(plan, work, groups, scratch, h):
                 stiffness = abs(scratch.matrix[begin + j - first, i - first] - scratch.full_matrix[k, other])
                 total += stiffness * size[other]
             force[k] = 4.0 / (h * h) * total
+
+
+@kernel
+def _end_mass(scratch, k):
+    return end_mass_of(scratch, k) if is_sparse(scratch) else scratch.full_matrix[k, k]
+
+
+@kernel
+def _factor(plan, scratch):
+    """Factor the iteration matrix; False if it is singular."""
+    if is_sparse(scratch):
+        return factor_iteration(scratch)
+    bounds = scratch.bounds
+    for c in range(bounds.shape[0] - 1):
+        first, last = between(bounds, c)
+        for i in range(first, last):
+            for j in range(last - first):
+                if not np.isfinite(scratch.matrix[i, j]):
+                    return False
+    return factor_blocks(plan.lapack, scratch.matrix, bounds, scratch.pivot, scratch.sizes)
 
 
 @kernel
@@ -200,7 +242,7 @@ def _probe_round_off(plan, state, groups, scratch, h):
     for pattern in range(_SIGNS):
         for i in range(scratch.unknown.shape[0]):
             if i < n:
-                size = 2.0 * np.sqrt(abs(scratch.full_matrix[plan.free[i], plan.free[i]] * energy))
+                size = 2.0 * np.sqrt(abs(_end_mass(scratch, plan.free[i]) * energy))
                 size += 0.5 * h * scratch.modal_scratch[0, plan.free[i]]
             else:
                 size = scratch.row_size[i - n] / h if holds_position(plan.rows[i - n]) else 0.0
@@ -234,15 +276,9 @@ def linearise(plan, work, state, groups, scratch, h):
     call_separate(scratch.kernels[PLACE], (plan, state.x, scratch, h))
     _put_matrix(plan, work, scratch, h)
     regular = scratch.energy[SINGULAR] == 0.0
-    bounds = scratch.bounds
-    for c in range(bounds.shape[0] - 1):
-        first, last = between(bounds, c)
-        for i in range(first, last):
-            for j in range(last - first):
-                regular = regular and np.isfinite(scratch.matrix[i, j])
     scratch.energy[SINGULAR] = 1.0
     _stiff_forces(plan, work, groups, scratch, h)
-    if regular and factor_blocks(plan.lapack, scratch.matrix, bounds, scratch.pivot, scratch.sizes):
+    if regular and _factor(plan, scratch):
         scratch.energy[SINGULAR] = 0.0
         _probe_round_off(plan, state, groups, scratch, h)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, project_out_symmetries
+from flexmbd.integrate.discrete_gradient.momentum_end import solve_end_mass
 from flexmbd.integrate.discrete_gradient.polynomial_average import average_polynomials
 from flexmbd.integrate.discrete_gradient.workspace import (
     CANONICAL,
@@ -29,7 +30,6 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import solve_blocks
 
 _EPSILON = 2.0**-52
 _UNRESOLVED = 32.0 * _EPSILON  # of all energy: round-off of its sums
@@ -162,8 +162,7 @@ def _missing_energy(plan, stored_plan, work, loops, scratch, gained, near, capac
             k = plan.free[j]
             scratch.scratch_v[k] = scratch.p_end[k] - scratch.scratch_v[k]
             scratch.mass_rhs[0, j] = scratch.scratch_v[k]
-        bounds = scratch.tangent.blocks.free
-        solve_blocks(plan.lapack, scratch.mass, bounds, scratch.mass_pivot, scratch.sizes, scratch.mass_rhs)
+        solve_end_mass(plan, scratch)
         before = kinetic_error
         kinetic_error = 0.0
         kinetic = 0.0

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.integrate.data_loads import DataLoads, new_data_loads, with_push
 from flexmbd.integrate.explicit import loop_dynamics
+from flexmbd.integrate.matrix_choice import momentum_matrix
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.native import N_SIZES
@@ -17,9 +18,12 @@ from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, mome
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.reading.tree import tree_joints
+from flexmbd.multibody.kernels.sparse.block_lu import BlockMatrix, new_block_matrix
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix, unknown_bounds
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent_after_residual
-from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
+from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse
+from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix
+from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -27,9 +31,9 @@ IntArray = NDArray[np.int64]
 REMEMBERED = 3  # steps whose velocities and multipliers are remembered
 
 # Entries of EnergyMomentumWorkspace.kernels: addresses of kernels compiled by themselves; the last are the step's own
-# (`bind`).
+# (`bind`), but for the tangent of a sparse matrix, 0 where that is dense.
 CANONICAL, MOMENTA, RESIDUAL, TANGENT, CONSTRAINTS, POTENTIAL = range(6)
-PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, N_KERNEL = range(6, 12)
+PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, SPARSE_TANGENT, N_KERNEL = range(6, 13)
 # Entries of EnergyMomentumWorkspace.energy (J): the potential at the end; the round-off of sums of energy; the error of
 # the kinetic energy at the end, where velocities are improved in passes; the equations' residuals as energy, over all
 # energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed.
@@ -114,6 +118,8 @@ class EnergyMomentumWorkspace(ArrayStruct):
     previous: (2, free + m) unknowns and correction of the iteration before.
     anderson_changes, anderson_moves: (ANDERSON_DEPTH, free + m) orthonormal changes of the corrections, and the moves
     of the unknowns that belong to them.
+    sparse: the iteration matrix where that is cheaper, with ``end``, factors of M at the end, and ``end_mass``, M; what
+    is dense then has no entries.
     modal_scratch: (2, nv).  own_rate: (nv,) each coordinate's own rate (1/s) in the step at hand.
     kernels: addresses.
     """
@@ -173,6 +179,9 @@ class EnergyMomentumWorkspace(ArrayStruct):
     mass_pivot: NDArray[np.int32]
     sizes: NDArray[np.int32]
     kernels: IntArray
+    sparse: SparseMatrix
+    end: BlockMatrix
+    end_mass: FloatArray
     tangent: TangentWork
     data: DataLoads
     memory: EnergyMomentumMemory
@@ -186,9 +195,15 @@ def new_workspace(
     free, bodies, m = len(plan.free), len(plan.tree), len(plan.rows)
     n = free + m
     scales = zeros((2, nv))
-    tangent = new_tangent_work(plan, nv, sizes=scales)
+    choice = momentum_matrix(plan)
+    tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
+    is_sparse = choice.sparse is not None
     bounds = unknown_bounds(tangent.blocks, 1)
-    x, v, rows, full = zeros(nx), zeros(nv), zeros(m), zeros((nv, nv))
+    diagonal = tangent.blocks.free
+    if is_sparse:
+        bounds = diagonal = bounds[:1]
+    x, v, rows, full = zeros(nx), zeros(nv), zeros(m), zeros((0, 0) if is_sparse else (nv, nv))
+    asked, values = (plan, work, tangent, x, v, v), sparse.matrix.values
     wrench, part, energy = zeros((bodies, 6)), zeros(6), zeros(N_ENERGY)
     whole = bool((projector[2 * bodies :, 0] == 1.0).all())
     turning = np.array([joint.spin is not None for joint in tree_joints(plan)], bool)
@@ -230,7 +245,7 @@ def new_workspace(
         round_off_floor=zeros(1),
         round_off=zeros(n),
         full_matrix=full,
-        mass=block_matrix(tangent.blocks.free),
+        mass=block_matrix(diagonal),
         mass_rhs=zeros((1, free)),
         response=zeros((m, free)),
         correction=zeros((1, n)),
@@ -252,14 +267,18 @@ def new_workspace(
                 address_of(canonical, (plan, work, x, v, v, v, rows, wrench, part, v, v)),
                 address_of(momenta, (plan, work, x, v, v, v)),
                 address_of(residual, (plan, work, x, v, v, rows, v)),
-                address_of(
-                    tangent_after_residual, (plan, work, tangent, x, v, v, rows, 0.0, 0.0, 0.0, full)
-                ),
+                0 if is_sparse else address_of(tangent_after_residual, (*asked, rows, 0.0, 0.0, 0.0, full)),
                 address_of(constraints, (plan, work, rows, rows, rows)) if m else 0,
                 address_of(write_potential, (plan, work, x, energy)),
-                *[0] * (N_KERNEL - PLACE),
+                *[0] * (SPARSE_TANGENT - PLACE),
+                address_of(assemble_sparse, (*asked[:3], sparse.to, *asked[3:], rows, 0.0, 0.0, 0.0, values))
+                if is_sparse
+                else 0,
             ]
         ),
+        sparse=sparse,
+        end=new_block_matrix(sparse.pattern),
+        end_mass=zeros(len(values)),
         tangent=tangent,
         data=with_push(new_data_loads(plan, nv, motions=False), plan, work, nx),
         memory=_new_memory(plan, nv),

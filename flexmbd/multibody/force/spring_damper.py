@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.force.alike import AlikeElements, BoolArray, FloatArray
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
 from flexmbd.multibody.kernels.elements.distance_spring import DISTANCE_SPRING
 
@@ -34,7 +37,17 @@ class SpringDamper(BetweenFrames):
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""
-        data = table.numbers([self.stiffness, self.length, self.damping])
+        numbers = SPRINGS.numbers([self])
+        data = table.numbers(numbers[0])
         f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        acts = self.stiffness > 0.0 or self.damping > 0.0
-        table.element(DISTANCE_SPRING, self.what, f=f, g=g, data=data, acts=acts)
+        acts = bool(SPRINGS.acting(numbers)[0])
+        table.element(SPRINGS.element, self.what, f=f, g=g, data=data, acts=acts)
+
+
+def _acting(numbers: FloatArray) -> BoolArray:
+    """Those with a stiffness or a damping."""
+    return np.asarray((numbers[:, [0, 2]] > 0.0).any(axis=1))
+
+
+#: Of springs a scene may have many.
+SPRINGS = AlikeElements(DISTANCE_SPRING, ("stiffness", "length", "damping"), _acting)

@@ -14,7 +14,8 @@ from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import is_point
 from flexmbd.multibody.functions.time_function import TimeFunction, as_row
 from flexmbd.multibody.joint.enforcement import Enforcement, Way
-from flexmbd.multibody.joint.point_ends import refuse_turned_point, rows_at_point
+from flexmbd.multibody.joint.joint_layout import JointLayout
+from flexmbd.multibody.joint.point_ends import refuse_turned_point
 from flexmbd.multibody.joint.protocol import Joint, Row, step_slices
 from flexmbd.round_off import TEN_DIGITS
 
@@ -61,6 +62,12 @@ class Connection:
             self._check(**{"way": self.way, "enforce": self.enforce, name: value})
         object.__setattr__(self, name, value)
 
+    def copied(self) -> Connection:
+        """As `copy.copy`, in a fifth of its time: each machine that is compiled keeps its joints so."""
+        copied = object.__new__(type(self))
+        vars(copied).update(vars(self))
+        return copied
+
     def _check(self, way: object, enforce: object) -> None:
         if way is not None:
             refuse_other(way, Way, f"joint {self.name!r}: its way", wanted="fm.Way.COORDINATES or CONSTRAINTS")
@@ -87,7 +94,7 @@ class Connection:
     @property
     def rows(self) -> tuple[Row, ...]:
         """The constraints that stand for the joint: of a point mass those on its place alone."""
-        return rows_at_point(self.joint.rows) if is_point(self.child.body) else self.joint.rows
+        return JointLayout(self.joint).rows(at_point=is_point(self.child.body))
 
     @property
     def reversible(self) -> bool:
@@ -95,10 +102,15 @@ class Connection:
         return self.joint.reversible and not is_point(self.child.body)
 
     @property
+    def must_be_constraints(self) -> bool:
+        """Whether constraints are asked for."""
+        return self.way is Way.CONSTRAINTS or self.enforce is not None
+
+    @property
     def may_be_coordinates(self) -> bool:
         """Whether the tree may carry this joint."""
-        by_steps = bool(self.joint.steps) and not (is_point(self.child.body) and any(self.joint.angular))
-        return by_steps and self.way is not Way.CONSTRAINTS and self.enforce is None
+        at_point = is_point(self.child.body)
+        return JointLayout(self.joint).has_coordinates(at_point=at_point) and not self.must_be_constraints
 
     @property
     def position(self) -> FloatArray | None:

@@ -9,10 +9,10 @@ table of points tells again that its spline swings.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
-from itertools import chain
+from itertools import chain, groupby
 from types import NoneType
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -134,9 +134,9 @@ def built_of(parts: GivenParts) -> BuiltOf | None:
             read.value(parts.gravity),
             parts.ground,
             parts.ground.name,
-            tuple(map(read.body, parts.bodies)),
-            tuple(map(read.joint, parts.connections)),
-            tuple(map(read.value, parts.forces)),
+            read.bodies(parts.bodies),
+            read.joints(parts.connections),
+            read.forces(parts.forces),
             tuple(map(read.value, parts.couplings)),
         )
     except _UnknownError:
@@ -188,20 +188,66 @@ class _Reader:
         self.lists: dict[int, tuple[list[Any], Any]] = {}
         self._frames: dict[int, Any] = {}  # each is read once, however many parts it is an end of
 
-    def body(self, body: Body) -> tuple[Any, ...]:
-        """A body with its values."""
-        given = _attributes_of(type(body))(body)
-        if type(body) is FlexibleBody:
-            if type(body.record) is not ReducedBody:
-                raise _UnknownError
-            return body, body.record, *map(self.value, given[1:])
-        return body, *map(self.value, given)
+    def bodies(self, bodies: Sequence[Body]) -> tuple[Any, ...]:
+        """Bodies with their values, those of each class attribute by attribute."""
+        found: list[Any] = [tuple(bodies)]
+        for kind, own in _by_kind(bodies):
+            given = list(zip(*map(_attributes_of(kind), own), strict=True))
+            if kind is FlexibleBody:
+                if any(type(record) is not ReducedBody for record in given[0]):
+                    raise _UnknownError
+                found.append(given.pop(0))
+            found += map(self._attribute, given)
+        return tuple(found)
 
-    def joint(self, joint: Connection) -> tuple[Any, ...]:
-        """A joint with its values."""
-        if type(joint) is not Connection:
+    def joints(self, joints: Sequence[Connection]) -> tuple[Any, ...]:
+        """Joints with their values."""
+        if any(type(joint) is not Connection for joint in joints):
             raise _UnknownError
-        return joint, *map(self.value, _OF_JOINT(joint))
+        given = zip(*map(_OF_JOINT, joints), strict=True)
+        return tuple(joints), *map(self._attribute, given)
+
+    def forces(self, forces: Sequence[Force]) -> tuple[Any, ...]:
+        """Forces with their values, those next to each other of one class field by field."""
+        found: list[Any] = [tuple(forces)]
+        for kind, run in groupby(forces, key=type):
+            names, alone = _FIELDS.get(kind) or _learnt(kind)
+            own = list(run)
+            found += self._columns(own, names) if alone else map(self.value, own)
+        return tuple(found)
+
+    def _columns(self, several: Sequence[Any], names: Sequence[str]) -> Iterator[Any]:
+        """The values of objects of a frozen class, field by field."""
+        known = [vars(one) for one in several]
+        if set(map(len, known)) != {len(names)}:  # something was hung on one
+            raise _UnknownError
+        return map(self._attribute, zip(*map(operator.itemgetter(*names), known), strict=True))
+
+    def _attribute(self, values: tuple[Any, ...]) -> Any:
+        """The values of one attribute of several objects."""
+        kinds = set(map(type, values))
+        if kinds <= _ATOMS or kinds <= _THEMSELVES:
+            return values
+        if len(kinds) > 1:
+            return tuple(map(self.value, values))
+        if kinds == {Frame}:
+            new = {id(frame): frame for frame in values if id(frame) not in self._frames}
+            self._frames.update(new)
+            return values, *(self._columns(list(new.values()), _FRAME) if new else ())
+        if kinds == {np.ndarray}:
+            return self._arrays(values)
+        kind = type(values[0])
+        if not (kind in _WITH_KIND or kind is list or kind is tuple or issubclass(kind, Enum)):
+            names, alone = _FIELDS.get(kind) or _learnt(kind)
+            if len(names) > 1 and not alone:
+                return kind, *self._columns(values, names)
+        return tuple(map(self.value, values))
+
+    def _arrays(self, arrays: tuple[NDArray[Any], ...]) -> tuple[Any, ...]:
+        if any(kind not in "iufb" for kind in {array.dtype.kind for array in arrays}):
+            raise _UnknownError
+        self.arrays.update(zip(map(id, arrays), arrays, strict=True))
+        return _numbers(arrays)
 
     def value(self, one: object) -> Any:
         """A value of any class that is known."""

@@ -25,8 +25,9 @@ from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_terms
 from flexmbd.multibody.kernels.reading.force_tables import without_forces
 from flexmbd.multibody.motion.machine import WrenchSource
+from flexmbd.multibody.plan.force_places import ElementNames
 from flexmbd.multibody.plan.forces import assemble_forces
-from flexmbd.multibody.plan.numbering import Numbering, rigid_row
+from flexmbd.multibody.plan.numbering import Numbering, alike_rows
 from flexmbd.multibody.plan.plan_arrays import fill_plan, time_table
 from flexmbd.multibody.plan.plan_digest import plan_digest
 from flexmbd.multibody.plan.point_reach import point_reach
@@ -101,7 +102,7 @@ class CompiledScene:
     time_rows: tuple[TimeRow, ...]
     time_names: tuple[str, ...]
     callbacks: Callbacks
-    element_names: tuple[str, ...]
+    element_names: ElementNames
     idle_elements: tuple[str, ...]
     extent: float
     group_of: IntArray
@@ -267,7 +268,7 @@ def _addresses(plan: Plan) -> tuple[int, ...]:
     """Addresses of functions of time, then of force elements; 0 where there are none."""
     of_elements = plan.elements[:, at.EL_ADDRESS : at.EL_NUMBER]
     found = np.concatenate([plan.times[:, at.TIME_ADDRESS :].ravel(), of_elements.ravel()])
-    return tuple(int(address) for address in found)
+    return tuple(found.tolist())
 
 
 def _compiled_anew(
@@ -322,10 +323,10 @@ def build(
             that closes a loop.
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
-    masses = [rigid_row(branch.outer.body) for branch in topology.branches]
+    masses = alike_rows(branch.outer.body for branch in topology.branches)
     reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces))
     extent = max([beams, *(one.size for one in reach)]) or 1.0
-    b = Numbering(ground, extent, Callbacks(team))
+    b = Numbering(ground, extent, Callbacks(team), topology.joints)
     for branch, mass in zip(topology.branches, masses, strict=True):
         b.add_branch(branch, mass)
     rows = assemble_rows(b, topology, couplings)
@@ -350,7 +351,7 @@ def build(
         time_rows=tuple(b.times),
         time_names=tuple(b.time_names),
         callbacks=b.callbacks,
-        element_names=tuple(table.names),
+        element_names=ElementNames(table.names),
         idle_elements=tuple(table.idle),
         extent=b.extent,
         group_of=np.array(b.group_of, np.int64),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from itertools import groupby
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +14,10 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
-from flexmbd.multibody.force.protocol import Force, SwitchValue, WithStates
+from flexmbd.multibody.force.alike import AlikeElements
+from flexmbd.multibody.force.protocol import BetweenFrames, Force, SwitchValue, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
+from flexmbd.multibody.force.spring_damper import SPRINGS, SpringDamper
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.callback import Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature, checked_breaks
@@ -40,37 +43,22 @@ from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 from flexmbd.multibody.motion.machine import Machine, WrenchSource
-from flexmbd.multibody.plan.numbering import Numbering
+from flexmbd.multibody.plan.force_places import AlikeRows, AlikeSpans, ForceSpan
+from flexmbd.multibody.plan.numbering import UNTURNED, Numbering
 from flexmbd.multibody.plan.state_table import StateTable, checked_law, flat
-from flexmbd.multibody.scene_index import ForceRows, IdentityMap
+from flexmbd.multibody.scene_index import ForceRows, IdentityMap, RunMap
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: What may act on a point mass; where it could turn the point the force's own ``check`` has seen to it.
 _AT_POINTS = (
     DISTANCE_SPRING, GIVEN_ON_LINE, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_IN_F, GIVEN_IN_G, BUSHING, PENALTY,
     CONTACT, ROUGH_CONTACT, HARD_CONTACT,
 )  # fmt: skip
+#: Classes of which many enter the plan together; what is derived from them may do it in its own way.
+_ALIKE: dict[type, AlikeElements] = {SpringDamper: SPRINGS}
 _VARIED = "data, d, R, rate, spin, dd, dtheta, drate, dspin"
-
-
-@dataclass(frozen=True)
-class ForceSpan:
-    """Parameters that a force element has entered beside its rows.
-
-    Attributes:
-        data: places in ``Plan.data``.
-        times: rows of ``Plan.times``.
-        frames: rows of ``Plan.frames`` that it uses, in order.
-        memories: places in x where its memories begin, in order.
-        links: of its states the first place in v, and the first row of ``Plan.tree``.
-    """
-
-    data: range
-    times: range
-    frames: tuple[int, ...]
-    memories: tuple[int, ...] = ()
-    links: tuple[tuple[int, int], ...] = ()
 
 
 class ForceTable(StateTable):
@@ -80,7 +68,8 @@ class ForceTable(StateTable):
         forces: functions of time on coordinates: index in v, row of ``Plan.times``.
         shafts: one-dimensional inertias on coordinates: index in v, inertia.
         elements: rows of ``Plan.elements``.
-        names: of each element, in messages.
+        alike: of these the arrays of elements alike, each with where it begins.
+        names: of each element, in messages, or the element alike to others that has one.
         wrench_sources: what acts on frames by generalised forces.
         interiors: what bodies with history act on.
         idle: names of elements that never exert anything, and have no rows: 20 springs of zero stiffness on ten links
@@ -93,7 +82,8 @@ class ForceTable(StateTable):
         self.forces: list[list[int]] = []
         self.shafts: list[list[float]] = []
         self.elements: list[list[int]] = []
-        self.names: list[str] = []
+        self.alike: list[tuple[int, IntArray]] = []
+        self.names: list[str | BetweenFrames] = []
         self.wrench_sources: list[WrenchSource] = []
         self.interiors: list[PlacedInterior] = []
         self.idle: list[str] = []
@@ -111,7 +101,7 @@ class ForceTable(StateTable):
         self._asked: list[int] = []
         self._memories: list[tuple[int, tuple[str, ...]]] = []
         self._late: list[tuple[int, Force, tuple[str, ...]]] = []
-        self.spans: IdentityMap[Force, ForceSpan] = IdentityMap()
+        self.spans: RunMap[Force, ForceSpan] = RunMap()
 
     def assemble(self, force: Force) -> None:
         """Let a force element add its rows, and keep their places."""
@@ -126,6 +116,35 @@ class ForceTable(StateTable):
         places = tuple(place for place, _ in self._memories)
         self.spans[force] = ForceSpan(data, times, tuple(self._asked), places, tuple(self._links))
         self._name_memories(force, self._memories)
+
+    def may_vary(self, forces: Sequence[Force]) -> bool:
+        """Whether other values are to be given to any of these forces."""
+        return len(self._varied) > 0 and any(force in self._varied for force in forces)
+
+    def assemble_alike(self, alike: AlikeElements, forces: Sequence[BetweenFrames]) -> AlikeRows:
+        """Let elements of one class add their rows at once, to the same arrays as one after the other."""
+        element, numbers = alike.element, alike.numbers(forces)
+        first, time = self.numbers(numbers), len(self._numbering.times)
+        ends = [frame for force in forces for frame in (force.frame_F, force.frame_G)]
+        rows_of = {number: self._row_of(frame) for number, frame in {id(frame): frame for frame in ends}.items()}
+        frames = np.array([rows_of[id(frame)] for frame in ends], np.int64).reshape(-1, 2)
+        if element not in _AT_POINTS and not self._at_points.keys().isdisjoint(frames.ravel().tolist()):
+            turned = next(k for k, row in enumerate(frames.ravel().tolist()) if row in self._at_points)
+            refuse_turn(ends[turned], forces[turned // 2].what)
+        acting = alike.acting(numbers)
+        row, acts = len(self.elements), np.flatnonzero(acting)
+        rows = np.full((len(acts), at.N_ELEMENT), -1, np.int64)
+        rows[:, at.EL_KIND] = kind_of(element)
+        rows[:, [at.EL_F, at.EL_G]] = frames[acts]
+        rows[:, at.EL_DATA] = first + numbers.shape[1] * acts
+        rows[:, at.EL_COUNT : at.EL_NUMBER] = 0
+        rows[:, at.EL_NUMBER] = np.arange(row, row + len(acts))
+        self.alike.append((row, rows))
+        self.elements.extend(rows.tolist())
+        self.names.extend([force for force, acts_at_all in zip(forces, acting, strict=True) if acts_at_all])
+        self.idle.extend([force.what for force, acts_at_all in zip(forces, acting, strict=True) if not acts_at_all])
+        self.spans.add_run(cast(Sequence[Force], forces), AlikeSpans(first, numbers.shape[1], time, frames))
+        return AlikeRows(len(self.forces), row + np.concatenate([[0], np.cumsum(acting)]))
 
     def _name_memories(self, force: Force, memories: Iterable[tuple[int, tuple[str, ...]]]) -> None:
         """Keep where in x what a force remembers stands, by name."""
@@ -173,18 +192,22 @@ class ForceTable(StateTable):
 
     def frame(self, frame: Frame) -> int:
         """Row of ``Plan.frames``; a frame that several elements share has one."""
+        row = self._row_of(frame)
+        self._asked.append(row)
+        return row
+
+    def _row_of(self, frame: Frame) -> int:
         if frame not in self._frames:
             if is_point(frame.body):
                 self._at_points[len(self._numbering.frames)] = frame
-            self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), np.eye(3))
-        self._asked.append(self._frames[frame])
+            self._frames[frame] = self._numbering.add_frame(frame, self._numbering.index.row_of(frame), UNTURNED)
         return self._frames[frame]
 
     def ground(self) -> int:
         """Row of ``Plan.frames`` of the inertial frame."""
         if self._origin is None:
             origin = Frame(self._ground, np.zeros(3), np.eye(3), None, "ground")
-            self._origin = self._numbering.add_frame(origin, -1, np.eye(3))
+            self._origin = self._numbering.add_frame(origin, -1, UNTURNED)
         self._asked.append(self._origin)
         return self._origin
 
@@ -199,12 +222,11 @@ class ForceTable(StateTable):
             raise SceneError("a contact cannot vary to a shape with another table; build the scene anew")
         return place
 
-    def share(self, force: Force) -> None:
+    def share(self, force: WithSharedNumbers) -> None:
         """Let the numbers that a force shares stand in the plan, once, before any force's own begin."""
-        if isinstance(force, WithSharedNumbers):
-            for one in force.shared_numbers:
-                if one not in self._numbering.index.shared:
-                    self._numbering.index.shared[one] = self.numbers(one.values)
+        for one in force.shared_numbers:
+            if one not in self._numbering.index.shared:
+                self._numbering.index.shared[one] = self.numbers(one.values)
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``."""
@@ -485,11 +507,21 @@ def assemble_forces(
     """
     table = ForceTable(numbering, ground, varied)
     for force in forces:
-        table.share(force)
-    for force in sorted(forces, key=lambda force: not isinstance(force, (States, WithStates))):
-        first, first_element = len(table.forces), len(table.elements)
-        table.assemble(force)
-        rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
-        numbering.index.forces[force] = rows
+        if isinstance(force, WithSharedNumbers):
+            table.share(force)
+    with_states = [force for force in forces if isinstance(force, (States, WithStates))]
+    others = [force for force in forces if not isinstance(force, (States, WithStates))]
+    for kind, run in groupby([*with_states, *others], key=type):
+        several = list(run)
+        alike = _ALIKE.get(kind)
+        if alike is not None and not table.may_vary(several):
+            rows_of = table.assemble_alike(alike, cast(list[BetweenFrames], several))
+            numbering.index.forces.add_run(several, rows_of)
+            continue
+        for force in several:
+            first, first_element = len(table.forces), len(table.elements)
+            table.assemble(force)
+            rows = ForceRows(range(first, len(table.forces)), range(first_element, len(table.elements)))
+            numbering.index.forces[force] = rows
     table.finish()
     return table

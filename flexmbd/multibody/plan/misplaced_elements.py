@@ -23,7 +23,7 @@ def refuse_misplaced_elements(names: Sequence[str], plan: Plan, x: NDArray[np.fl
 def placed_elements(plan: Plan) -> list[NDArray[np.int64]]:
     """Rows of the elements that not every start suits."""
     kinds = [isinstance(one, CoordinateLaw | FrameElement) and one.misplaced is not None for one in ELEMENTS]
-    return [row for row in plan.elements if kinds[row[at.EL_KIND]]]
+    return list(plan.elements[np.array(kinds, bool)[plan.elements[:, at.EL_KIND]]])
 
 
 def misplaced_elements(

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.multibody.bodies.body import Body, Frame
-from flexmbd.multibody.bodies.point_mass import is_point
+from flexmbd.multibody.bodies.body import Body, Frame, RigidBody
+from flexmbd.multibody.bodies.point_mass import PointMass, is_point
 from flexmbd.multibody.functions.callback import Callbacks, Law, StateFunction
 from flexmbd.multibody.functions.compiled_function import Compiled
 from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.joint.free import Free
+from flexmbd.multibody.joint.joint_layout import AlikeJoints, JointLayout
 from flexmbd.multibody.joint.kinematic_pair import REVOLUTE, KinematicPair
-from flexmbd.multibody.joint.protocol import Joint, step_slices, step_turn
+from flexmbd.multibody.joint.protocol import Joint
 from flexmbd.multibody.joint.translation_joint import Translation
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
@@ -33,8 +35,7 @@ FloatArray = NDArray[np.float64]
 _MODAL_SHARE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Marker:
+class Marker(NamedTuple):
     """Where a row of ``Plan.frames`` comes from.
 
     Attributes:
@@ -68,6 +69,38 @@ def rigid_row(body: Body) -> list[float]:
     return row
 
 
+def alike_rows(bodies: Iterable[Body]) -> list[list[float]]:
+    """The ``rigid_row`` of each body, found once for those of the same numbers.
+
+    Raises:
+        SceneError: as ``rigid_row``.
+    """
+    known: dict[object, list[float]] = {}
+    found = []
+    for body in bodies:
+        try:
+            numbers = _numbers_of(body)
+            row = None if numbers is None else known.get(numbers)
+        except TypeError:  # an array or a list among them
+            numbers, row = None, None
+        if row is None:
+            row = rigid_row(body)
+            if numbers is not None:
+                known[numbers] = row
+        found.append(row)
+    return found
+
+
+def _numbers_of(body: Body) -> object:
+    """What the row of a body without modes follows from, None of others; types count, for not all are numbers."""
+    if type(body) is PointMass:
+        return type(body.mass), body.mass
+    if type(body) is RigidBody and isinstance(body.inertia, tuple):
+        com, inertia = tuple(body.com), tuple(body.inertia)
+        return type(body.mass), body.mass, com, inertia, body.as_measured, *map(type, com + inertia)
+    return None
+
+
 def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatArray:
     """(..., N_RIGID) of masses (...,), first (..., 3) and second moments (..., 3, 3)."""
     rows = np.empty((*np.shape(mass), at.N_RIGID))
@@ -78,6 +111,10 @@ def rigid_rows(mass: ArrayLike, first: FloatArray, second: FloatArray) -> FloatA
 
 
 _UPPER = [0, 1, 2, 4, 5, 8]  # xx xy xz yy yz zz among nine
+_MASSLESS = [0.0] * at.N_RIGID
+_NO_PLACE = np.zeros(3)
+UNTURNED = np.eye(3)
+_ANGLES = (kinds.GROUP_ANGLE, 1.0, 1.0)
 
 
 def modal_sizes(extent: float, record: ReducedBody) -> tuple[float, float]:
@@ -89,7 +126,7 @@ def modal_sizes(extent: float, record: ReducedBody) -> tuple[float, float]:
 class Numbering:
     """Numbers frames, bodies, joints, modes and functions of time: growing lists of the plan's arrays."""
 
-    def __init__(self, ground: Body, extent: float, callbacks: Callbacks) -> None:
+    def __init__(self, ground: Body, extent: float, callbacks: Callbacks, joints: AlikeJoints | None = None) -> None:
         self.extent = extent
         self.index = SceneIndex()
         self.index.bodies[ground] = -1
@@ -98,8 +135,11 @@ class Numbering:
         self.start: list[float] = []
         self.names: list[str] = []
         self.groups: list[tuple[int, float, float]] = []  # kind, full size, floor
+        self._lengths = (kinds.GROUP_LENGTH, extent, extent)
         self.group_of: list[int] = []
-        self.frames: list[FloatArray] = []
+        self.frames: list[FloatArray] = []  # places; likewise axes, and what turns these
+        self._axes: list[FloatArray] = []
+        self._turns: list[FloatArray] = []
         self.frame_of: list[tuple[int, int, int]] = []
         self.markers: list[Marker | None] = []  # of each frame; None of what no marker gives
         self.modal: list[FloatArray] = []
@@ -113,6 +153,7 @@ class Numbering:
         self.data_size = 1
         self.pairs: dict[KinematicPair, int] = {}
         self._remembers = False
+        self._joints = joints or AlikeJoints()
 
     def add_branch(self, branch: Branch, mass: list[float]) -> None:
         """Append a body with its inboard joint; steps but the last lead to massless links.
@@ -120,54 +161,44 @@ class Numbering:
         ``mass`` (N_RIGID,) is the body's ``rigid_row``.
         """
         connection, body = branch.connection, branch.outer.body
-        joint = free_joint(body) if connection is None else connection.joint
+        layout = self._joints.of(free_joint(body) if connection is None else connection.joint)
         label = f"{body.name} (flying)" if connection is None else connection.name
-        slots = self.add_joint(joint, label)
-        order = list(range(len(joint.steps)))[:: -1 if branch.reversed else 1]
-        turns, places = [step_turn(step, branch.reversed) for step in joint.steps], step_slices(joint.steps)
-        rows: dict[int, int] = {}
-        inner_row = self.index.bodies[branch.inner.body]
-        f = self.add_frame(branch.inner, inner_row, joint.turn @ turns[order[0]])
-        for k, after in zip(order, [*order[1:], None], strict=True):
-            row = rows[k] = len(self.tree)
-            if after is None:
-                g = self.add_frame(branch.outer, row, joint.turn @ turns[k])
+        slots = self.add_joint(layout, label)
+        turn, steps = layout.way(reverse=branch.reversed)
+        first, inner_row = len(self.tree), self.index.bodies[branch.inner.body]
+        f = self.add_frame(branch.inner, inner_row, turn)
+        for step in steps:
+            row, pair = len(self.tree), step.pair
+            if step.begin is None:
+                g = self.add_frame(branch.outer, row, step.end)
             else:
-                g = self.add_body_frame(row, np.zeros(3), turns[k])
-            x, v = (slots.start + own.start for slots, own in zip((slots.x, slots.v), places[k], strict=True))
-            pair = joint.steps[k].pair
-            ends = [inner_row, pair.turning, f, g, x, v]
-            sizes = [len(pair.columns), len(pair.angular)]
+                g = self.add_body_frame(row, _NO_PLACE, step.end)
+            ends = (inner_row, pair.turning, f, g, slots.x.start + step.x, slots.v.start + step.v)
+            sizes = (len(pair.columns), len(pair.angular))
             self.tree.append([*ends, -1, -1, -1, self.add_pair(pair), kinds.ROTATING, *sizes])
-            self.rigid.append([0.0] * at.N_RIGID)
+            self.rigid.append(_MASSLESS)
             inner_row = row
-            if after is not None:
-                f = self.add_body_frame(row, np.zeros(3), turns[after])
+            if step.begin is not None:
+                f = self.add_body_frame(row, _NO_PLACE, step.begin)
         self.index.bodies[body] = inner_row
         if connection is not None:
             self.index.joints[connection] = slots
-            self.index.links[connection] = tuple(rows[k] for k in sorted(rows))
+            rows = range(first, len(self.tree))
+            self.index.links[connection] = tuple(rows[::-1] if branch.reversed else rows)
         self.rigid[-1] = mass
         record = body.reduced()
         if record is not None:
             self.tree[-1][at.FLEX : at.MODAL_V + 1] = self.add_modes(record, body)
 
-    def add_joint(self, joint: Joint, label: str) -> Slots:
-        """Number the joint's coordinates; one error-norm group of lengths, one of angles."""
-        slots = Slots(
-            slice(len(self.start), len(self.start) + len(joint.start)),
-            slice(len(self.names), len(self.names) + len(joint.velocity_names)),
-        )
-        self.start.extend(joint.start)
-        self.names.extend(f"{label}.{part}" for part in joint.velocity_names)
-        group_at: dict[bool, int] = {}
-        for angular in joint.angular:
-            if angular not in group_at:
-                group_at[angular] = len(self.groups)
-                size = 1.0 if angular else self.extent
-                kind = kinds.GROUP_ANGLE if angular else kinds.GROUP_LENGTH
-                self.groups.append((kind, size, size))
-            self.group_of.append(group_at[angular])
+    def add_joint(self, layout: JointLayout, label: str) -> Slots:
+        """Number a joint's coordinates; one error-norm group of lengths, one of angles."""
+        x, v, names = len(self.start), len(self.names), layout.velocity_names
+        slots = Slots(slice(x, x + len(layout.start)), slice(v, v + len(names)))
+        self.start.extend(layout.start)
+        self.names.extend([f"{label}.{part}" for part in names])
+        first, (are_angles, group_of) = len(self.groups), layout.groups
+        self.groups.extend([_ANGLES if angular else self._lengths for angular in are_angles])
+        self.group_of.extend([first + k for k in group_of])
         return slots
 
     def add_modes(self, record: ReducedBody, body: Body) -> list[int]:
@@ -264,16 +295,30 @@ class Numbering:
     def add_frame(self, frame: Frame, row: int, turn: FloatArray) -> int:
         """Append a frame, its axes turned by ``turn``; return its row."""
         modes = (-1, -1) if frame.modes is None else mode_places(self.add_modal(frame.modes), frame.modes)
-        laid = self.add_body_frame(row, frame.p_BF_B, frame.R_BF @ turn, modes)
-        self.markers[laid] = Marker(frame, turn)
-        return laid
+        self.frames.append(frame.p_BF_B)
+        self._axes.append(frame.R_BF)
+        self._turns.append(turn)
+        self.frame_of.append((row, *modes))
+        self.markers.append(Marker(frame, turn))
+        return len(self.frames) - 1
 
     def add_body_frame(self, row: int, p: FloatArray, R: FloatArray, modes: tuple[int, int] = (-1, -1)) -> int:
         """Append a frame of the body in ``row``, its modes at two `mode_places`; return its row."""
-        self.frames.append(np.concatenate([p, R.ravel()]))
+        self.frames.append(p)
+        self._axes.append(R)
+        self._turns.append(UNTURNED)
         self.frame_of.append((row, *modes))
         self.markers.append(None)
         return len(self.frames) - 1
+
+    def frame_rows(self) -> FloatArray:
+        """(frames, N_FRAME) the places and turned axes of all frames."""
+        rows = np.empty((len(self.frames), at.N_FRAME))
+        if len(rows):
+            axes, turns = (np.concatenate(several).reshape(-1, 3, 3) for several in (self._axes, self._turns))
+            rows[:, at.FRAME_P : at.FRAME_R] = np.concatenate(self.frames).reshape(-1, 3)
+            rows[:, at.FRAME_R :] = (axes @ turns).reshape(-1, 9)
+        return rows
 
     def add_flex(self, record: ReducedBody) -> int:
         """Append the mass integrals of a reduced body; return its row."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +38,11 @@ def fill_plan(
     free = [k for k in range(len(b.names)) if k not in driven_v]
     times, time_data = time_table(b.times)
     tree, frame_of = _int_table(b.tree, at.N_TREE), _int_table(b.frame_of, at.N_FRAME_OF)
-    frames = np.array(b.frames, float).reshape(-1, at.N_FRAME)
     rigid = np.array(b.rigid, float).reshape(-1, at.N_RIGID)
     tree[:, at.ROTATION] = classify_rotations(tree, frame_of)
     plan = Plan(
         tree=tree,
-        frames=frames,
+        frames=b.frame_rows(),
         frame_of=frame_of,
         rigid=rigid,
         shafts=np.array(table.shafts, float).reshape(-1, at.N_SHAFT),
@@ -58,7 +58,7 @@ def fill_plan(
         lapack=lapack_addresses(),
         flag=b.callbacks.flag,
         wrenches=np.zeros((sum(len(one.rows) for one in table.interiors), 6)),
-        elements=_int_table(table.elements, at.N_ELEMENT),
+        elements=_elements(table),
         penalties=_int_table(rows.penalties, at.N_ROW),
         data=np.concatenate(b.data),
         horizon=open_horizon(),
@@ -71,13 +71,12 @@ def classify_rotations(tree: IntArray, frame_of: IntArray) -> IntArray:
 
     No frame rotates behind joints that do not turn; on a frame that deforms it may.
     """
-    found = np.full(len(tree), kinds.ROTATING)
-    for i, row in enumerate(tree):
-        on_still = row[at.PARENT] < 0 or found[row[at.PARENT]] == kinds.NONROTATING
-        deforms = frame_of[row[at.FRAME_PARENT], at.FRAME_MODES] >= 0
-        if on_still and not deforms and row[at.JOINT_TURN] == kinds.TURN_NONE:
-            found[i] = kinds.NONROTATING
-    return found
+    deforms = frame_of[tree[:, at.FRAME_PARENT], at.FRAME_MODES] >= 0
+    own = (tree[:, at.JOINT_TURN] != kinds.TURN_NONE) | deforms
+    rotates: list[bool] = []
+    for parent, turns in zip(map(int, tree[:, at.PARENT]), map(bool, own), strict=True):
+        rotates.append(turns or (parent >= 0 and rotates[parent]))
+    return np.where(np.array(rotates, bool), kinds.ROTATING, kinds.NONROTATING)
 
 
 def time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
@@ -90,5 +89,14 @@ def time_table(rows: Sequence[TimeRow]) -> tuple[IntArray, FloatArray]:
     return _int_table(table, at.N_TIME), np.concatenate([*data, np.zeros(1)])
 
 
+def _elements(table: ForceTable) -> IntArray:
+    """(k, N_ELEMENT) ``Plan.elements``."""
+    found, done = [], 0
+    for first, rows in table.alike:
+        found += [_int_table(table.elements[done:first], at.N_ELEMENT), rows]
+        done = first + len(rows)
+    return np.concatenate([*found, _int_table(table.elements[done:], at.N_ELEMENT)])
+
+
 def _int_table(rows: Sequence[Sequence[int]], columns: int) -> IntArray:
-    return np.array(rows, dtype=np.int64).reshape(-1, columns)
+    return np.fromiter(chain.from_iterable(rows), np.int64).reshape(-1, columns)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.force.beam_element import BeamElement
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.plan.forces import ForceSpan
+from flexmbd.multibody.plan.force_places import ForceSpan
 from flexmbd.multibody.plan.numbering import Marker
 from flexmbd.multibody.plan.rows import ScaledRow
-from flexmbd.multibody.scene_index import IdentityMap
+from flexmbd.multibody.scene_index import IdentityMap, RunMap
 from flexmbd.multibody.topology import Topology
 from flexmbd.round_off import ROUND_OFF
 
@@ -25,16 +25,16 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """What tells how large a body is: its row of ``Plan.rigid`` (N_RIGID,), and its frames that joints hold."""
+    """What tells how large a body is: its row of ``Plan.rigid`` (N_RIGID,), and its frames that joints hold.
+
+    Attributes:
+        size: m, as it was when the scene was compiled.
+    """
 
     body: Body
     rigid: tuple[float, ...]
     frames: tuple[Frame, ...]
-
-    @cached_property
-    def size(self) -> float:
-        """How large it is (m), as it was when this was first asked: when the scene was compiled."""
-        return body_size(self.rigid, [frame.p_BF_B for frame in self.frames])
+    size: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Sources:
     reach: tuple[Reach, ...]
     beams: float
     scaled: tuple[ScaledRow, ...]
-    forces: IdentityMap[Force, ForceSpan]
+    forces: RunMap[Force, ForceSpan]
     is_awaited: bool
 
     @cached_property
@@ -114,18 +114,25 @@ def reaches(topology: Topology, masses: Sequence[Sequence[float]]) -> tuple[Reac
 
     Frames of joints alone; of the ground, and of what is fixed to it, they say nothing of what moves.
     """
-    frames: IdentityMap[Body, list[Frame]] = IdentityMap()
+    frames: dict[int, list[Frame]] = {}
     ends = [frame for branch in topology.branches for frame in (branch.inner, branch.outer)]
     ends += [frame for joint in topology.closures for frame in (joint.parent, joint.child)]
     for frame in ends:
-        frames.setdefault(frame.body, []).append(frame)
-    moving: IdentityMap[Body, None] = IdentityMap()
+        frames.setdefault(id(frame.body), []).append(frame)
+    moving: set[int] = set()
+    sizes: dict[object, float] = {}  # those of bodies alike are found once
+    joints = topology.joints
     found: list[Reach] = []
     for branch, mass in zip(topology.branches, masses, strict=True):
         body, joint = branch.outer.body, branch.connection
-        if branch.inner.body in moving or joint is None or joint.joint.velocity_names:
-            moving[body] = None
-            found.append(Reach(body, tuple(mass), tuple(frames[body])))
+        if id(branch.inner.body) in moving or joint is None or joints.of(joint.joint).velocity_names:
+            moving.add(id(body))
+            rigid, held = tuple(mass), tuple(frames[id(body)])
+            places = tuple([frame.p_BF_B.tobytes() for frame in held])
+            size = sizes.get((rigid, places))
+            if size is None:
+                size = sizes[rigid, places] = body_size(rigid, [frame.p_BF_B for frame in held])
+            found.append(Reach(body, rigid, held, size))
     return tuple(found)
 
 

@@ -22,6 +22,8 @@ from flexmbd.multibody.kernels.sparse.block_lu import (
     solve_sparse,
 )
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
+from flexmbd.multibody.kernels.sparse.index_lists import sums, within
+from flexmbd.multibody.kernels.tangent.diagonal_blocks import one_block
 from flexmbd.multibody.kernels.tangent.sparse_assembly import assemble_sparse, put_rows
 from flexmbd.multibody.kernels.tangent.sparse_matrix import SparseMatrix, new_sparse_matrix, sparse_blocks
 from flexmbd.multibody.kernels.tangent.tangent_layout import TangentWork, new_tangent_work
@@ -212,7 +214,7 @@ def sparse_stiffness(
     blocks, pattern = found
     if sizes is None:
         sizes = np.stack([coordinate_sizes(scene), np.zeros(scene.nv)])
-    tangents = new_tangent_work(plan, scene.nv, sizes=sizes, blocks=blocks)
+    tangents = new_tangent_work(plan, scene.nv, sizes=sizes, blocks=blocks, side_by_side=one_block(plan))
     matrix = new_sparse_matrix(plan, blocks, pattern)
     return SparseStiffness(scene, plan, work, matrix, tangents, _entries(plan, pattern))
 
@@ -231,19 +233,22 @@ def _carrying(plan: Plan) -> float:
 
 def _entries(plan: Plan, pattern: BlockPattern) -> MatrixEntries:
     """Those of the free velocities, which are the first unknowns."""
-    size = np.diff(pattern.first)
-    block = np.repeat(np.arange(len(size)), np.diff(pattern.entry_at))
-    heights, widths = size[block], size[pattern.column]
-    count = heights * widths
-    of = np.repeat(np.arange(len(block)), count)
-    within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
-    r, c = np.divmod(within, widths[of])
-    row, column = pattern.first[block[of]] + r, pattern.first[pattern.column[of]] + c
-    place = pattern.offset[of] + r * pattern.stride[of] + c
-    own = (row < len(plan.free)) & (column < len(plan.free))
-    row, column, place = row[own], column[own], place[own]
-    ahead = np.lexsort((column, row))
-    row, column, place = row[ahead], column[ahead], place[ahead]
-    begin = np.searchsorted(row, np.arange(len(plan.free)))
-    mirrored = np.lexsort((row, column))
+    blocks = int(np.searchsorted(pattern.first[:-1], len(plan.free)))
+    size, block = np.diff(pattern.first), np.repeat(np.arange(len(pattern.first) - 1), np.diff(pattern.entry_at))
+    own = np.flatnonzero((block < blocks) & (pattern.column < blocks))
+    i, j = block[own], pattern.column[own]  # pairs of blocks, ascending
+    size, heights, widths = size[:blocks], size[i], size[j]
+    before = np.cumsum(widths) - widths
+    ahead = before - before[np.searchsorted(i, np.arange(blocks))][i]  # columns of the same rows
+    length = np.bincount(i, widths, blocks).astype(np.int64)  # of a row
+    first = sums(size * length)[:-1]
+    across = np.searchsorted(i * blocks + j, j * blocks + i)
+    of = np.repeat(np.arange(len(own)), heights * widths)
+    r, c = np.divmod(within(heights * widths), widths[of])
+    number = (first[i] + ahead)[of] + r * length[i][of] + c
+    row, column, place, mirrored = np.empty((4, len(of)), np.int64)
+    row[number], column[number] = pattern.first[i][of] + r, pattern.first[j][of] + c
+    place[number] = pattern.offset[own][of] + r * pattern.stride[own][of] + c
+    mirrored[number] = (first[j] + ahead[across])[of] + c * length[j][of] + r
+    begin = np.repeat(first, size) + within(size) * np.repeat(length, size)
     return MatrixEntries(plan.free[row], plan.free[column], place, mirrored, plan.free, begin)

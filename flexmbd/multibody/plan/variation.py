@@ -26,7 +26,8 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, open_horizon
 from flexmbd.multibody.kernels.reading.tree import mode_places
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
-from flexmbd.multibody.plan.forces import ForceSpan, ForceTable
+from flexmbd.multibody.plan.force_places import ForceSpan
+from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
 from flexmbd.multibody.plan.time_data import data_with_integrals
 from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex

@@ -55,6 +55,6 @@ def given_start(
 
 def with_given_start(scene: CompiledScene, connections: Sequence[Connection], bodies: Sequence[Body]) -> CompiledScene:
     """The scene with what joints and flexible bodies are given now, whatever is assigned to them later."""
-    things = [*connections, *(body for body in bodies if isinstance(body, FlexibleBody))]
-    kept = IdentityMap[object, Any]((thing, copy.copy(thing)) for thing in things)
+    kept = IdentityMap[object, Any]((joint, joint.copied()) for joint in connections)
+    kept.update((body, copy.copy(body)) for body in bodies if isinstance(body, FlexibleBody))
     return replace(scene, index=replace(scene.index, substitutes=kept))

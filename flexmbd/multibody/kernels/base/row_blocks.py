@@ -52,7 +52,7 @@ def row_blocks(plan: Plan) -> tuple[RowBlock, ...]:
     velocities = body_velocities(plan)
     driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
     parents: Any = plan.tree[:, at.PARENT].tolist()
-    branch = moving_branches(plan, velocities)
+    branch = moving_branches(plan)
     ends = [row_bodies(plan, row) for row in plan.rows]
     joined = {i: i for i in (-1, *branch)}
     for bodies in ends:
@@ -73,20 +73,29 @@ def row_blocks(plan: Plan) -> tuple[RowBlock, ...]:
     return tuple(found)
 
 
-def moving_branches(plan: Plan, velocities: list[list[int]]) -> list[int]:
+def moving_branches(plan: Plan) -> list[int]:
     """Of each body, that nearest to the ground on its path that is free to move; -1 where none is.
 
-    Two bodies move each other, but for what acts between them, where they have it in common.  ``velocities``: see
-    ``body_velocities``.
+    Two bodies move each other, but for what acts between them, where they have it in common.
     """
-    driven = set(map(int, plan.driven[:, at.DRIVEN_V]))
-    parents: Any = plan.tree[:, at.PARENT].tolist()
+    moves = np.zeros(len(plan.tree), np.bool_)
+    free = np.zeros(len(plan.free) + len(plan.driven) + 1, np.int64)
+    free[plan.free + 1] = 1
+    before = np.cumsum(free)  # how many free velocities
+    for first, count in velocity_spans(plan):
+        moves |= (count > 0) & (before[np.where(count > 0, first + count, 0)] > before[np.where(count > 0, first, 0)])
     branch: list[int] = []
-    for i, parent in enumerate(parents):
+    parents: Any = plan.tree[:, at.PARENT].tolist()
+    for i, (parent, is_moved) in enumerate(zip(parents, map(bool, moves), strict=True)):
         inner = branch[parent] if parent >= 0 else -1
-        moves = any(k not in driven for k in velocities[i])
-        branch.append(inner if inner >= 0 else i if moves else -1)
+        branch.append(inner if inner >= 0 else i if is_moved else -1)
     return branch
+
+
+def velocity_spans(plan: Plan) -> list[tuple[IntArray, IntArray]]:
+    """First velocities (bodies,) and how many, of the joints and of the modes of all bodies."""
+    modes = np.append(plan.flex[:, at.N_MODES], 0)[plan.tree[:, at.FLEX]]
+    return [(plan.tree[:, at.JOINT_V], plan.tree[:, at.JOINT_SIZE]), (plan.tree[:, at.MODAL_V], modes)]
 
 
 def blockwise_order(plan: Plan) -> IntArray:

@@ -67,7 +67,9 @@ def kind_of(element: ElementKind) -> int:
 
 def behaviours(plan: Plan) -> list[Behaviour]:
     """What integrators must know of each element of a plan."""
-    return [ELEMENTS[kind].behaviour for kind in plan.elements[:, at.EL_KIND]]
+    known = [one.behaviour for one in ELEMENTS]
+    kinds: Any = plan.elements[:, at.EL_KIND].tolist()
+    return [known[kind] for kind in kinds]
 
 
 def _by_kind(plan: Plan, holds: Callable[[ElementKind], bool]) -> NDArray[np.bool_]:

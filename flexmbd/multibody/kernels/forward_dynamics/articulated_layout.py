@@ -135,11 +135,12 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
     apart = {tree[at.PARENT] for i, tree in enumerate(rows) if tree[at.PARENT] != i - 1}
     multi_dof = 0
     pose = np.zeros((count, N_POSE))
-    _place_bodies(plan, links, constants, axes, pose)
+    _place_bodies(plan, links, constants, axes, pose)  # whose forms follow, and are not looked at here
     level = (axes[:, X_R : X_R + 9] == _IDENTITY).all(axis=1).tolist()
     shafts = {int(v): 0.0 for v in plan.shafts[:, at.SHAFT_V]}
     for v, inertia in plan.shafts:
         shafts[int(v)] += float(inertia)
+    laid = []
     for i, tree in enumerate(rows):
         adds, size = tree[at.JOINT_ADDS], tree[at.JOINT_SIZE]
         slot = slot_of.get(tree[at.FRAME_PARENT], -1)
@@ -157,10 +158,11 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
         else:
             form, subspace_row, freedoms = MULTI_DOF, multi_dof, size
             multi_dof += 1
-        links[i] = [
+        laid.append((
             tree[at.PARENT], form, tree[at.JOINT_X], tree[at.JOINT_V], freedoms, flex_of.get(i, -1), slot,
             subspace_row, adds,
-        ]  # fmt: skip
+        ))  # fmt: skip
+    links = np.array(laid, np.int64).reshape(-1, N_LINK)
     modes = int(flex[:, F_MODES].max(initial=0))
     coupled, mobility = _frame_moments(plan, flex, interface_frames)
     wide = mobility.shape[1]
@@ -200,7 +202,7 @@ def new_articulated_work(plan: Plan) -> ArticulatedWork:
 def _ball_subspaces(links: IntArray, count: int) -> FloatArray:
     """ArticulatedWork.subspace with the rows of S that turn a ball, which are constant."""
     subspace = np.zeros((count, 2, 6, 6))
-    for link in links[links[:, SUBSPACE] >= 0]:
+    for link in links[(links[:, SUBSPACE] >= 0) & (links[:, ADDS] < links[:, FREEDOMS])]:
         for k in range(link[ADDS], link[FREEDOMS]):
             subspace[link[SUBSPACE], 0, k, k - link[ADDS]] = 1.0
     return subspace
@@ -218,9 +220,8 @@ def _flexible_bodies(plan: Plan) -> tuple[IntArray, list[int]]:
     """Rows of ArticulatedWork.flex, and the frames of all interfaces body by body."""
     rows: list[list[int]] = []
     frames: list[int] = []
-    for i, tree in enumerate(plan.tree):
-        if tree[at.FLEX] < 0:
-            continue
+    for i in map(int, np.flatnonzero(plan.tree[:, at.FLEX] >= 0)):
+        tree = plan.tree[i]
         carriers = [int(f) for f in plan.tree[plan.tree[:, at.PARENT] == i, at.FRAME_PARENT]]
         deforming = [f for f in carriers if plan.frame_of[f, at.FRAME_MODES] >= 0]
         modes = int(plan.flex[tree[at.FLEX], at.N_MODES])

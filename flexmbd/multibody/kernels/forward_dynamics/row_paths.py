@@ -36,6 +36,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term, lo
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import propagate_wrench
 from flexmbd.multibody.kernels.physics.constraint_laws import row_wrench
 from flexmbd.multibody.kernels.physics.frame_modes import add_frame_forces
+from flexmbd.multibody.kernels.sparse.index_lists import new_lists, owned
 
 _ZERO3 = (0.0, 0.0, 0.0)
 _ZERO6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -80,16 +81,13 @@ def new_row_paths(plan: Plan) -> RowPaths:
         slots[i, :3] = tree[at.JOINT_V], count, 0 if tree[at.JOINT_V] in driven else count
         if tree[at.FLEX] >= 0:
             slots[i, 3:] = tree[at.MODAL_V], plan.flex[tree[at.FLEX], at.N_MODES]
-    moving: Any = (slots[:, 2] + slots[:, 4] > 0).tolist()
-    rows_of: list[list[int]] = [[] for _ in trees]
-    for r, path in enumerate(paths):
-        for b in path:
-            if moving[b]:
-                rows_of[b].append(r)
+    bodies = new_lists(paths)
+    moving = (slots[:, 2] + slots[:, 4] > 0)[bodies.items]
+    rows_of = owned(bodies.items[moving], bodies.owner[moving], len(trees))
     shape = (len(plan.rows), len(plan.free) + len(plan.driven))
     return RowPaths(
-        *_flattened(paths),
-        *_flattened(rows_of),
+        *bodies,
+        *rows_of,
         block_bounds(row_blocks(plan), len(plan.rows)),
         slots,
         np.zeros(shape),
@@ -105,11 +103,6 @@ def no_row_paths(block: IntArray) -> RowPaths:
 
 
 _NO_ROWS = no_row_paths(np.zeros(1, np.int64))
-
-
-def _flattened(lists: list[list[int]]) -> tuple[IntArray, IntArray]:
-    first = np.cumsum([0, *(len(one) for one in lists)], dtype=np.int64)
-    return first, np.array([entry for one in lists for entry in one], np.int64)
 
 
 @entry_kernel

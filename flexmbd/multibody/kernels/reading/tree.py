@@ -130,10 +130,10 @@ def rotates(plan: Plan, row: int) -> bool:
 
 def modal_places(plan: Plan) -> Iterator[ModalPlace]:
     """The modal coordinates of all flexible bodies, in the order of the tree."""
-    for row, link in enumerate(plan.tree):
-        if link[at.FLEX] >= 0:
-            n, x, v = int(plan.flex[link[at.FLEX], at.N_MODES]), int(link[at.MODAL_X]), int(link[at.MODAL_V])
-            yield ModalPlace(row, slice(x, x + n), slice(v, v + n))
+    for row in map(int, np.flatnonzero(plan.tree[:, at.FLEX] >= 0)):
+        link = plan.tree[row]
+        n, x, v = int(plan.flex[link[at.FLEX], at.N_MODES]), int(link[at.MODAL_X]), int(link[at.MODAL_V])
+        yield ModalPlace(row, slice(x, x + n), slice(v, v + n))
 
 
 def flexible_row(plan: Plan, row: int) -> IntArray:

@@ -8,6 +8,7 @@ then of its factors.  What it leaves to its others (u, u) lives on a stack until
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -235,18 +236,19 @@ def _stacked(parent: IntArray, others: IntArray) -> tuple[IntArray, int]:
     Two stacks: of fronts at even depths, and of those at odd ones, so that a front takes from one what its children
     left and leaves on the other; the second begins where the first ends at its highest.
     """
-    depth = np.zeros(len(parent), np.int64)
-    for k in range(len(parent) - 1, -1, -1):
-        if parent[k] >= 0:
-            depth[k] = depth[parent[k]] + 1
-    tops, highest, at = [0, 0], [0, 0], np.zeros(len(parent), np.int64)
-    left = np.zeros(len(parent), np.int64)  # by the children of each
-    for k, above in enumerate(parent):
-        side, size = depth[k] % 2, int(others[k]) ** 2
-        at[k] = tops[side]
-        tops[side] += size
-        highest[side] = max(highest[side], tops[side])
-        tops[1 - side] -= int(left[k])
+    parents: Any = parent.tolist()
+    sizes: Any = (others**2).tolist()
+    side = [0] * len(parents)  # of the depth, whether it is odd
+    for k in range(len(parents) - 1, -1, -1):
+        if parents[k] >= 0:
+            side[k] = 1 - side[parents[k]]
+    tops, highest, at, left = [0, 0], [0, 0], [0] * len(parents), [0] * len(parents)  # left: by the children of each
+    for k, above in enumerate(parents):
+        own = side[k]
+        at[k] = tops[own]
+        tops[own] += sizes[k]
+        highest[own] = max(highest[own], tops[own])
+        tops[1 - own] -= left[k]
         if above >= 0:
-            left[above] += size
-    return at + np.where(depth % 2 == 1, highest[0], 0), highest[0] + highest[1]
+            left[above] += sizes[k]
+    return np.array(at, np.int64) + highest[0] * np.array(side, np.int64), highest[0] + highest[1]

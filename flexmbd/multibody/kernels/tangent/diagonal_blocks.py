@@ -7,7 +7,7 @@ rows; blocks that lie among each other count as one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,9 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.components import components
 from flexmbd.multibody.kernels.base.native import factor_part, solve_part
-from flexmbd.multibody.kernels.base.row_blocks import body_velocities, moving_branches, root_of, row_bodies
+from flexmbd.multibody.kernels.base.row_blocks import moving_branches, row_bodies, velocity_spans
 from flexmbd.multibody.kernels.elements.table import act_between_frames, couple_all, own_links
 
 _PLACES = 2**31 - 1
@@ -42,18 +43,25 @@ class DiagonalBlocks(ArrayStruct):
 
 def diagonal_blocks(plan: Plan) -> DiagonalBlocks:
     """The blocks of ``plan``, in the order of their velocities; last what rows hold that nothing free moves."""
-    driven = np.sort(plan.driven[:, at.DRIVEN_V])
-    nv, m = len(plan.free) + len(driven), len(plan.rows)
-    stretches = [(0, nv, 0, m)]
-    if nv > 0 and not couple_all(plan).any():
-        stretches = _merged(_coupled(plan))
+    if len(plan.free) + len(plan.driven) == 0 or couple_all(plan).any():
+        return one_block(plan)
+    return _laid_out(plan, _merged(_coupled(plan)))
+
+
+def one_block(plan: Plan) -> DiagonalBlocks:
+    """All in one block."""
+    return _laid_out(plan, [(0, len(plan.free) + len(plan.driven), 0, len(plan.rows))])
+
+
+def _laid_out(plan: Plan, stretches: list[tuple[int, int, int, int]]) -> DiagonalBlocks:
+    """Blocks of stretches: first and one past the last velocity and row."""
     found = np.array(stretches, np.int64).reshape(-1, 4)
     free = np.searchsorted(plan.free, found[:, 1])
     return DiagonalBlocks(
         velocity=np.ascontiguousarray(found[:, :2]),
         free=np.concatenate([np.zeros(1, np.int64), free]),
         rows=np.maximum.accumulate(np.concatenate([np.zeros(1, np.int64), found[:, 3]])),
-        driven=driven,
+        driven=np.sort(plan.driven[:, at.DRIVEN_V]),
     )
 
 
@@ -67,34 +75,45 @@ def block_matrix(bounds: IntArray, dtype: type = np.float64) -> NDArray[Any]:
     return np.zeros((int(bounds[-1]), int(np.diff(bounds).max(initial=0))), dtype)
 
 
-def _coupled(plan: Plan) -> Iterator[tuple[int, int, int, int]]:
+def _coupled(plan: Plan) -> list[tuple[int, int, int, int]]:
     """First and one past the last velocity and row of each set of bodies that are coupled, by what it holds."""
-    velocities = body_velocities(plan)
-    branch = moving_branches(plan, velocities)
-    ends = [row_bodies(plan, row) for row in plan.rows]
-    acting = [
-        (*plan.frame_of[row[[at.EL_F, at.EL_G]], at.FRAME_BODY].tolist(), *own_links(plan, row))
-        for row in plan.elements[act_between_frames(plan)]
-    ]
-    joined = {i: i for i in branch if i >= 0}
-    for bodies in (*ends, *acting):
-        moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
-        for b in moving[1:]:
-            joined[root_of(joined, b)] = root_of(joined, moving[0])
-    members: dict[int, list[int]] = {}
-    for body, b in enumerate(branch):
-        if b >= 0:
-            members.setdefault(root_of(joined, b), []).extend(velocities[body])
+    nv, branch = len(plan.free) + len(plan.driven), np.array(moving_branches(plan), np.int64)
+    of_rows = [row_bodies(plan, row) for row in plan.rows]
+    pairs = [_moving_pairs(branch, bodies) for bodies in of_rows if len(bodies) > 2]
+    pairs.append(_moving_pairs(branch, np.array([bodies for bodies in of_rows if len(bodies) == 2]).reshape(-1, 2)))
+    between = plan.elements[act_between_frames(plan)]
+    ends = plan.frame_of[between[:, [at.EL_F, at.EL_G]], at.FRAME_BODY]
+    pairs.append(_moving_pairs(branch, ends))
+    for k in np.flatnonzero(between[:, at.EL_V] >= 0):
+        pairs.append(_moving_pairs(branch, [*ends[k].tolist(), *own_links(plan, between[k])]))
+    joined = np.concatenate(pairs)
+    of = np.where(branch >= 0, components(len(branch), *joined.T)[branch], -1)
+    least, most = np.full(len(branch), nv), np.zeros(len(branch), np.int64)
+    for first, count in velocity_spans(plan):
+        own = (of >= 0) & (count > 0)
+        np.minimum.at(least, of[own], first[own])
+        np.maximum.at(most, of[own], (first + count)[own])
     rows: dict[int, list[int]] = {}
-    for r, bodies in enumerate(ends):
-        moving = [branch[b] for b in bodies if b >= 0 and branch[b] >= 0]
+    found: list[tuple[int, int, int, int]] = []
+    for r, bodies in enumerate(of_rows):
+        moving = [int(of[b]) for b in bodies if b >= 0 and of[b] >= 0]
         if moving:
-            rows.setdefault(root_of(joined, moving[0]), []).append(r)
+            rows.setdefault(moving[0], []).append(r)
         else:
-            yield len(plan.free) + len(plan.driven), len(plan.free) + len(plan.driven), r, r + 1
-    for root, own in members.items():
-        held = rows.get(root, [0])
-        yield min(own), max(own) + 1, held[0], held[-1] + 1 if root in rows else 0
+            found.append((nv, nv, r, r + 1))
+    for root in map(int, np.flatnonzero(most > 0)):
+        held = rows.get(root, [-1])
+        found.append((int(least[root]), int(most[root]), max(held[0], 0), held[-1] + 1))
+    return found
+
+
+def _moving_pairs(branch: IntArray, bodies: Any) -> IntArray:
+    """(k, 2) pairs of branches that bodies join: two a row of (k, 2), or all of (n,); -1 is the ground."""
+    found = np.append(branch, -1)[np.asarray(bodies, np.int64)]
+    if found.ndim == 1:
+        moving = found[found >= 0]
+        return np.stack([moving[:-1], moving[1:]], axis=1)
+    return found[(found >= 0).all(axis=1)]
 
 
 def _merged(stretches: Iterable[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:

@@ -6,7 +6,18 @@ the frames and not the other change it; that it goes along with the bodies is pa
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    compose,
+    cross3,
+    dot3,
+    load3,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
@@ -22,7 +33,7 @@ from flexmbd.multibody.kernels.elements.table import (
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
-from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns, store_column
+from flexmbd.multibody.kernels.tangent.tangent_columns import frame_columns
 from flexmbd.multibody.kernels.tangent.tree_recursion import MOTION, RATE, SHIFT, TURN
 
 
@@ -34,7 +45,7 @@ def _enter(tw, count, k):
         tw.path[count] = k
         count += 1
         for t in range(18):
-            tw.path_twist[t, k] = 0.0
+            tw.path_twist[k, t] = 0.0
     return count
 
 
@@ -44,10 +55,10 @@ def _add_cut(tw, count, first, o, sign):
     for t in range(3):
         for entry in (t, RATE + t, SHIFT + t, TURN + t):
             count = _enter(tw, count, first + entry)
-        tw.path_twist[o + t, first + TURN + t] = 1.0
-        tw.path_twist[o + 3 + t, first + SHIFT + t] = 1.0
-        tw.path_twist[12 + t, first + t] += sign
-        tw.path_twist[15 + t, first + RATE + t] += sign
+        tw.path_twist[first + TURN + t, o + t] = 1.0
+        tw.path_twist[first + SHIFT + t, o + 3 + t] = 1.0
+        tw.path_twist[first + t, 12 + t] += sign
+        tw.path_twist[first + RATE + t, 15 + t] += sign
     return count
 
 
@@ -56,10 +67,10 @@ def _add_unknown(tw, count, k, twist, motion, column, o, sign):
     """Add a column's twist to unknown k of the path, its rate with a sign; return the path's length."""
     count = _enter(tw, count, k)
     for t in range(6):
-        tw.path_twist[o + t, k] = twist[t, column]
+        tw.path_twist[k, o + t] = twist[t, column]
     for t in range(3):
-        tw.path_twist[12 + t, k] += sign * motion[t, column]
-        tw.path_twist[15 + t, k] += sign * motion[9 + t, column]
+        tw.path_twist[k, 12 + t] += sign * motion[t, column]
+        tw.path_twist[k, 15 + t] += sign * motion[9 + t, column]
     return count
 
 
@@ -118,11 +129,11 @@ def variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F):
 
     Also the relative twist (phi, r) itself, in world axes.
     """
-    m = tw.path_twist
-    phi = (m[6, k] - m[0, k], m[7, k] - m[1, k], m[8, k] - m[2, k])
-    r = (m[9, k] - m[3, k], m[10, k] - m[4, k], m[11, k] - m[5, k])
-    turn = (m[12, k], m[13, k], m[14, k])
-    rate = (m[15, k], m[16, k], m[17, k])
+    m = tw.path_twist[k]
+    phi = (m[6] - m[0], m[7] - m[1], m[8] - m[2])
+    r = (m[9] - m[3], m[10] - m[4], m[11] - m[5])
+    turn = (m[12], m[13], m[14])
+    rate = (m[15], m[16], m[17])
     any_of = abs(phi[0]) + abs(phi[1]) + abs(phi[2]) + abs(r[0]) + abs(r[1]) + abs(r[2])
     if k >= tw.twist.shape[1]:  # an entry of a cut body's motion, of which some are rates alone
         any_of += abs(turn[0]) + abs(turn[1]) + abs(turn[2]) + abs(rate[0]) + abs(rate[1]) + abs(rate[2])
@@ -142,17 +153,32 @@ def pair_frames(plan, work, tw, f, g):
 
 
 @kernel
+def pair_motion(plan, work, tw, f, g):
+    """The motion of G against F, as of ``relative_rates``, and what ``pair_frames`` gives."""
+    p_F, R_F, v_F, w_F, _, _ = frame_motion(plan, work, f)
+    p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
+    d = rotate_back(R_F, sub3(p_G, p_F))
+    R = compose((R_F[0], R_F[3], R_F[6], R_F[1], R_F[4], R_F[7], R_F[2], R_F[5], R_F[8]), R_G)
+    rate = sub3(rotate(R, v_G), add3(v_F, cross3(w_F, d)))
+    spin = sub3(rotate(R, w_G), w_F)
+    o = load3(tw.origin, 0)
+    v = sub3(rotate(R_G, v_G), load3(tw.origin, 3))
+    return (d, R, rate, spin), (sub3(p_F, o), sub3(p_G, o), v, rotate(R_F, w_F), rotate(R_G, w_G), R_F)
+
+
+@kernel
 def put_change(tw, k, per_x, phi, r, dforce, dmoment, force, torque, c_F, R_F):
     """Store what unknown k changes of the wrench between F and G, about o in world axes.
 
     ``dforce``, ``dmoment`` about F's origin in F's axes; (force, torque) the wrench itself in world axes.
     """
     change = rotate(R_F, dforce)
-    store_column(tw.path_wrench, 0, k, change)
-    store_column(tw.path_wrench, 3, k, add3(rotate(R_F, dmoment), cross3(c_F, change)))
+    changed = tw.path_wrench[k]
+    store3(changed, 0, change)
+    store3(changed, 3, add3(rotate(R_F, dmoment), cross3(c_F, change)))
     phi, r = scale3(per_x, phi), scale3(per_x, r)
-    store_column(tw.path_wrench, 6, k, cross3(phi, force))
-    store_column(tw.path_wrench, 9, k, add3(cross3(phi, torque), cross3(r, force)))
+    store3(changed, 6, cross3(phi, force))
+    store3(changed, 9, add3(cross3(phi, torque), cross3(r, force)))
 
 
 @kernel
@@ -180,9 +206,10 @@ def add_changes(tw, count, moved, matrix):
 @kernel
 def motion_of_pair(twist, r):
     """What unknown r turns and moves: G relative to F, then G."""
-    angular, linear = (twist[6, r], twist[7, r], twist[8, r]), (twist[9, r], twist[10, r], twist[11, r])
-    apart = (angular[0] - twist[0, r], angular[1] - twist[1, r], angular[2] - twist[2, r])
-    away = (linear[0] - twist[3, r], linear[1] - twist[4, r], linear[2] - twist[5, r])
+    m = twist[r]
+    angular, linear = (m[6], m[7], m[8]), (m[9], m[10], m[11])
+    apart = (angular[0] - m[0], angular[1] - m[1], angular[2] - m[2])
+    away = (linear[0] - m[3], linear[1] - m[4], linear[2] - m[5])
     return apart, away, angular, linear
 
 
@@ -190,10 +217,11 @@ def motion_of_pair(twist, r):
 def change_by(wrench, motion, k):
     """What unknown k changes of the wrench between F and G, as an unknown feels it by its ``motion_of_pair``."""
     apart, away, angular, linear = motion
+    changed = wrench[k]
     t = 0.0
     for c in range(3):
-        t += away[c] * wrench[c, k] + apart[c] * wrench[3 + c, k]
-        t -= linear[c] * wrench[6 + c, k] + angular[c] * wrench[9 + c, k]
+        t += away[c] * changed[c] + apart[c] * changed[3 + c]
+        t -= linear[c] * changed[6 + c] + angular[c] * changed[9 + c]
     return t
 
 
@@ -222,8 +250,7 @@ def put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     frames and how many of these, the first of the path, move them apart; the states of the force are among both.
     """
     f, g = row[at.EL_F], row[at.EL_G]
-    d, R, rate, spin, _, _ = relative_motion(plan, work, f, g)
-    c_F, c_G, v_G, w_F, w_G, R_F = pair_frames(plan, work, tw, f, g)
+    (d, R, rate, spin), (c_F, c_G, v_G, w_F, w_G, R_F) = pair_motion(plan, work, tw, f, g)
     force, torque = element_wrench(plan, work, row, d, R, rate, spin)
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
@@ -262,7 +289,7 @@ def _put_states(plan, work, tw, row, motion, of_F, count, moved, per_v):
         put_rates(plan, work, row, k, per_v, tw.path_rates)
         tw.path_mark[k] = 1
         for t in range(18):
-            tw.path_twist[t, k] = 0.0
+            tw.path_twist[k, t] = 0.0
         tw.path[count] = k
         count += 1
         moved = put_first(tw, moved, count - 1)
@@ -336,5 +363,5 @@ def add_elements_of_joints(plan, work, tw, recursion, x, v, a, per_x, per_v, per
                     motion = motion_of_pair(tw.path_twist, tw.path[q])
                     recursion.own[tw.path[q], recursion.place[k]] += change_by(tw.path_wrench, motion, k)
                 for c in range(6):
-                    recursion.push[k, c] -= tw.path_wrench[6 + c, k]
+                    recursion.push[k, c] -= tw.path_wrench[k, 6 + c]
             clear_path(tw, count)

@@ -163,20 +163,20 @@ def _entries(plan: Plan, cut: NDArray[np.bool_] | None) -> float:
     And of sections that a cut body, a force or a row joins.
     """
     own = _own_unknowns(plan)
-    section = np.empty(len(own), np.int64)
-    size = own.astype(float)
-    joined = list[int]()
+    sizes: Any = own.astype(float).tolist()
+    sections, joined = list[int](), list[int]()
     parents: Any = plan.tree[:, at.PARENT].tolist()
     for i, parent in enumerate(parents):
-        inner = section[parent] if parent >= 0 else i
-        section[i] = inner
+        inner = sections[parent] if parent >= 0 else i
+        sections.append(inner)
         if inner != i:
-            size[inner] += size[i]
-            size[i] = 0.0
+            sizes[inner] += sizes[i]
+            sizes[i] = 0.0
         if cut is not None and cut[i]:
-            section[i] = i
-            size[i] = CUT
-            joined.append(int(inner) * len(own) + i)
+            sections[i] = i
+            sizes[i] = float(CUT)
+            joined.append(inner * len(own) + i)
+    section, size = np.array(sections, np.int64), np.array(sizes)
     found = [np.array(joined, np.int64)]
     between = plan.elements[act_between_frames(plan)]
     for rows, f, g in ((between, at.EL_F, at.EL_G), (plan.rows, at.ROW_F, at.ROW_G)):

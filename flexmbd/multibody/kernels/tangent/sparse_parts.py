@@ -19,7 +19,7 @@ from flexmbd.multibody.kernels.sparse.block_lu import (
     new_complex_block_matrix,
 )
 from flexmbd.multibody.kernels.sparse.block_pattern import BlockPattern
-from flexmbd.multibody.kernels.tangent.sparse_matrix import no_sparse_matrix
+from flexmbd.multibody.kernels.tangent.sparse_matrix import is_augmented, no_sparse_matrix
 from flexmbd.multibody.kernels.tangent.unknown_blocks import UnknownBlocks
 
 ComplexArray = NDArray[np.complex128]
@@ -32,7 +32,8 @@ CONSTANT, STIFFNESS, DAMPING, MASS, N_PARTS = range(5)
 class LoopMatrices(ArrayStruct):
     """What an implicit step needs besides of a sparse matrix with constraint rows; empty without these.
 
-    tree: factors of the matrix without rows.  stiffness: (fill,) the part by positions.
+    tree: factors of the matrix without rows.  across: of that in which all rows hold, where an augmented Lagrangian
+    lets some yield.  stiffness: (fill,) the part by positions.
     jacobian, rate_jacobian: (m, longest path) of the rows and, by positions, of their rates, as those of
     ``TangentWork``, but by the turns of balls within the step.  spins: (nv,) 1 where the velocities of a ball begin;
     whole: (fill,) the matrix, of which rate_jacobian is then; both (0,) without balls.
@@ -41,6 +42,7 @@ class LoopMatrices(ArrayStruct):
     """
 
     tree: BlockMatrix
+    across: BlockMatrix
     stiffness: FloatArray
     jacobian: FloatArray
     rate_jacobian: FloatArray
@@ -126,6 +128,7 @@ def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | No
         none, nothing, two = no_sparse_matrix().matrix, np.zeros(0), np.zeros((0, 0))
         return LoopMatrices(
             tree=none,
+            across=none,
             stiffness=nothing,
             jacobian=two,
             rate_jacobian=two,
@@ -145,6 +148,7 @@ def new_loop_matrices(plan: Plan, found: tuple[UnknownBlocks, BlockPattern] | No
     spins[balls[:, at.JOINT_V] + balls[:, at.JOINT_ADDS]] = 1
     return LoopMatrices(
         tree=new_block_matrix(pattern),
+        across=new_block_matrix(pattern) if is_augmented(plan) else no_sparse_matrix().matrix,
         stiffness=np.zeros(pattern.fill),
         jacobian=np.zeros((m, blocks.longest_path)),
         rate_jacobian=np.zeros((m, blocks.longest_path)),

@@ -49,8 +49,8 @@ class TangentWork(ArrayStruct):
     second: (n, n) scratch for second derivatives of the strain energy of the bodies whose energy is a polynomial.
     point: (N_COMPOSITE,) a wrench alone, as a row of ``body``.
     path: (nv,) the unknowns that move one of two frames; path_mark: whether an unknown is among them.
-    path_twist: (18, nv) of each: twist of F, twist of G, rate of the twist of G against F.
-    path_wrench: (12, nv) change of the wrench between F and G, in F's axes and by turning G's.
+    path_twist: (nv, 18) of each: twist of F, twist of G, rate of the twist of G against F.
+    path_wrench: (nv, 12) change of the wrench between F and G, in F's axes and by turning G's.
     path_rates: (most, nv) change of what the states of a force between frames require, of its own most states.
     jacobian: (rows, nv) rates of the constraint rows per unit velocity.  For a sparse matrix (rows, longest path), and
     ``row_unknown`` has the unknowns of its columns, ``row_count`` many, in the first of rows that join the same frames.
@@ -95,19 +95,27 @@ class TangentWork(ArrayStruct):
     blocks: DiagonalBlocks
 
 
-def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownBlocks | None = None) -> TangentWork:
+def new_tangent_work(
+    plan: Plan,
+    nv: int,
+    *,
+    sizes: FloatArray,
+    blocks: UnknownBlocks | None = None,
+    side_by_side: DiagonalBlocks | None = None,
+) -> TangentWork:
     """Allocate the tangent's scratch space for ``plan`` with nv velocities.
 
     ``sizes``: (2, nv) of positions and of velocities, kept and not copied, for they may change from step to step;
     those of velocities may be zero where there is no derivative by them.  ``blocks``: of a sparse matrix, which has
-    other unknowns besides but no prescribed velocities.
+    other unknowns besides but no prescribed velocities.  ``side_by_side``: the ``diagonal_blocks``, if they are known.
     """
     edge_of, edges = edge_columns(plan)
     most = int(plan.flex[:, at.N_MODES].max(initial=0))
     polynomial = int(plan.flex[plan.flex[:, at.POLYNOMIAL] >= 0, at.N_MODES].max(initial=0))
     loaded = _frame_load_times(plan)
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
-    states = max((len(own_links(plan, row)) for row in plan.elements[act_between_frames(plan)]), default=0)
+    with_states = plan.elements[act_between_frames(plan) & (plan.elements[:, at.EL_V] >= 0)]
+    states = max((len(own_links(plan, row)) for row in with_states), default=0)
     zeros = np.zeros
     n, longest, m = nv, nv, len(plan.rows)
     cut_of = np.full(len(plan.tree), -1, np.int64)
@@ -132,8 +140,8 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownB
         point=zeros(N_COMPOSITE),
         path=zeros(n, np.int64),
         path_mark=marks,
-        path_twist=zeros((18, n)),
-        path_wrench=zeros((12, n)),
+        path_twist=zeros((n, 18)),
+        path_wrench=zeros((n, 12)),
         path_rates=zeros((states, n)),
         jacobian=zeros((m, longest)),
         rate_jacobian=zeros((m, longest)),
@@ -148,7 +156,7 @@ def new_tangent_work(plan: Plan, nv: int, *, sizes: FloatArray, blocks: UnknownB
         out=zeros(nv),
         frame_loads=zeros((len(loaded), nv)),
         frame_load_times=loaded,
-        blocks=diagonal_blocks(plan),
+        blocks=diagonal_blocks(plan) if side_by_side is None else side_by_side,
     )
 
 

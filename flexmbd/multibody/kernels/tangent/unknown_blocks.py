@@ -10,7 +10,6 @@ their own, and paths end there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -53,6 +52,9 @@ class UnknownPath(NamedTuple):
 
     groups: list[UnknownGroup]
     root: int
+
+
+_ON_GROUND = UnknownPath([], -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +142,10 @@ class UnknownBlocks:
         between = act_between_frames(self.plan)
         rows = self.plan.elements
         frames = np.where(between[:, None], rows[:, [at.EL_F, at.EL_G]], -1)
-        own: list[list[int]] = [[] for _ in rows]
-        for e in np.flatnonzero(between & (rows[:, at.EL_V] >= 0)):
-            own[e] = [int(self.of[self.plan.tree[link, at.JOINT_V]]) for link in own_links(self.plan, rows[e])]
-        return self._between(frames, new_lists(own))
+        links = {int(e): own_links(self.plan, rows[e]) for e in np.flatnonzero(between & (rows[:, at.EL_V] >= 0))}
+        owner = np.repeat(np.array(list(links), np.int64), np.array([len(own) for own in links.values()], np.int64))
+        states = self.of[self.plan.tree[flat(links.values()), at.JOINT_V]]
+        return self._between(frames, owned(owner, states, len(rows)))
 
     @cached_property
     def closures(self) -> IndexLists:
@@ -176,7 +178,7 @@ class UnknownBlocks:
 
         Of each group first, size and frame, of the outer one before.
         """
-        owns = list(self._owns())
+        owns = [(own, way) for own, way in self._owns if way.groups]
         inner = flat(chain.from_iterable(way.groups for _, way in owns)).reshape(-1, 3)
         counts = [len(way.groups) for _, way in owns]
         outer = np.repeat(flat(own for own, _ in owns).reshape(-1, 3), counts, axis=0)
@@ -185,7 +187,7 @@ class UnknownBlocks:
     @cached_property
     def carried(self) -> IntArray:
         """(k, 6) each free group with the cut body that carries it, as ``body_pairs``."""
-        return self._with_cuts([(own, way.root) for own, way in self._owns() if way.root >= 0])
+        return self._with_cuts([(own, way.root) for own, way in self._owns if way.root >= 0])
 
     @cached_property
     def carrying(self) -> IntArray:
@@ -203,12 +205,17 @@ class UnknownBlocks:
         roots = ((q, self.inward[body].root) for q, body in enumerate(self.cuts))
         return self._with_cuts([(UnknownGroup(self.cut(q), CUT, -1), root) for q, root in roots if root >= 0])
 
-    def _owns(self) -> Iterator[tuple[UnknownGroup, UnknownPath]]:
+    @cached_property
+    def _owns(self) -> list[tuple[UnknownGroup, UnknownPath]]:
         """Each free group of a body with the way from there inwards."""
+        found: list[tuple[UnknownGroup, UnknownPath]] = []
+        is_free: Any = (self.of >= 0).tolist()
         for joint, modes, inward, outward in zip(self.joints, self.modes, self.inward, self.outward, strict=True):
-            for own, way in ((joint, inward), (modes, outward)):
-                if own is not None and self.of[own.first] >= 0:
-                    yield own, way
+            if joint is not None and is_free[joint.first]:
+                found.append((joint, inward))
+            if modes is not None and is_free[modes.first]:
+                found.append((modes, outward))
+        return found
 
     def _with_cuts(self, found: list[tuple[UnknownGroup, int]]) -> IntArray:
         return np.array([(*group, self.cut(q), CUT, -1) for group, q in found], np.int64).reshape(-1, 6)
@@ -284,12 +291,15 @@ def unknown_blocks(plan: Plan, cut: NDArray[np.bool_] | None = None) -> UnknownB
     for i, tree in enumerate(trees):
         joint, size = tree[at.JOINT_V], tree[at.JOINT_SIZE]
         count = int(plan.flex[tree[at.FLEX], at.N_MODES]) if tree[at.FLEX] >= 0 else 0
-        joints.append(UnknownGroup(joint, size, -1) if size > 0 else None)
+        way = _ON_GROUND if tree[at.PARENT] < 0 else _inward(plan, tree, modes, outward)
+        own = UnknownGroup(joint, size, -1) if size > 0 else None
+        joints.append(own)
         modes.append(UnknownGroup(tree[at.MODAL_V], count, -1) if count else None)
-        inward.append(_inward(plan, tree, modes, outward))
-        on = [joints[i], *inward[i].groups] if size > 0 else inward[i].groups
-        outward.append(UnknownPath([], number[i]) if i in number else UnknownPath(on, inward[i].root))  # type: ignore[arg-type]
-        for begin, n in ((joint, size), (tree[at.MODAL_V], count)):
+        inward.append(way)
+        on = way.groups if own is None else [own, *way.groups]
+        outward.append(UnknownPath([], number[i]) if i in number else UnknownPath(on, way.root))
+        spans = ((joint, size),) if count == 0 else ((joint, size), (tree[at.MODAL_V], count))
+        for begin, n in spans:
             if n > 0 and begin not in driven:
                 if open_at != begin:
                     first.append(begin)
@@ -321,8 +331,6 @@ def _sorted(of: IntArray, first: list[int]) -> tuple[IntArray, list[int]]:
 def _inward(plan: Plan, tree: list[int], modes: list[UnknownGroup | None], outward: list[UnknownPath]) -> UnknownPath:
     """What moves the frame on which a body's joint stands."""
     parent, frame = tree[at.PARENT], tree[at.FRAME_PARENT]
-    if parent < 0:
-        return UnknownPath([], -1)
     own, way = modes[parent], outward[parent]
     if plan.frame_of[frame, at.FRAME_MODES] >= 0 and own is not None:
         return UnknownPath([own._replace(frame=frame), *way.groups], way.root)
