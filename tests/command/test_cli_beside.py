@@ -70,7 +70,8 @@ def test_few_modes_beside_many_and_the_full_model(rods, tmp_path):
     assert len(many) == len(few) + 10
     assert (few > full).all()  # Rayleigh and Ritz
     assert (many[: len(few)] > full).all()
-    assert (many[:4] / full[:4] - 1.0 < 0.1 * (few[:4] / full[:4] - 1.0)).all()
+    assert (many[: len(few)] < few).all()  # whose deformations are among those of many modes
+    assert (many[:4] / full[:4] - 1.0).max() < 1e-3 < (few[:4] / full[:4] - 1.0).max()
     masses = tables["mass"]
     for name in ("other record", "full model"):
         np.testing.assert_allclose(real(masses[name]), real(masses["record"]), atol=1e-9 * real(masses["record"])[0])
@@ -85,7 +86,7 @@ def test_few_modes_beside_many_and_the_full_model(rods, tmp_path):
             np.array([real(columns[f"{axis}, {whose} [m/N]"]) for axis in "xyz"])[:, :8]
             for whose in ("record", "other record", "full model")
         )
-        assert (abs(other - exact).max(axis=1) < 0.2 * abs(own - exact).max(axis=1)).all()
+        assert (abs(other - exact).max(axis=1) < abs(own - exact).max(axis=1)).all()
     assert "few.h5" in page
     assert "beside the record many.h5 of" in page
     assert "nodes that both records have of their one mesh" in page
@@ -95,7 +96,7 @@ def test_equal_bodies_are_equal_from_whatever_frames(rods, tmp_path):
     """Another body frame, and an interface's frame elsewhere on its rigid face."""
     tables, _ = report(rods, tmp_path, "few.h5", "turned.h5")
     places = tables["places"]
-    np.testing.assert_allclose(real(places["way [m]"]), [0.0, 0.005], atol=1e-12)
+    np.testing.assert_allclose(real(places["way [m]"]), [0.0, 0.005], atol=1e-6)  # of the face's own centre
     np.testing.assert_allclose(real(places["turn [rad]"]), [0.0, 2.0 * np.pi / 3.0], atol=1e-9)
     mac = tables["mac_other"]
     np.testing.assert_allclose(real(mac["MAC with the mode of its number"]), 1.0, rtol=1e-9)
@@ -113,8 +114,9 @@ def test_records_of_other_meshes_are_compared_at_their_interfaces(rods, tmp_path
     mac = tables["mac_other"]
     assert list(mac["most like mode of the other record"][:3]) == ["1", "2", "3"]
     assert (real(mac["MAC"])[:3] > 0.999).all()
-    assert (abs(real(mac["relative difference"])[:3]) < 2e-2).all()
-    assert real(tables["places"]["way [m]"]).max() < 1e-9
+    softer = real(mac["relative difference"])[:3]
+    assert ((softer > -5e-2) & (softer < 0.0)).all()
+    assert real(tables["places"]["way [m]"]).max() < 1e-6
 
 
 def moved(body, p, R):
