@@ -21,13 +21,13 @@ SPINS = 2.5 * LITTLE * G * COS  # m/s^2, of the ball's surface
 STEP = 1e-3
 REFERENCES = (
     Reference("block of 1.4 m and of 0.14 m by bristles: acceleration", "m/s^2", (SLIDES, SLIDES), 1e-3, Sureness.PRIMARY),
-    Reference("the same by impulses", "m/s^2", (SLIDES, SLIDES), 1e-6, Sureness.PRIMARY),
+    Reference("the same by impulses", "m/s^2", (SLIDES, SLIDES), 1e-9, Sureness.PRIMARY),
     Reference("block with mu = 0.5 by bristles: way in 2 s over its size", "", (0.0,), 1e-6, Sureness.PRIMARY, size=1.0),
     Reference("the same by impulses", "", (0.0,), 1e-9, Sureness.PRIMARY, size=1.0),
-    Reference("ball with mu = 0.3 by bristles, by impulses: acceleration", "m/s^2", (ROLLS, ROLLS), 1e-5, Sureness.PRIMARY),
+    Reference("ball with mu = 0.3 by bristles, by impulses: acceleration", "m/s^2", (ROLLS, ROLLS), 1e-9, Sureness.PRIMARY),
     Reference(
         "ball with mu = 0.1 by impulses: acceleration, and that of its spin times its radius", "m/s^2",
-        (G * (SIN - LITTLE * COS), SPINS), 1e-6, Sureness.PRIMARY,
+        (G * (SIN - LITTLE * COS), SPINS), 1e-9, Sureness.PRIMARY,
     ),
 )  # fmt: skip
 
