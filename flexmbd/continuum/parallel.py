@@ -220,10 +220,16 @@ def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
 
     The ranks are those of the first argument that is a communicator or lies on one's (`OnRanks`); without any only
     those hear of it on which it is wrong.
+
+    Raises:
+        FlexmbdError: as `refuse_absent_ranks`.
     """
     comms = (value.comm if isinstance(value, OnRanks) else value for value in arguments.values())
     comm = next((comm for comm in comms if isinstance(comm, MPI.Comm) and comm != MPI.COMM_NULL), None)
-    return fault if comm is None else next(filter(None, comm.allgather(fault)), "")
+    if comm is None:
+        return fault
+    refuse_absent_ranks(comm)
+    return next(filter(None, comm.allgather(fault)), "")
 
 
 def refuse_vectors(
