@@ -107,7 +107,7 @@ def simulate(cells: int, steps: int, *, is_recorded: bool, folder: Path) -> None
     tube = scene.add(fm.ContinuumBody(interior), name="tube")
     place = scene.ground.frame(p=interior.frames[0].p_BI_B)
     scene.connect(fm.joint.Prismatic(axis="z"), place, tube.frame("z_max")).velocity = -35.0
-    scene.simulate(5.0 * interior.stable_step, integrator=fm.CentralDifference())  # compiles
+    scene.simulate(5.0 * interior.motion.limit, integrator=fm.CentralDifference())  # compiles
     type(solid).comm = property(lambda _: comm)  # type: ignore[misc,assignment]
     clock.watch("exchange", la.Vector, "scatter_forward", "scatter_reverse")
     clock.watch("cells", NonlinearModel, "step")
@@ -117,10 +117,10 @@ def simulate(cells: int, steps: int, *, is_recorded: bool, folder: Path) -> None
     clock.watch("recording", Recorder, "watch", "write", "end", "__init__")
     recording = fm.Recording(folder / "fields.h5", every=EVERY) if is_recorded else None
     run = clock.times("machine", scene.simulate)(
-        steps * interior.stable_step, integrator=fm.CentralDifference(), recording=recording
+        steps * interior.motion.limit, integrator=fm.CentralDifference(), recording=recording
     )
     mine = {"cells": len(solid.groups[0].cells), "seconds": dict(clock.seconds)}
-    instants = 0 if recording is None else len(run.recorded(tube).t)
+    instants = len(run.recorded(tube).t) if is_recorded and comm.rank == 0 else 0  # the file is rank 0's
     every = comm.gather(mine)
     if every is not None:
         print(MARK + json.dumps({"steps": run.stats.steps, "instants": instants, "ranks": every}))
@@ -155,7 +155,12 @@ def built_counter(folder: Path) -> Path | None:
     """The library that counts messages, where MPI's compiler is installed."""
     library = folder / "count_messages.so"
     try:
-        flags = subprocess.run(["mpicc", "-showme:compile"], capture_output=True, text=True, check=True).stdout.split()
+        showme = ["mpicc", "-showme:compile", "-showme:link"]
+        flags = [
+            word
+            for kind in showme[1:]
+            for word in subprocess.run([showme[0], kind], capture_output=True, text=True, check=True).stdout.split()
+        ]
         source = HERE / "count_messages.c"
         subprocess.run(["gcc", "-shared", "-fPIC", "-O2", source, "-o", library, *flags], check=True)
     except (OSError, subprocess.CalledProcessError):
