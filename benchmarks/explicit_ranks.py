@@ -2,10 +2,11 @@
 
     ./run python benchmarks/explicit_ranks.py [--cells 20000] [--steps 100]     # one rank and two; a picture
 
-The tube of demos/frontal_impact.py with more bricks, recorded 60 times a millisecond as there. Parts of a step are timed one by
-one and without what they call, by processor time, so that other work on the machine does little harm; "exchange" is all of MPI,
-and what a rank waits there for a slower one. Messages, bytes and collectives are those that each rank sends
-(`count_messages.c`), of a step by the difference between a run of all steps and one of half of them without a recording.
+The tube of demos/frontal_impact.py with more bricks, recorded 60 times a millisecond as there. Parts of a step are
+timed one by one and without what they call, by processor time, so that other work on the machine does little harm;
+"exchange" is all of MPI, and what a rank waits there for a slower one. Messages, bytes and collectives are those that
+each rank sends (`count_messages.c`), of a step by the difference between a run of all steps and one of half of them
+without a recording.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     ./run python benchmarks/rank_memory.py [--sizes 50000 150000 300000] [--ranks 1 2 4]
 
-The gear case of demos/large_part.py, reduced by a factor of its stiffness: of each rank the peak of its process, libraries, mesh
-and machine included. Ranks need not have processors of their own, for no times are told.
+The gear case of demos/large_part.py, reduced by a factor of its stiffness: of each rank the peak of its process,
+libraries, mesh and machine included. Ranks need not have processors of their own, for no times are told.
 """
 
 from __future__ import annotations

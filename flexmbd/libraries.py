@@ -92,8 +92,8 @@ def refuse_mpi_workers() -> None:
     world = importlib.import_module("mpi4py.MPI").COMM_WORLD
     if world.size > 1:
         raise FlexmbdError(
-            f"PETSc would wait without end for all {world.size} ranks, for rank 0 alone runs the program and the others "
-            "are workers of mpi4py.futures: begin with `petsc4py.init(comm=MPI.COMM_SELF)`, before flexmbd, and give "
+            f"PETSc would wait without end for all {world.size} ranks, for rank 0 alone runs the program and the "
+            "others are workers of mpi4py.futures: begin with `petsc4py.init(comm=MPI.COMM_SELF)`, before flexmbd, and give "
             "meshes comm=MPI.COMM_SELF, or load a record from a file (docs/ensembles.md)"
         )
 

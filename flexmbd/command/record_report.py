@@ -218,7 +218,12 @@ def _modes(comparison: Comparison | None, why: str, beside: RecordComparison | N
     return [*contents, table, ReportPicture("mac", caption, _draw_mac(mac, "full model"))]
 
 
-def _best(mac: FloatArray) -> Iterator[tuple[Cell, ...]]:
+def _numbered(values: FloatArray, number: float) -> float:
+    """The value of a number, from 1; NaN where there is none."""
+    return float(values[int(number) - 1]) if 1 <= number <= len(values) else float("nan")
+
+
+def _best(mac: FloatArray) -> Iterator[tuple[int, float, float, float]]:
     """Of each row its number, the number of the column that is most like it, that MAC, and the one of its number."""
     for k, row in enumerate(mac):
         equal = float(row[k]) if k < len(row) else float("nan")
@@ -258,21 +263,22 @@ def _other_record(beside: RecordComparison) -> list[Content]:
             "What is compared of the other one is at the places and in the axes of the record's, faces carried rigidly."
             + (f" Not compared: {'; '.join(alone)}." if alone else "")
         ),
-        ReportTable("places", "How far common interfaces are apart", ("interface", "way [m]", "turn [rad]"), tuple(apart)),
+        ReportTable(
+            "places", "How far common interfaces are apart", ("interface", "way [m]", "turn [rad]"), tuple(apart)
+        ),
     ]
     if beside.one.body.n_modes == 0 or beside.other.body.n_modes == 0:
         return [*contents, Paragraph("One of the records has no modes, so that there is no MAC.")]
     mac, own, others = beside.mac(), beside.one.body.frequencies(), beside.other.body.frequencies()
     rows: list[tuple[Cell, ...]] = []
     for k, like, value, equal in _best(mac):
-        there = float(others[int(like) - 1]) if like == like and int(like) <= len(others) else float("nan")
-        mine = float(own[int(k) - 1])
+        mine, there = _numbered(own, k), _numbered(others, like)
         rows.append((k, mine, like, there, there / mine - 1.0, value, equal))
     what = (
         f"displacements of the {len(beside.nodes)} nodes that both records have of their one mesh"
         if len(beside.nodes)
-        else "motions of the common interfaces, turns times the radius of gyration; modes that differ between these alone "
-        "look alike (records of one mesh made with --keep-modes are compared at its nodes)"
+        else "motions of the common interfaces, turns times the radius of gyration; modes that differ between these "
+        "alone look alike (records of one mesh made with --keep-modes are compared at its nodes)"
     )
     headings = (
         "mode", "frequency [Hz]", f"most like mode of the {_OTHER}", "its frequency [Hz]", "relative difference", "MAC",

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import flexmbd as fm
-
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = (
     "simulation", "machine", "joints", "forces", "contact", "integrators", "bodies_with_history", "linearized",

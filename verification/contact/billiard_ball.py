@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-import flexmbd as fm
 from flexmbd import contact
 from verification.contact._bodies import G, ball, incline
 from verification.reference import Computed, Reference, Source, Sureness, numbers

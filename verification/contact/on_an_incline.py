@@ -1,7 +1,8 @@
 """Blocks and balls on an incline.
 
 A block slides with g (sin a - mu cos a) or, below the angle of friction, sticks; a solid ball rolls with 5/7 g sin a
-where mu is above 2/7 tan a, and slides below. Other programs' blocks were seen to go by their size: here 1.4 m and 0.14 m.
+where mu is above 2/7 tan a, and slides below. Other programs' blocks were seen to go by their size: here 1.4 m and
+0.14 m.
 """
 
 from __future__ import annotations
@@ -20,11 +21,17 @@ LITTLE = 0.1  # friction with which the ball slides; 2/7 tan a is 0.133
 SPINS = 2.5 * LITTLE * G * COS  # m/s^2, of the ball's surface
 STEP = 1e-3
 REFERENCES = (
-    Reference("block of 1.4 m and of 0.14 m by bristles: acceleration", "m/s^2", (SLIDES, SLIDES), 1e-3, Sureness.PRIMARY),
+    Reference(
+        "block of 1.4 m and of 0.14 m by bristles: acceleration", "m/s^2", (SLIDES, SLIDES), 1e-3, Sureness.PRIMARY
+    ),
     Reference("the same by impulses", "m/s^2", (SLIDES, SLIDES), 1e-9, Sureness.PRIMARY),
-    Reference("block with mu = 0.5 by bristles: way in 2 s over its size", "", (0.0,), 1e-6, Sureness.PRIMARY, size=1.0),
+    Reference(
+        "block with mu = 0.5 by bristles: way in 2 s over its size", "", (0.0,), 1e-6, Sureness.PRIMARY, size=1.0
+    ),
     Reference("the same by impulses", "", (0.0,), 1e-9, Sureness.PRIMARY, size=1.0),
-    Reference("ball with mu = 0.3 by bristles, by impulses: acceleration", "m/s^2", (ROLLS, ROLLS), 1e-9, Sureness.PRIMARY),
+    Reference(
+        "ball with mu = 0.3 by bristles, by impulses: acceleration", "m/s^2", (ROLLS, ROLLS), 1e-9, Sureness.PRIMARY
+    ),
     Reference(
         "ball with mu = 0.1 by impulses: acceleration, and that of its spin times its radius", "m/s^2",
         (G * (SIN - LITTLE * COS), SPINS), 1e-9, Sureness.PRIMARY,

@@ -14,7 +14,9 @@ from flexmbd import contact
 from verification.contact._bodies import ball
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
-SOURCE = Source("Hertz 1882, Journal fuer die reine und angewandte Mathematik 92; Johnson 1985, Contact Mechanics, 11.4")
+SOURCE = Source(
+    "Hertz 1882, Journal fuer die reine und angewandte Mathematik 92; Johnson 1985, Contact Mechanics, section 11.4"
+)
 RADIUS, SPEED, E, NU = 0.05, 1.0, 2.1e11, 0.3
 MASS = float(4.0 / 3.0 * np.pi * RADIUS**3 * 7850.0)
 STIFFNESS = float(4.0 / 3.0 * E / (2.0 * (1.0 - NU**2)) * np.sqrt(0.5 * RADIUS))

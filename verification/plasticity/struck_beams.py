@@ -29,8 +29,8 @@ def parkes(ratio: float) -> float:
 
 
 COARSE = (
-    "The hinge goes from joint to joint; the difference falls slowly with the pieces' length, as from 3.4 to 2.3 % of the "
-    "supported beam's way from 20 to 40 pieces, and so it does by hinges that are elastic and then plastic."
+    "The hinge goes from joint to joint; the difference falls slowly with the pieces' length, as from 3.4 to 2.3 % of "
+    "the supported beam's way from 20 to 40 pieces, and so it does by hinges that are elastic and then plastic."
 )
 RATIOS = {0.2: "", 1.0: COARSE, 5.0: COARSE}
 REFERENCES = (
