@@ -113,8 +113,9 @@ now = stage("assembly", now)
 damping = ModalDamping(0.01, held=bores[:1])
 case = craig_bampton(model, modes=20, frame=bores[0], geometric_stiffness=False, damping=damping)
 now = stage("reduction", now)
-size = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1e6
-say(f"{model.K.getSize()[0]} degrees of freedom, {case.mass:.2f} kg, {case.n_modes} modes; {size:.2f} GB at the most")
+sizes = [one / 1e6 for one in comm.allgather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)]
+say(f"{model.K.getSize()[0]} degrees of freedom, {case.mass:.2f} kg, {case.n_modes} modes")
+say(f"at the most, of each rank {', '.join(f'{one:.2f}' for one in sizes)} GB")
 free = case.frequencies()
 say(f"free, it vibrates at {', '.join(f'{f:.0f}' for f in free[:4])} Hz")
 

@@ -11,10 +11,13 @@ import logging
 import sys
 import warnings
 
-from flexmbd.errors import MissingLibraryError
+from flexmbd.errors import FlexmbdError, MissingLibraryError
 
 #: What the continuum is made of; they come together, from PyPI, Debian, conda-forge or `./run`.
 OF_THE_CONTINUUM = ("basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl")
+
+#: What makes a program of one rank, and workers of all others.
+_MPI_POOL = "mpi4py.futures"
 
 #: PyPI's wheel of DOLFINx: this module of it loads MPI, by which the wheel's other modules find libmpi.
 _WHEEL = "dolfinx_solver"
@@ -55,6 +58,46 @@ def load_before_wheel() -> None:
         raise MissingLibraryError(f"PyPI's wheel of DOLFINx does not load: {error}") from error
 
 
+def has_mpi_workers() -> bool:
+    """Whether this is a rank of `python -m mpi4py.futures`: one runs the program, all others wait for its tasks.
+
+    By the words that Python was started with; not collective.
+    """
+    words = iter(sys.orig_argv[1:])
+    for word in words:
+        if not word.startswith("-") or word == "-":
+            return False
+        if word.startswith("--"):
+            next(words, "")  # the only such option that lets a program run has a value
+            continue
+        for k, letter in enumerate(word[1:], start=2):
+            if letter == "c":
+                return False
+            if letter in "mWX":
+                value = word[k:] or next(words, "")
+                if letter == "m":
+                    return value in (_MPI_POOL, f"{_MPI_POOL}.server")
+                break
+    return False
+
+
+def refuse_mpi_workers() -> None:
+    """Refuse to start PETSc where it would wait for ranks that wait for tasks of mpi4py.futures. Not collective.
+
+    Raises:
+        FlexmbdError: it would.
+    """
+    if "petsc4py.PETSc" in sys.modules or not has_mpi_workers():
+        return
+    world = importlib.import_module("mpi4py.MPI").COMM_WORLD
+    if world.size > 1:
+        raise FlexmbdError(
+            f"PETSc would wait without end for all {world.size} ranks, for rank 0 alone runs the program and the "
+            "others are workers of mpi4py.futures: begin with `petsc4py.init(comm=MPI.COMM_SELF)`, before flexmbd, and give "
+            "meshes comm=MPI.COMM_SELF, or load a record from a file (docs/ensembles.md)"
+        )
+
+
 def load_continuum() -> None:
     """Load what must come before DOLFINx and PETSc: see `load_before_wheel`, and ffcx. Not collective.
 
@@ -63,8 +106,10 @@ def load_continuum() -> None:
 
     Raises:
         MissingLibraryError: PyPI's wheel of DOLFINx finds no MPI, or another PETSc in its place.
+        FlexmbdError: the other ranks are workers of mpi4py.futures.
     """
     load_before_wheel()
+    refuse_mpi_workers()
     shown, loaded = warnings.showwarning, "ffcx" in sys.modules
     importlib.import_module("ffcx")
     if loaded:

@@ -14,6 +14,7 @@ from flexmbd.errors import InterfaceError
 from flexmbd.libraries import OF_THE_CONTINUUM, require
 from flexmbd.record.file_kind import RECORD
 from flexmbd.record.groups import FRAME_DOFS, GROUPS
+from flexmbd.record.record_comparison import compare_records
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.summary import damping_ratios
 
@@ -23,6 +24,7 @@ examples:
   flexmbd inspect rod.h5 --clamped big_end                     frequencies with an interface clamped
   flexmbd inspect rod.h5 --clamped big_end:x,y,z,rx,ry         on a hinge about z of its axes
   flexmbd inspect rod.h5 --report rod_report --mesh rod.msh --material steel.toml
+  flexmbd inspect rod.h5 --report both --beside finer.h5       what another record of the part says
   flexmbd inspect rod.h5 --json | jq .frequencies.free[0]
 """
 
@@ -53,6 +55,12 @@ def describe(parser: argparse.ArgumentParser) -> None:
     )
     report.add_argument("--scale", type=float, default=1.0, metavar="S", help="factor on the mesh's lengths")
     report.add_argument("--material", type=Path, metavar="FILE", help="of the report: the material file, with --mesh")
+    report.add_argument(
+        "--beside",
+        type=Path,
+        metavar="RECORD",
+        help="of the report: another record of the part, as of more modes or another mesh, to compare with",
+    )
     add_json(parser)
     parser.set_defaults(run=inspect)
 
@@ -61,13 +69,15 @@ def inspect(arguments: argparse.Namespace) -> int:
     """Print the record's sheet. Loads nothing of the continuum side but with --mesh; not collective.
 
     Raises:
-        RecordError, ExportError: the file is missing, damaged, foreign, or of another version; a report cannot be
-            written there, or the mesh is another one.
+        RecordError, ExportError: a file is missing, damaged, foreign, or of another version; a report cannot be
+            written there, the mesh is another one, or the other record has no interface of the same name.
         InterfaceError: no interface, or no component of one, has that name.
     """
     folder = arguments.report
     if (arguments.mesh is None) != (arguments.material is None) or (arguments.mesh is not None and folder is None):
         arguments.refuse("--mesh PART and --material FILE go together, and with --report DIR")
+    if arguments.beside is not None and folder is None:
+        arguments.refuse("--beside RECORD goes with --report DIR")
     if folder is not None:
         from flexmbd.report import refuse_folder
 
@@ -95,11 +105,14 @@ def _reported(arguments: argparse.Namespace, body: ReducedBody) -> Path:
     from flexmbd.command.record_report import record_report
     from flexmbd.report import write_report
 
+    other = arguments.beside
+    beside = None if other is None else compare_records(body, read_body(other))
     if arguments.mesh is not None:
         require("flexmbd inspect --mesh", *OF_THE_CONTINUUM, "gmsh")
     found = record_report(
-        body, arguments.record, mesh=arguments.mesh, scale=arguments.scale, material=arguments.material
-    )
+        body, arguments.record, mesh=arguments.mesh, scale=arguments.scale, material=arguments.material,
+        beside=beside, other=other,
+    )  # fmt: skip
     return write_report(found, arguments.report)
 
 

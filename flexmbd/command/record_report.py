@@ -1,8 +1,8 @@
-"""The report of `flexmbd inspect part.h5 --report DIR`: the record, and with its mesh the full model beside it."""
+"""The report of `flexmbd inspect part.h5 --report DIR`: the record, with its mesh the full model, another record."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from flexmbd.command.terminal import print_progress
 from flexmbd.errors import RecordError
-from flexmbd.record.held_modes import interface_motion
+from flexmbd.record.groups import InterfaceFrame
+from flexmbd.record.record_comparison import PlacedRecord, RecordComparison
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.record.summary import damping_ratios
 from flexmbd.report import (
@@ -25,6 +26,7 @@ from flexmbd.report import (
     ReportSection,
     ReportTable,
     diagram,
+    number_text,
 )
 from flexmbd.report.folder import file_digest
 
@@ -44,7 +46,19 @@ _NO_MODEL = (
 )
 
 
-def record_report(body: ReducedBody, path: Path, *, mesh: Path | None, scale: float, material: Path | None) -> Report:
+_OTHER = "other record"
+
+
+def record_report(
+    body: ReducedBody,
+    path: Path,
+    *,
+    mesh: Path | None,
+    scale: float,
+    material: Path | None,
+    beside: RecordComparison | None = None,
+    other: Path | None = None,
+) -> Report:
     """The report of a record; on one process.
 
     Args:
@@ -53,25 +67,34 @@ def record_report(body: ReducedBody, path: Path, *, mesh: Path | None, scale: fl
         mesh: that it was reduced from; None: it is not compared with the full model.
         scale: factor on the mesh's lengths.
         material: file of the form and its parameters.
+        beside: the record and another one; None: it is not compared with another one.
+        other: the file of that.
 
     Raises:
         FlexmbdError: the mesh or the material cannot be read, or are of another body.
     """
     sources = {path.name: file_digest(path)}
+    if other is not None:
+        sources[str(other) if other.name == path.name else other.name] = file_digest(other)
     comparison: Comparison | None = None
     why = _NO_MODEL
     if mesh is not None and material is not None:
         sources.update({one.name: file_digest(one) for one in (mesh, material)})
         comparison, why = _compared(body, mesh, scale=scale, material=material)
     sections = [
-        ReportSection("Mass", [_mass(body, comparison)]),
-        ReportSection("Frequencies", [_frequencies(body, comparison)]),
-        ReportSection("Modes against the full model", _modes(body, comparison, why)),
-        ReportSection("Responses", _responses(body, comparison)),
+        ReportSection("Mass", [_mass(body, comparison, beside)]),
+        ReportSection("Frequencies", [_frequencies(body, comparison, beside)]),
+        ReportSection("Modes against the full model", _modes(comparison, why, beside)),
+        *([ReportSection("The other record", _other_record(beside))] if beside is not None else []),
+        ReportSection("Responses", _responses(body, comparison, beside)),
         ReportSection("All of the record", [Listing(body.inspect())]),
     ]
     summary = f"A reduced body of {body.n_modes} modes and {len(body.interfaces)} interfaces"
-    summary += ", beside the model that it was reduced from." if comparison is not None else "."
+    summary += ", beside the model that it was reduced from" if comparison is not None else ""
+    if beside is not None and other is not None:
+        summary += ", and" if comparison is not None else ""
+        summary += f" beside the record {other.name} of {beside.other.body.n_modes} modes, called the other one"
+    summary += "."
     return Report(f"Record {path.stem}", "", summary, sections, sources)
 
 
@@ -129,33 +152,36 @@ def _range(body: ReducedBody, count: int) -> FloatArray:
     return np.geomspace(_BEGIN * free[0], _END * free[-1], count)
 
 
-def _mass(body: ReducedBody, comparison: Comparison | None) -> ReportTable:
-    own = body.mass_matrix()[:6, :6]
+def _mass(body: ReducedBody, comparison: Comparison | None, beside: RecordComparison | None) -> ReportTable:
     names = ("mass [kg]", *(f"first moment {axis} [kg m]" for axis in "xyz"), *(
         f"inertia {pair} about B [kg m^2]" for pair in ("xx", "yy", "zz", "xy", "xz", "yz")
     ))  # fmt: skip
-
-    def values(matrix: FloatArray) -> list[float]:
+    matrices = {"record": body.mass_matrix()}
+    if comparison is not None:
+        matrices["full model"] = comparison.mass
+    if beside is not None:
+        matrices[_OTHER] = beside.other.mass_matrix()
+    columns: list[list[float]] = []
+    for matrix in matrices.values():
         first = matrix[[1, 2, 0], [5, 3, 4]]  # of -m [c]x, between translation and rotation
-        return [*matrix[:1, 0], *first, *matrix[[3, 4, 5, 3, 3, 4], [3, 4, 5, 4, 5, 5]]]
-
-    if comparison is None:
-        rows = tuple((name, float(value)) for name, value in zip(names, values(own), strict=True))
-        return ReportTable("mass", "Mass of the rigid body, in the axes of B", ("what", "record"), rows)
-    pairs = zip(names, values(own), values(comparison.mass), strict=True)
-    return ReportTable(
-        "mass", "Mass of the rigid body, in the axes of B", ("what", "record", "full model"),
-        tuple((name, float(one), float(other)) for name, one, other in pairs),
-    )  # fmt: skip
+        columns.append([*matrix[:1, 0], *first, *matrix[[3, 4, 5, 3, 3, 4], [3, 4, 5, 4, 5, 5]]])
+    rows = tuple((name, *map(float, values)) for name, *values in zip(names, *columns, strict=True))
+    return ReportTable("mass", "Mass of the rigid body, in the axes of B", ("what", *matrices), rows)
 
 
-def _frequencies(body: ReducedBody, comparison: Comparison | None) -> ReportTable:
+def _frequencies(
+    body: ReducedBody, comparison: Comparison | None, beside: RecordComparison | None
+) -> ReportTable:
     columns: dict[str, FloatArray] = {"free [Hz]": body.frequencies()}
     if comparison is not None:
         columns["free, full model [Hz]"] = comparison.frequencies
         columns["relative error"] = comparison.errors
+    if beside is not None:
+        columns[f"free, {_OTHER} [Hz]"] = beside.other.body.frequencies()
     for one in body.interfaces:
         columns[f"{one.name} held [Hz]"] = body.frequencies([one.name])
+        if beside is not None and one in beside.common:
+            columns[f"{one.name} held, {_OTHER} [Hz]"] = beside.other.body.frequencies([one.name])
     ratios = damping_ratios(body)[""]
     if np.any(ratios):
         columns["damping ratio, free"] = ratios
@@ -165,46 +191,111 @@ def _frequencies(body: ReducedBody, comparison: Comparison | None) -> ReportTabl
     return ReportTable("frequencies", "Natural frequencies", ("number", *columns), tuple(rows))
 
 
-def _modes(body: ReducedBody, comparison: Comparison | None, why: str) -> list[Content]:
+def _modes(comparison: Comparison | None, why: str, beside: RecordComparison | None) -> list[Content]:
     if comparison is None:
         return [Paragraph(why)]
-    off = abs(comparison.errors)
+    off = {"record": comparison.errors}
+    if beside is not None:
+        count = min(len(comparison.frequencies), beside.other.body.n_modes)
+        off[_OTHER] = beside.other.body.frequencies()[:count] / comparison.frequencies[:count] - 1.0
+    lines = [Line(name, range(1, len(one) + 1), abs(one)) for name, one in off.items()]
     contents: list[Content] = [
         Paragraph(
             "The full model has the same rigid interfaces and nothing else held. Its modes are found by another solver "
             "(ARPACK) than the reduction's."
         ),
         diagram(
-            "frequency_errors", "Error of the free frequencies", [Line("record", range(1, len(off) + 1), off)],
+            "frequency_errors", "Error of the free frequencies", lines,
             x="mode", y="relative error", scales=("linear", "log"),
         ),
     ]  # fmt: skip
     mac = comparison.mac
     if mac is None:
         return [*contents, Paragraph("The record does not keep its modes (--keep-modes), so that there is no MAC.")]
-    best: list[tuple[Cell, ...]] = []
+    caption = "MAC of the record's free modes and the full model's, by the mass"
+    headings = ("mode", "most like full mode", "MAC", "MAC with the mode of its number")
+    table = ReportTable("mac", "MAC of each of the record's free modes", headings, tuple(_best(mac)))
+    return [*contents, table, ReportPicture("mac", caption, _draw_mac(mac, "full model"))]
+
+
+def _numbered(values: FloatArray, number: float) -> float:
+    """The value of a number, from 1; NaN where there is none."""
+    return float(values[int(number) - 1]) if 1 <= number <= len(values) else float("nan")
+
+
+def _best(mac: FloatArray) -> Iterator[tuple[int, float, float, float]]:
+    """Of each row its number, the number of the column that is most like it, that MAC, and the one of its number."""
     for k, row in enumerate(mac):
         equal = float(row[k]) if k < len(row) else float("nan")
-        best.append((k + 1, int(np.argmax(row)) + 1, float(row.max()), equal))
-    headings = ("mode", "most like full mode", "MAC", "MAC with the mode of its number")
-    table = ReportTable("mac", "MAC of each of the record's free modes", headings, tuple(best))
-    caption = "MAC of the record's free modes and the full model's, by the mass"
-    return [*contents, table, ReportPicture("mac", caption, _draw_mac(mac))]
+        best = int(np.argmax(np.nan_to_num(row, nan=-1.0)))
+        yield k + 1, best + 1 if np.isfinite(row[best]) else float("nan"), float(row[best]), equal
 
 
-def _draw_mac(mac: FloatArray) -> Callable[[Figure], None]:
+def _draw_mac(mac: FloatArray, other: str) -> Callable[[Figure], None]:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         extent = (0.5, mac.shape[1] + 0.5, mac.shape[0] + 0.5, 0.5)
         image = axes.imshow(mac, vmin=0.0, vmax=1.0, cmap="Blues", extent=extent, aspect="auto")
-        axes.set_xlabel("mode of the full model")
+        axes.set_xlabel(f"mode of the {other}")
         axes.set_ylabel("mode of the record")
         figure.colorbar(image, ax=axes)
 
     return draw
 
 
-def _responses(body: ReducedBody, comparison: Comparison | None) -> list[Content]:
+def _other_record(beside: RecordComparison) -> list[Content]:
+    """Places of common interfaces, and modes by MAC."""
+    apart = [(at.name, *beside.apart(at.name)) for at in beside.common]
+    way, turn = (max(one[k] for one in apart) for k in (1, 2))
+    where = (
+        "Each lies where the coordinates of its mesh have it"
+        if beside.by_meshes
+        else f"The other one lies so that its interface {apart[0][0]} is on the record's"
+    )
+    alone = [
+        f"{whose} alone has {', '.join(names)}"
+        for whose, names in (("the record", beside.only(beside.one)), ("the other one", beside.only(beside.other)))
+        if names
+    ]
+    contents: list[Content] = [
+        Paragraph(
+            f"{where}: common interfaces are up to {number_text(way)} m and {number_text(turn)} rad apart. "
+            "What is compared of the other one is at the places and in the axes of the record's, faces carried rigidly."
+            + (f" Not compared: {'; '.join(alone)}." if alone else "")
+        ),
+        ReportTable(
+            "places", "How far common interfaces are apart", ("interface", "way [m]", "turn [rad]"), tuple(apart)
+        ),
+    ]
+    if beside.one.body.n_modes == 0 or beside.other.body.n_modes == 0:
+        return [*contents, Paragraph("One of the records has no modes, so that there is no MAC.")]
+    mac, own, others = beside.mac(), beside.one.body.frequencies(), beside.other.body.frequencies()
+    rows: list[tuple[Cell, ...]] = []
+    for k, like, value, equal in _best(mac):
+        mine, there = _numbered(own, k), _numbered(others, like)
+        rows.append((k, mine, like, there, there / mine - 1.0, value, equal))
+    what = (
+        f"displacements of the {len(beside.nodes)} nodes that both records have of their one mesh"
+        if len(beside.nodes)
+        else "motions of the common interfaces, turns times the radius of gyration; modes that differ between these "
+        "alone look alike (records of one mesh made with --keep-modes are compared at its nodes)"
+    )
+    headings = (
+        "mode", "frequency [Hz]", f"most like mode of the {_OTHER}", "its frequency [Hz]", "relative difference", "MAC",
+        "MAC with the mode of its number",
+    )  # fmt: skip
+    caption = "MAC of the free modes of both records"
+    return [
+        *contents,
+        Paragraph(f"MAC compares {what}."),
+        ReportTable("mac_other", caption, headings, tuple(rows)),
+        ReportPicture("mac_other", caption, _draw_mac(mac, _OTHER)),
+    ]
+
+
+def _responses(
+    body: ReducedBody, comparison: Comparison | None, beside: RecordComparison | None
+) -> list[Content]:
     if not body.interfaces or body.n_modes == 0:
         return [Paragraph("The body has no interface with modes, and so no response.")]
     contents: list[Content] = [
@@ -214,14 +305,12 @@ def _responses(body: ReducedBody, comparison: Comparison | None) -> list[Content
         )
     ]
     frequencies, dense = _range(body, _COUNT), _range(body, _SHOWN)
+    own = PlacedRecord(body, np.zeros(3), np.eye(3))
     for k, one in enumerate(body.interfaces, start=1):
-        reduced, shown = _response(body, one.name, frequencies), _response(body, one.name, dense)
+        reduced, shown = _response(own, one, frequencies), _response(own, one, dense)
         headings = ["frequency [Hz]", *(f"{axis}, record [m/N]" for axis in "xyz")]
         columns = [frequencies, *reduced.T]
-        lines = [
-            Line(f"{axis}, record", dense, abs(shown[:, i]), is_marked=False)
-            for i, axis in enumerate("xyz")
-        ]
+        lines = [Line(f"{axis}, record", dense, abs(shown[:, i]), is_marked=False) for i, axis in enumerate("xyz")]
         if comparison is not None:
             full = next(found.full for found in comparison.responses if found.interface == one.name)
             headings += [f"{axis}, full model [m/N]" for axis in "xyz"]
@@ -231,6 +320,16 @@ def _responses(body: ReducedBody, comparison: Comparison | None) -> list[Content
                 Line(f"{axis}, full model", frequencies, abs(full[:, i]), is_joined=False)
                 for i, axis in enumerate("xyz")
             ]
+        if beside is not None and one in beside.common:
+            found = _response(beside.other, one, frequencies)
+            headings += [f"{axis}, {_OTHER} [m/N]" for axis in "xyz"]
+            headings.append(f"largest difference from the {_OTHER} over its largest response")
+            columns += [*found.T, abs(reduced - found).max(axis=1) / abs(found).max(axis=1)]
+            dashed = abs(_response(beside.other, one, dense))
+            lines += [
+                Line(f"{axis}, {_OTHER}", dense, dashed[:, i], is_marked=False, is_dashed=True)
+                for i, axis in enumerate("xyz")
+            ]
         rows = tuple(tuple(float(value) for value in row) for row in np.column_stack(columns))
         caption = f"Response of interface {one.name}"
         contents.append(ReportTable(f"response_{k}", caption, tuple(headings), rows))
@@ -238,10 +337,10 @@ def _responses(body: ReducedBody, comparison: Comparison | None) -> list[Content
     return contents
 
 
-def _response(body: ReducedBody, interface: str, frequencies: FloatArray) -> FloatArray:
+def _response(placed: PlacedRecord, at: InterfaceFrame, frequencies: FloatArray) -> FloatArray:
     """(k, 3) m/N of the free undamped body at an interface, along each of its axes per force along it."""
-    rows = interface_motion(body.interface(interface))[:3]
-    mass, stiffness = body.mass_matrix(), np.concatenate([np.zeros(6), body.stiffness])
+    rows = placed.interface_motion(at)[:3]
+    mass, stiffness = placed.mass_matrix(), np.concatenate([np.zeros(6), placed.body.stiffness])
     found = np.empty((len(frequencies), 3))
     for k, omega in enumerate(2.0 * np.pi * frequencies):
         found[k] = np.einsum("ij,ji->i", rows, np.linalg.solve(np.diag(stiffness) - omega**2 * mass, rows.T))

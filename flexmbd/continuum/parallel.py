@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from flexmbd.errors import FlexmbdError
 from flexmbd.given import checked, is_number, numbers, shown
+from flexmbd.libraries import has_mpi_workers
 
 T = TypeVar("T")
 
@@ -47,19 +48,27 @@ def python_takes_broken_pipes() -> None:
         signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
 
-def refuse_fork(comm: MPI.Comm) -> None:
-    """Refuse what needs other ranks in a process that was forked from one of them. Not collective.
+def refuse_absent_ranks(comm: MPI.Comm) -> None:
+    """Refuse what needs other ranks where these are not there. Not collective.
 
-    To the others it is not there: they would wait for its parent, and it for them, without end.
+    To them a process that was forked from a rank is not there: they would wait for its parent, and it for them, without
+    end.  So would rank 0 for ranks that are workers of mpi4py.futures.
 
     Raises:
         FlexmbdError: it is such a process.
     """
-    if os.getpid() != _PROCESS and comm.size > 1:
+    if comm.size == 1:
+        return
+    if os.getpid() != _PROCESS:
         raise FlexmbdError(
             f"this process was forked from rank {comm.rank} of {comm.size} after MPI had started, and is not one of "
             "the ranks: it can do what a single process does (comm=MPI.COMM_SELF), or start workers by "
             "multiprocessing's 'spawn'"
+        )
+    if has_mpi_workers() and MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT):
+        raise FlexmbdError(
+            f"rank {comm.rank} of {comm.size} would wait for the others without end, for they are workers of "
+            "mpi4py.futures: give comm=MPI.COMM_SELF to meshes, so that one process does what is to be done"
         )
 
 
@@ -79,7 +88,7 @@ def raise_collectively(comm: MPI.Comm, error: Exception | None) -> None:
         if error is not None:
             raise error
         return
-    refuse_fork(comm)
+    refuse_absent_ranks(comm)
     failures = [
         (rank, failure)
         for rank, failure in enumerate(comm.allgather(_portable(error)))
@@ -105,7 +114,7 @@ def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
         Exception: whatever `function` raised, on every rank; an interrupt (Ctrl-C) as itself on its own rank.
         SceneError: no communicator, or no function; on the rank that is given it.
     """
-    refuse_fork(comm)
+    refuse_absent_ranks(comm)
     result = b""
     error: BaseException | None = None
     if comm.rank == _ROOT:
@@ -129,7 +138,7 @@ def on_every(comm: MPI.Comm, function: Callable[[], object]) -> None:
     Raises:
         Exception: as `raise_collectively` does; an interrupt (Ctrl-C) as itself on its own rank.
     """
-    refuse_fork(comm)
+    refuse_absent_ranks(comm)
     error: BaseException | None = None
     try:
         function()
@@ -186,7 +195,7 @@ def check_same(comm: MPI.Comm, kind: type[Exception], **arguments: object) -> No
     Raises:
         Exception: of that kind, on all ranks; gives a name and two values of it.
     """
-    refuse_fork(comm)
+    refuse_absent_ranks(comm)
     heard = comm.allgather({name: repr(value) for name, value in arguments.items()})
     for name in arguments:
         for rank, theirs in enumerate(heard):
@@ -211,10 +220,16 @@ def told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
 
     The ranks are those of the first argument that is a communicator or lies on one's (`OnRanks`); without any only
     those hear of it on which it is wrong.
+
+    Raises:
+        FlexmbdError: as `refuse_absent_ranks`.
     """
     comms = (value.comm if isinstance(value, OnRanks) else value for value in arguments.values())
     comm = next((comm for comm in comms if isinstance(comm, MPI.Comm) and comm != MPI.COMM_NULL), None)
-    return fault if comm is None else next(filter(None, comm.allgather(fault)), "")
+    if comm is None:
+        return fault
+    refuse_absent_ranks(comm)
+    return next(filter(None, comm.allgather(fault)), "")
 
 
 def refuse_vectors(
@@ -258,7 +273,7 @@ def gather_rows(comm: MPI.Comm, rows: npt.NDArray[Any]) -> npt.NDArray[Any] | No
     Returns:
         (sum of n_local, ...) array on rank 0, None on the others.
     """
-    refuse_fork(comm)
+    refuse_absent_ranks(comm)
     parts = comm.gather(np.ascontiguousarray(rows), root=_ROOT)
     return np.concatenate(parts) if parts is not None else None
 
@@ -304,7 +319,7 @@ class MpiTeam:
         Returns:
             A new array of that shape.
         """
-        refuse_fork(self.comm)
+        refuse_absent_ranks(self.comm)
         agreed = np.array(x, order="C")
         self.comm.Bcast(agreed, root=_ROOT)
         return agreed
@@ -322,7 +337,7 @@ class MpiTeam:
 
         Rank 0 does not wait; a rank that never calls leaves a message of some hundred bytes unread.
         """
-        refuse_fork(self.comm)
+        refuse_absent_ranks(self.comm)
         if self.is_root:
             failure = _portable(error)
             _UNREAD[:] = [message for message in _UNREAD if not message.Test()]

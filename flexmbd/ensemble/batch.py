@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,27 +44,34 @@ class BatchRuns:
     new: Callable[[], PreparedRuns | None]
     outputs: Mapping[str, Sampled]
 
-    def run(self, rows: Sequence[Values]) -> Iterator[dict[str, FloatArray] | None]:
-        """The outputs of one variant after the other; None of one that is to be run, or told, the other way."""
+    def run(self, rows: Sequence[Values]) -> Generator[dict[str, FloatArray] | None]:
+        """The outputs of one variant after the other; None of one that is to be run, or told, the other way.
+
+        Closed, or at its end, it gives the workspace back for the next ones.
+        """
         given = {name: self.parameters[name] for name in rows[0]}
         tabled = tabled_names(given, self.scene)
         others = [name for name in given if name not in tabled]
         columns = value_columns(self.scene, {name: given[name] for name in tabled}, rows)
         batch: _Batch | None = None
         self.workspaces.are_for(self.key)  # in another process, too
-        for k, row in enumerate(rows):
-            if columns is None or not columns.possible[k]:
-                yield None
-                continue
-            if batch is None:
-                workspace = self.workspaces.taken(self.key, self.new)
-                batch = None if workspace is None else _Batch(self, workspace, columns, others)
-            found = None if batch is None else batch.outputs(k, row)
-            if batch is not None and batch.has_failed:
-                batch = None  # what a failed run leaves in its arrays is for nobody
-            yield found
-        if batch is not None:
-            self.workspaces.give_back(self.key, batch.workspace)
+        try:
+            for k, row in enumerate(rows):
+                if columns is None or not columns.possible[k]:
+                    yield None
+                    continue
+                if batch is None:
+                    workspace = self.workspaces.taken(self.key, self.new)
+                    batch = None if workspace is None else _Batch(self, workspace, columns, others)
+                found = None
+                if batch is not None:
+                    running, batch = batch, None  # what a run that fails leaves in its arrays is for nobody
+                    found = running.outputs(k, row)
+                    batch = None if running.has_failed else running
+                yield found
+        finally:
+            if batch is not None:
+                self.workspaces.give_back(self.key, batch.workspace)
 
 
 class _Batch:

@@ -10,9 +10,8 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, field
-from itertools import repeat
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -95,13 +94,14 @@ class Study:
         """Run variants one after the other, each in its ``turn``, while ``goes_on``."""
         began = time.perf_counter()
         found: list[VariantOutcome] = []
-        sampled = self.batch.run([values for _, values in rows]) if self.batch is not None else repeat(None)
-        for k, values in rows:
-            if not goes_on():
-                break
-            with turn, told_once(self.told):
-                outputs = next(sampled)
-                found.append(self._outcome(k, values) if outputs is None else (k, outputs, ""))
+        sampled = (None for _ in rows) if self.batch is None else self.batch.run([values for _, values in rows])
+        with closing(sampled):
+            for k, values in rows:
+                if not goes_on():
+                    break
+                with turn, told_once(self.told):
+                    outputs = next(sampled)
+                    found.append(self._outcome(k, values) if outputs is None else (k, outputs, ""))
         return TaskOutcome(found, time.perf_counter() - began, _worker())
 
     def _outcome(self, k: int, values: Mapping[str, Any]) -> VariantOutcome:

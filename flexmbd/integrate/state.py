@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember_step
 from flexmbd.multibody.kernels.reading.plan_entries import modes_of
 from flexmbd.round_off import EQUAL
@@ -173,7 +173,7 @@ def machine_rate(state, groups):
     return max(joints if joints > 0.0 else modes, state.numbers[LEAST_RATE])
 
 
-@entry_kernel
+@brief_entry_kernel
 def starting_rate(free, of, full, v, a, least):
     """The rate (1/s) at a start with v, a (nv,): the fastest free coordinate's, or ``least``; as of ``Groups``."""
     fastest = 0.0

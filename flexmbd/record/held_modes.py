@@ -74,11 +74,9 @@ def held_modes(
     mass[6:, 6:] = np.eye(n)  # as machines take it: without the round-off of the integrals
     if held:
         first = interface_motion(held[0])
-        carried = -np.linalg.solve(first[:, :6], first[:, 6:])
+        motion = np.vstack([-np.linalg.solve(first[:, :6], first[:, 6:]), np.eye(n)])
     else:
-        motions = np.eye(6) if rigid is None else rigid
-        carried = -motions @ _inverse(motions.T @ mass[:6, :6] @ motions) @ motions.T @ mass[:6, 6:]
-    motion = np.vstack([carried, np.eye(n)])
+        motion = free_motion(mass, rigid)
     own = motion.T @ mass @ motion
     root = np.sqrt(stiffness)
     rows = np.vstack([np.zeros((0, n)), *(interface_motion(one) @ motion for one in held[1:])])
@@ -87,6 +85,18 @@ def held_modes(
     square[square < of_solver(n) * square.max(initial=0.0)] = 0.0  # what is no mass but round-off
     shapes = among @ vectors[:, ::-1]
     return HeldModes(np.sqrt(square[::-1]), root[:, None] * shapes, shapes / root[:, None])
+
+
+def free_motion(mass: FloatArray, rigid: FloatArray | None = None) -> FloatArray:
+    """(6 + n, n) motion of a free body's B, and modal coordinates, per unit of these: without momentum.
+
+    Args:
+        mass: (6 + n, 6 + n) of B and the modal coordinates.
+        rigid: (6, r) the motions of B in which it is free; all.
+    """
+    motions = np.eye(6) if rigid is None else rigid
+    inverse = _inverse(motions.T @ mass[:6, :6] @ motions)
+    return np.vstack([-motions @ inverse @ motions.T @ mass[:6, 6:], np.eye(len(mass) - 6)])
 
 
 def held_frequencies(mass: FloatArray, stiffness: FloatArray, rows: FloatArray) -> FloatArray:

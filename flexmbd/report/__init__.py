@@ -12,6 +12,7 @@ from flexmbd.report.contents import Report as Report
 from flexmbd.report.contents import ReportPicture as ReportPicture
 from flexmbd.report.contents import ReportSection as ReportSection
 from flexmbd.report.contents import ReportTable as ReportTable
+from flexmbd.report.contents import number_text as number_text
 from flexmbd.report.folder import PAGE as PAGE
 from flexmbd.report.folder import refuse_folder as refuse_folder
 from flexmbd.report.folder import write_report as write_report

@@ -32,6 +32,7 @@ class Line:
         is_marked: whether its points are.
         is_joined: whether lines go from point to point.
         panel: which of the diagrams it is in, from 0.
+        is_dashed: whether the lines from point to point are.
     """
 
     label: str
@@ -40,6 +41,7 @@ class Line:
     is_marked: bool = True
     is_joined: bool = True
     panel: int = 0
+    is_dashed: bool = False
 
 
 def diagram(
@@ -78,8 +80,8 @@ def diagram(
             shown.add(line.label)
             marker = _MARKERS[labels.index(line.label) % len(_MARKERS)] if line.is_marked else "None"
             panels[line.panel].plot(
-                line.x, line.y, marker=marker, linestyle="-" if line.is_joined else "None", label=label,
-                color=colours[line.label], linewidth=1.4, markersize=5,
+                line.x, line.y, marker=marker, label=label, color=colours[line.label], linewidth=1.4, markersize=5,
+                linestyle=("--" if line.is_dashed else "-") if line.is_joined else "None",
             )  # fmt: skip
         ticks = sorted({float(one) for line in lines for one in line.x}) if scales[0] == "log" else []
         ticks = ticks if len(ticks) <= _TICKS else []

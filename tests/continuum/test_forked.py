@@ -8,7 +8,7 @@ import pytest
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
-from flexmbd.continuum.parallel import MpiTeam, refuse_fork
+from flexmbd.continuum.parallel import MpiTeam, refuse_absent_ranks
 from flexmbd.errors import FlexmbdError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import guyan
@@ -46,7 +46,7 @@ def forked(function):
 def test_one_process_reduces_and_other_ranks_are_refused():
     here = first_frequency(MPI.COMM_SELF)
     assert forked(lambda: first_frequency(MPI.COMM_SELF)) == here
-    refuse_fork(MPI.COMM_WORLD)  # a rank itself
+    refuse_absent_ranks(MPI.COMM_WORLD)  # a rank itself
     if MPI.COMM_WORLD.size > 1:
         assert "forked from rank" in forked(lambda: first_frequency(MPI.COMM_WORLD))
         assert "forked from rank" in forked(lambda: MpiTeam(MPI.COMM_WORLD).fail(None))

@@ -145,6 +145,29 @@ def test_runs_are_made_without_trajectories(monkeypatch: pytest.MonkeyPatch) -> 
             assert found.done.all()
 
 
+def test_each_thread_makes_its_arrays_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many tasks there are; and once more after a variant that fails."""
+    machine, given, asked = pendulum()
+    sampled = {name: one for name, (one, _) in asked.items()}
+    good = {name: np.repeat(column[given["mass"] > 0.0], 5, axis=0) for name, column in given.items()}
+    made = list[PreparedRuns]()
+    new = PreparedRuns.__init__
+
+    def counted(self: PreparedRuns, *arguments: Any) -> None:
+        made.append(self)
+        new(self, *arguments)
+
+    monkeypatch.setattr(PreparedRuns, "__init__", counted)
+    with study(machine, good, sampled, workers=2) as found:
+        assert found.done.all()
+    assert len(found.done) > 60
+    assert 1 <= len(made) <= 2
+    good["rate"][30] = 1e150
+    with study(machine, good, sampled, workers=2) as found:
+        assert [one.index for one in found.failures] == [30]
+    assert len(made) <= 4
+
+
 def test_a_variant_that_fails_in_the_middle_spoils_no_other() -> None:
     """Not even where its arrays are left full of NaN."""
     machine, given, asked = pendulum()

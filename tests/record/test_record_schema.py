@@ -131,6 +131,15 @@ def test_all_groups_come_back_bit_for_bit(tmp_path, absent):
     come_back(tmp_path, dataclasses.replace(full_record(), **dict.fromkeys(absent)))
 
 
+def test_the_page_s_example(tmp_path, monkeypatch):
+    """A steel bar of 0.4 m x 0.05 m x 0.02 m whose frames lie on its ends."""
+    monkeypatch.chdir(tmp_path)
+    found = {}
+    exec(re.search(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)[1], found)
+    assert found["bar"].mass == pytest.approx(7850.0 * 0.4 * 0.05 * 0.02)
+    np.testing.assert_allclose(found["bar"].interface("x_max").p_BI_B, [0.4, 0.0, 0.0], atol=1e-12)
+
+
 def test_a_nonlinear_record_comes_back_bit_for_bit(tmp_path):
     come_back(tmp_path, nonlinear_record())
 

@@ -27,15 +27,16 @@ class BodyMemory:
         """Number nodes and cells."""
         self._body, self._comm = body, body.comm
         self._owned = body.layout.n_owned_nodes
-        self._node, self.node_count = _places(body.comm, node_numbers(body), self._owned)
+        self._node, self._nodes_of, self.node_count = _places(body.comm, node_numbers(body), self._owned)
         topology = body.mesh.mesh.topology
         cells = topology.index_map(topology.dim)
         self._cells, self._all_cells = int(cells.size_local), int(cells.size_local + cells.num_ghosts)
-        self._cell, self._cell_count = _places(body.comm, topology.original_cell_index, self._cells)
+        numbers = topology.original_cell_index
+        self._cell, self._cells_of, self._cell_count = _places(body.comm, numbers, self._cells)
 
     def gather_nodes(self, values: FloatArray) -> FloatArray:
         """Values (local nodes, m) as those of all nodes by number, the same on every rank. Collective."""
-        return self._gather(self._node[: self._owned], values[: self._owned], self.node_count)
+        return self._gather(self._nodes_of, values[: self._owned], self.node_count)
 
     def scatter_nodes(self, values: FloatArray) -> FloatArray:
         """Back to (local nodes including ghosts, m)."""
@@ -47,7 +48,7 @@ class BodyMemory:
         for k, history in enumerate(snapshot.history):
             if self._comm.allreduce(history.size, op=MPI.MAX):
                 rows = history.reshape(self._all_cells, -1)[: self._cells]
-                arrays[f"history {k}"] = self._gather(self._cell[: self._cells], rows, self._cell_count)
+                arrays[f"history {k}"] = self._gather(self._cells_of, rows, self._cell_count)
         if self._body.has_dissipation:
             arrays["viscous work"] = np.array(snapshot.viscous_work)
         return arrays
@@ -62,14 +63,22 @@ class BodyMemory:
         displacement = self.scatter_nodes(arrays["displacement"]).reshape(-1)
         return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)))
 
-    def _gather(self, places: NDArray[np.int64], rows: FloatArray, count: int) -> FloatArray:
+    def _gather(self, places: list[NDArray[np.int64]], rows: FloatArray, count: int) -> FloatArray:
+        """The rows of all ranks at the places of each rank's. Collective."""
         whole = np.empty((count, *rows.shape[1:]))
-        for part, values in self._comm.allgather((places, rows)):
+        for part, values in zip(places, self._comm.allgather(rows), strict=True):
             whole[part] = values
         return whole
 
 
-def _places(comm: MPI.Comm, numbers: NDArray[np.integer], owned: int) -> tuple[NDArray[np.int64], int]:
-    """Places of numbers, those of ghosts too, among all owned ones in ascending order; and their count. Collective."""
-    known = np.unique(np.concatenate(comm.allgather(numbers[:owned])))
-    return np.searchsorted(known, numbers), len(known)
+def _places(
+    comm: MPI.Comm, numbers: NDArray[np.integer], owned: int
+) -> tuple[NDArray[np.int64], list[NDArray[np.int64]], int]:
+    """Places of numbers, those of ghosts too, among all owned ones in ascending order. Collective.
+
+    Returns:
+        Of this rank's numbers; of each rank's owned ones; how many there are.
+    """
+    every = comm.allgather(numbers[:owned])
+    known = np.unique(np.concatenate(every))
+    return np.searchsorted(known, numbers), [np.searchsorted(known, one) for one in every], len(known)

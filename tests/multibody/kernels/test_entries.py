@@ -9,6 +9,8 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +18,7 @@ import numpy as np
 import pytest
 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, entry_kernel, kernel
 
 
 class Place(enum.IntEnum):
@@ -53,6 +55,16 @@ def refused(k):
 @kernel
 def inside(x):
     return x
+
+
+@brief_entry_kernel
+def brief(n):
+    if n < 0:
+        raise ValueError("n is negative")
+    total = 0.0
+    for k in range(n):
+        total += 1.0 / (1.0 + k * total)
+    return total
 
 
 def test_numbers_arrays_and_tuples_go_in_and_come_out() -> None:
@@ -135,6 +147,36 @@ def test_calls_are_the_same_however_often() -> None:
         refused(1)
     with pytest.raises(ValueError, match="k is beyond the table"):
         refused(2)
+
+
+def test_brief_kernels_let_no_other_thread_in() -> None:
+    """Neither as Python reads their arguments nor as machine code does, later; and they raise as all do."""
+    n, ran, stop = 1_000_000, [0], threading.Event()
+
+    def count() -> None:
+        while not stop.is_set():
+            ran[0] += 1
+            time.sleep(0)  # hands the lock over, as nothing else does for so long an interval
+
+    patience = sys.getswitchinterval()
+    sys.setswitchinterval(1e3)
+    thread = threading.Thread(target=count)
+    thread.start()
+    try:
+        for _ in range(3):
+            for _ in range(40):
+                assert brief(0) == 0.0
+            before = ran[0]
+            found = brief(n)
+            assert ran[0] == before
+            assert found > 1.0
+    finally:
+        stop.set()
+        thread.join()
+        sys.setswitchinterval(patience)
+    assert brief._quick is not None  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match="n is negative"):
+        brief(-1)
 
 
 def test_a_kernel_is_pickled_by_its_name_and_copied_as_itself() -> None:

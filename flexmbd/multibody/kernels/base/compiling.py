@@ -97,6 +97,14 @@ def entry_kernel(function: F) -> F:
     return EntryKernel(function)  # type: ignore[return-value]
 
 
+def brief_entry_kernel(function: F) -> F:
+    """An ``entry_kernel`` of some microseconds, which keeps Python's lock meanwhile.
+
+    To hand the lock to another thread and to wait for it again takes longer than such a kernel.
+    """
+    return EntryKernel(function, keeps_lock=True)  # type: ignore[return-value]
+
+
 def summing_kernel(function: F) -> F:
     """A kernel whose sums may be taken in any order: they run in vector registers."""
     return Kernel(function, reordered=True)  # type: ignore[return-value]

@@ -57,8 +57,10 @@ class EntryKernel(Kernel):
 
     entry_options = "entry"
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, keeps_lock: bool = False) -> None:
+        """``keeps_lock``: other threads of Python wait meanwhile, which costs less than to hand its lock over."""
         super().__init__(function)
+        self._keeps_lock = keeps_lock
         self._calls: dict[Any, EntryCall] = {}
         self._addresses: dict[Any, int] = {}
         self._quick: Any = None  # for arguments of those types that it is called with most
@@ -81,12 +83,13 @@ class EntryKernel(Kernel):
         key = tuple([_kind(one) for one in arguments])
         call = self._calls.get(key)
         if call is None:
-            call = self._calls[key] = EntryCall.of(self.image_for(arguments), arguments)
+            call = self._calls[key] = EntryCall.of(self.image_for(arguments), arguments, keeps_lock=self._keeps_lock)
         call.calls += 1
         if call.calls == _OFTEN and self._quick is None:
             self._quick = quick_call(
-                call.address, arguments, call.returns, otherwise=self._any_call, raiser=_raise
-            )
+                call.address, arguments, call.returns,
+                otherwise=self._any_call, raiser=_raise, keeps_lock=self._keeps_lock,
+            )  # fmt: skip
         return call(arguments)
 
     def address(self, arguments: tuple[Any, ...]) -> int:
@@ -134,12 +137,13 @@ class EntryCall:
     calls: int = 0
 
     @classmethod
-    def of(cls, image: Image, arguments: tuple[Any, ...]) -> EntryCall:
-        """The way into an image that is for arguments as these."""
+    def of(cls, image: Image, arguments: tuple[Any, ...], *, keeps_lock: bool) -> EntryCall:
+        """The way into an image that is for arguments as these, with Python's lock or without it."""
         count = len(list(_words(arguments)))
         results = max(1, _size(image.returns))  # an exception's address takes one
         address = load(image)[0]
-        return cls(address, _FUNCTION(address), ctypes.c_int64 * (count + results), count, image.returns)
+        function = (_LOCKED_FUNCTION if keeps_lock else _FUNCTION)(address)
+        return cls(address, function, ctypes.c_int64 * (count + results), count, image.returns)
 
     def __call__(self, arguments: tuple[Any, ...]) -> Any:
         """What the kernel returns, or raises."""
@@ -151,6 +155,7 @@ class EntryCall:
 
 
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_LOCKED_FUNCTION = ctypes.PYFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 
 
 def _words(arguments: tuple[Any, ...]) -> list[int]:

@@ -25,7 +25,13 @@ _KINDS = {float: "d", np.float64: "d", int: "q", bool: "?", type(None): "n"}
 
 
 def quick_call(
-    entry: int, arguments: tuple[Any, ...], returns: Any, *, otherwise: Callable[..., Any], raiser: Callable[[int], Any]
+    entry: int,
+    arguments: tuple[Any, ...],
+    returns: Any,
+    *,
+    otherwise: Callable[..., Any],
+    raiser: Callable[[int], Any],
+    keeps_lock: bool,
 ) -> Any:
     """A builtin function that enters machine code with arguments of such types; None where there is none for them.
 
@@ -35,18 +41,19 @@ def quick_call(
         returns: what is returned, as `kernel_store.Image` has it.
         otherwise: called with arguments of other types.
         raiser: raises the exception at an address.
+        keeps_lock: whether Python's lock is kept meanwhile.
     """
     kinds: list[Any] = []
     types: list[Any] = []
     if not all(_describe(one, kinds, types) for one in arguments):
         return None
-    what = repr((kinds, returns, _how()))
+    what = repr((kinds, returns, keeps_lock, _how()))
     name = f"flexmbd_call_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
     def written() -> bytes:
         from flexmbd.multibody.kernels.base.quick_call_code import object_code
 
-        return object_code(name, kinds, returns)
+        return object_code(name, kinds, returns, keeps_lock=keeps_lock)
 
     address = address_in(name, lambda: kept_code(name, what, written))
     objects = [_ADDRESS, None, otherwise, raiser, *types]

@@ -18,11 +18,11 @@ _BYTE_ORDER, _TYPE_NUMBER = 26, 28
 _ENTRY, _NAME, _NONE, _OTHERWISE, _RAISER, _TYPES = range(6)
 
 
-def object_code(name: str, kinds: list[Any], returns: Any) -> bytes:
+def object_code(name: str, kinds: list[Any], returns: Any, *, keeps_lock: bool) -> bytes:
     """Object code of a function of this name for arguments and a result as `quick_call` describes them."""
     module = ir.Module(name)
     module.triple = llvm.get_process_triple()
-    _Writer(module, name, kinds, returns)
+    _Writer(module, name, kinds, returns, keeps_lock=keeps_lock)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_triple(module.triple)
@@ -34,7 +34,7 @@ def object_code(name: str, kinds: list[Any], returns: Any) -> bytes:
 class _Writer:
     """Writes the function; pointers are words."""
 
-    def __init__(self, module: Any, name: str, kinds: list[Any], returns: Any) -> None:
+    def __init__(self, module: Any, name: str, kinds: list[Any], returns: Any, *, keeps_lock: bool) -> None:
         self.module = module
         function = ir.Function(module, ir.FunctionType(_WORD, [_WORD] * 3), name)
         self.builder = builder = ir.IRBuilder(function.append_basic_block())
@@ -47,7 +47,7 @@ class _Writer:
         self.demand(builder.icmp_unsigned("==", count, _WORD(len(kinds))))
         for k, kind in enumerate(kinds):
             self.read(self.load(self.arguments, 8 * k), kind)
-        self.enter(returns)
+        self.enter(returns, keeps_lock=keeps_lock)
         builder.position_at_end(self.other)
         builder.ret(self.call("PyObject_Vectorcall", self.fixed(_OTHERWISE), self.arguments, count, _WORD(0)))
         builder.position_at_end(self.failed)
@@ -125,8 +125,8 @@ class _Writer:
             row = self.load(value, offset)
             self.words += [self.load(row, 8 * axis) for axis in range(ndim)]
 
-    def enter(self, returns: Any) -> None:
-        """Call the machine code without Python's lock, and return what it writes or raises."""
+    def enter(self, returns: Any, *, keeps_lock: bool) -> None:
+        """Call the machine code, without Python's lock unless it is kept, and return what it writes or raises."""
         builder, count = self.builder, len(self.words)
         with builder.goto_entry_block():
             block = builder.alloca(ir.ArrayType(_WORD, count + max(1, _size(returns))))
@@ -134,9 +134,10 @@ class _Writer:
         for k, word in enumerate(self.words):
             self.store(begin, 8 * k, word)
         kind = ir.FunctionType(_INT, [_WORD]).as_pointer()
-        state = self.call("PyEval_SaveThread")
+        state = None if keeps_lock else self.call("PyEval_SaveThread")
         status = builder.call(builder.inttoptr(self.fixed(_ENTRY), kind), [begin])
-        self.call("PyEval_RestoreThread", state, kind=ir.VoidType())
+        if state is not None:
+            self.call("PyEval_RestoreThread", state, kind=ir.VoidType())
         with builder.if_then(builder.icmp_signed("!=", status, _INT(0)), likely=False):
             place = self.call("PyLong_FromLongLong", self.load(begin, 8 * count))
             self.store(begin, 0, place)

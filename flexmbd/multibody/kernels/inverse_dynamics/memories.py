@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.memory_path import write_memory
 from flexmbd.multibody.kernels.elements.table import write_frame_memory
@@ -27,7 +27,7 @@ def _remember(plan, work, x, v, t):
             write_memory(plan, work, row, x, x[row[at.EL_X]] - plan.data[row[at.EL_DATA]], v[row[at.EL_V]], t)
 
 
-@entry_kernel
+@brief_entry_kernel
 def remember(plan, work, x, v, t):
     """Write into x (nx,) what all elements remember at t (s), having come to x, v from what they remembered there.
 

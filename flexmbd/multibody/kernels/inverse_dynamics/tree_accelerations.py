@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, kernel
 from flexmbd.multibody.kernels.inverse_dynamics.residual import drive, residual
 
 FloatArray = NDArray[np.float64]
@@ -70,7 +70,7 @@ def _solve(matrix, n, vector):
         vector[i] = total / matrix[i, i]
 
 
-@entry_kernel
+@brief_entry_kernel
 def tree_accelerations(plan, bare, work, dense, x, v, a):
     """Set what is prescribed in x, v and a, and the free accelerations from M a = f.
 

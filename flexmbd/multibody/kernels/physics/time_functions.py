@@ -6,7 +6,7 @@ import math
 
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, kernel
 from flexmbd.multibody.kernels.base.native import call_row, call_scalar
 
 
@@ -72,7 +72,7 @@ def _sine(data, o, t):
     return offset + s, amplitude * omega * math.cos(omega * t + phase), -omega * omega * s
 
 
-@entry_kernel
+@brief_entry_kernel
 def evaluate_times(plan, t, out):
     """Write value, rate and acceleration of every function of time at t.
 
