@@ -105,7 +105,7 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
     return MoreauWorkspace(
         new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
         new_free_spins(plan), parts,
-        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
+        new_contacts(n, int(parts.widest[0]), nv), memory, moves, np.array([scene.extent]), zeros((n, N_TOLD)),
         zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip
 
@@ -119,5 +119,5 @@ def with_room(s: MoreauWorkspace) -> MoreauWorkspace:
         kept = grown(kept, n)
     return s.replace(
         groups=s.groups.replace(work=work, out=out), watched=watched, kept=kept, told=np.zeros((n, N_TOLD)),
-        contacts=new_contacts(n, 6 * n * int(s.parts.largest[0]), len(s.moves)),
+        contacts=new_contacts(n, int(s.parts.widest[0]), len(s.moves)),
     )  # fmt: skip
