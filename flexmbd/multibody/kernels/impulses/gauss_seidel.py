@@ -14,48 +14,6 @@ from flexmbd.multibody.kernels.impulses.contact_rows import gather, normal_at, p
 from flexmbd.multibody.kernels.impulses.lone_bodies import settle, take_twists
 from flexmbd.multibody.kernels.impulses.point_law import point_impulse
 
-_OF_THOSE = 16  # sweeps of the contacts that still change, before all are looked at
-_LOOK = 4  # every so many sweeps of positions all contacts are looked at; in between those that push
-_OF_POSITION = 1e-3  # of the deepest overlap: what a projection may leave
-_SWEEPS_OF_POSITION = 50
-_ZERO = (0.0, 0.0, 0.0)
-
-
-@kernel
-def _solve_point(parts, contacts, i, v):
-    """Give contact i the impulse that its law asks for; by how much its velocity changes (m/s)."""
-    P = load3(contacts.impulse[i], 0)
-    if P == _ZERO and normal_at(parts, contacts, i, v) >= contacts.bound[i]:
-        return 0.0  # as most contacts that may touch do not
-    W = load9(contacts.own[i], 0)
-    q = sub3(velocity_at(parts, contacts, i, v), rotate(W, P))
-    above = (q[0] - contacts.bound[i], q[1], q[2])
-    found = point_impulse(W, contacts.stick[i], contacts.friction[i], above, P)
-    change = sub3(found, P)
-    if change == _ZERO:
-        return 0.0
-    store3(contacts.impulse[i], 0, found)
-    push(parts, contacts, i, change, v)
-    moved = rotate(W, change)
-    return max(abs(moved[0]), abs(moved[1]), abs(moved[2]))
-
-
-"""All impulses of a step by Gauss and Seidel's method, contact by contact, and positions by the same sweeps.
-
-No matrix of contacts against contacts: velocities and twists hold what all impulses make together (Moreau 1999; Jean
-1999).  Sweeps are accelerated as conjugate gradients are (Silcowitz-Hansen, Niebe & Erleben 2010).
-"""
-
-from __future__ import annotations
-
-import math
-
-from flexmbd.multibody.kernels.algebra.so3 import dot3, load3, load9, rotate, store3, sub3
-from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.impulses.contact_rows import gather, normal_at, push, velocity_at, velocity_by
-from flexmbd.multibody.kernels.impulses.lone_bodies import settle, take_twists
-from flexmbd.multibody.kernels.impulses.point_law import point_impulse
-
 _LOOK = 4  # every so many sweeps of positions all contacts are looked at; in between those that push
 _OF_THOSE = 16  # sweeps of the contacts that still change, before all are looked at
 _OF_POSITION = 1e-3  # of the deepest overlap: what a projection may leave
@@ -217,78 +175,6 @@ def solve_impulses(parts, contacts, v, share, nothing, most):
         sweeps += _sweep_pending(parts, contacts, v, 0.25 * share * met)
 
 
-@kernel
-def _take_lone(parts, contacts, v):
-    """Add to v what the impulses make of the velocities that stand in no rows: those of lone bodies' parts."""
-    _clear_wrenches(parts.lone)
-    for i in range(contacts.count[0]):
-        P = load3(contacts.impulse[i], 0)
-        if P != _ZERO:
-            gather(parts, contacts, i, P)
-    settle(parts, v)
-
-
-@kernel
-def _clear_wrenches(lone):
-    for c in range(lone.body.shape[0]):
-        for k in range(6):
-            lone.wrench[c, k] = 0.0
-
-
-@kernel
-def _sweep_positions(parts, contacts, moved, look, forth):
-    """All contacts, or those listed; lists those that push if it looks at all.  The largest change of a gap (m)."""
-    n, change, pushing = contacts.count[0] if look else contacts.pending[0], 0.0, 0
-    for k in range(n):
-        i = k if forth else n - 1 - k
-        if not look:
-            i = contacts.listed[i]
-        W = contacts.own[i, 0]
-        if not W > 0.0:
-            continue
-        gap = contacts.shift[i] + normal_at(parts, contacts, i, moved)
-        found = max(0.0, contacts.push[i] - gap / W)
-        if found != contacts.push[i]:
-            more = found - contacts.push[i]
-            push(parts, contacts, i, (more, 0.0, 0.0), moved)
-            contacts.push[i] = found
-            change = max(change, abs(more) * W)
-        if look and found > 0.0:
-            contacts.listed[pushing] = i
-            pushing += 1
-    if look:
-        contacts.pending[0] = pushing
-    return change
-
-
-@kernel
-def solve_positions(parts, contacts, moved):
-    """Write the displacement (nv,) that opens all overlaps, the least in the metric of the masses, normals alone.
-
-    ``contacts.shift`` (m) are the gaps without it.
-    """
-    n, lone = contacts.count[0], parts.lone
-    deepest = 0.0
-    for k in range(moved.shape[0]):
-        moved[k] = 0.0
-    for c in range(lone.body.shape[0]):
-        for k in range(6):
-            lone.twist[c, k] = 0.0
-    for i in range(n):
-        contacts.push[i] = 0.0
-        deepest = max(deepest, -contacts.shift[i])
-    look = True
-    for sweep in range(_SWEEPS_OF_POSITION):
-        change = _sweep_positions(parts, contacts, moved, look, sweep % 2 == 0)
-        done = change <= _OF_POSITION * deepest
-        if done and look:
-            break
-        look = done or (sweep + 1) % _LOOK == 0
-    _clear_wrenches(lone)
-    for i in range(n):
-        if contacts.push[i] > 0.0:
-            gather(parts, contacts, i, (contacts.push[i], 0.0, 0.0))
-    settle(parts, moved)
 @kernel
 def _take_lone(parts, contacts, v):
     """Add to v what the impulses make of the velocities that stand in no rows: those of lone bodies' parts."""
