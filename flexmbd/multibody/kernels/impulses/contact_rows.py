@@ -59,7 +59,6 @@ class Contacts(ArrayStruct):
         speed: (k,) m/s, that which impulses meet there: of the approach without them, and of what smooth forces make.
         impulse: (k, 3) N s on G, along the rows of ``basis``; old, ahead: before a sweep, and where sweeps lead.
         shift, push: (k,) m, the gap at the step's end, and the multiplier that opens it where it is closed.
-        pending: (1,) how many are listed in ``listed`` (k,), for their velocities still change.
         row: (nv,) scratch, zero between uses.
         v_old, v_ahead, v_change: (nv,) as those of lone bodies, of the velocities that stand in rows.
     """
@@ -83,8 +82,6 @@ class Contacts(ArrayStruct):
     ahead: FloatArray
     shift: FloatArray
     push: FloatArray
-    pending: IntArray
-    listed: IntArray
     row: FloatArray
     v_old: FloatArray
     v_ahead: FloatArray
@@ -98,7 +95,7 @@ def new_contacts(count: int, widest: int, nv: int) -> Contacts:
         zeros(1, whole), zeros(count, whole), zeros((count, 2), whole), zeros((count, 2), whole), zeros((count, 6)),
         zeros(count + 1, whole), zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)),
         zeros((count, 6)), zeros(count), zeros(count), zeros(count), zeros((count, 3)), zeros((count, 3)),
-        zeros((count, 3)), zeros(count), zeros(count), zeros(1, whole), zeros(count, whole),
+        zeros((count, 3)), zeros(count), zeros(count),
         *(zeros(nv) for _ in range(4)),
     )  # fmt: skip
 

@@ -23,110 +23,80 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @kernel
 def _solve_point(parts, contacts, i, v):
-    """Give contact i the impulse that its law asks for; by how much its velocity changes (m/s)."""
+    """Give contact i the impulse that its law asks for."""
     P = load3(contacts.impulse[i], 0)
     if P == _ZERO and normal_at(parts, contacts, i, v) >= contacts.bound[i]:
-        return 0.0  # as most contacts that may touch do not
+        return  # as most contacts that may touch do not
     W = load9(contacts.own[i], 0)
     q = sub3(velocity_at(parts, contacts, i, v), rotate(W, P))
     above = (q[0] - contacts.bound[i], q[1], q[2])
     found = point_impulse(W, contacts.stick[i], contacts.friction[i], above, P)
     change = sub3(found, P)
-    if change == _ZERO:
-        return 0.0
-    store3(contacts.impulse[i], 0, found)
-    push(parts, contacts, i, change, v)
-    moved = rotate(W, change)
-    return max(abs(moved[0]), abs(moved[1]), abs(moved[2]))
+    if change != _ZERO:
+        store3(contacts.impulse[i], 0, found)
+        push(parts, contacts, i, change, v)
 
 
 @kernel
-def _sweep(parts, contacts, v, all_of_them):
-    """All contacts there and back, or those listed; the largest change of a contact's velocity (m/s)."""
-    n, change = contacts.count[0] if all_of_them else contacts.pending[0], 0.0
+def _sweep(parts, contacts, v):
+    """All contacts there and back."""
+    n = contacts.count[0]
     for k in range(2 * n):
-        j = k if k < n else 2 * n - 1 - k
-        change = max(change, _solve_point(parts, contacts, j if all_of_them else contacts.listed[j], v))
-    return change
+        _solve_point(parts, contacts, k if k < n else 2 * n - 1 - k, v)
 
 
 @kernel
 def _begin(parts, contacts, v):
-    """Let the impulses at hand act."""
+    """Let the impulses at hand act; nothing leads ahead."""
+    lone = parts.lone
     take_twists(parts, v)
     for i in range(contacts.count[0]):
         P = load3(contacts.impulse[i], 0)
         if P != _ZERO:
             push(parts, contacts, i, P, v)
-
-
-@kernel
-def _hold(parts, contacts, v):
-    """Note where a sweep begins; nothing leads ahead."""
-    lone = parts.lone
-    for i in range(contacts.count[0]):
-        store3(contacts.old[i], 0, load3(contacts.impulse[i], 0))
+        store3(contacts.old[i], 0, P)
         store3(contacts.ahead[i], 0, _ZERO)
     for c in range(lone.body.shape[0]):
         for k in range(6):
             lone.old[c, k], lone.ahead[c, k] = lone.twist[c, k], 0.0
-    if parts.widest[0] > 0:
-        for k in range(v.shape[0]):
-            contacts.v_old[k], contacts.v_ahead[k] = v[k], 0.0
+    for k in range(v.shape[0]):
+        contacts.v_old[k], contacts.v_ahead[k] = v[k], 0.0
 
 
 @kernel
-def _list_pending(parts, contacts, v, share):
-    """List the contacts whose velocities the last sweep changed by more than half of a ``share`` of those to be met.
+def _progress(parts, contacts, v):
+    """What the last sweep changed, over the contacts that push or did.
 
-    These are the root mean square over the contacts that push.  Returns it, and the largest change (m/s).
+    The root mean squares of their velocities' changes and of the speeds that impulses meet there (m/s), and the energy
+    of the changes of impulses, each contact seen alone (J).
     """
-    lone, n, met, pushing, largest = parts.lone, 0, 0.0, 0, 0.0
+    lone, n, changed, met, energy = parts.lone, 0, 0.0, 0.0, 0.0
     for c in range(lone.body.shape[0]):
         for k in range(6):
             lone.change[c, k] = lone.twist[c, k] - lone.old[c, k]
-    if parts.widest[0] > 0:
-        for k in range(v.shape[0]):
-            contacts.v_change[k] = v[k] - contacts.v_old[k]
+    for k in range(v.shape[0]):
+        contacts.v_change[k] = v[k] - contacts.v_old[k]
     for i in range(contacts.count[0]):
-        if contacts.impulse[i, 0] > 0.0:
-            met += contacts.speed[i] ** 2
-            pushing += 1
-    met = math.sqrt(met / pushing) if pushing > 0 else 0.0
-    for i in range(contacts.count[0]):
-        u = velocity_by(parts, contacts, i, lone.change, contacts.v_change)
-        change = math.sqrt(dot3(u, u))
-        if not change <= largest:
-            largest = change
-        if change > 0.5 * share * met:
-            contacts.listed[n] = i
-            n += 1
-    contacts.pending[0] = n
-    return met, largest
-
-
-@kernel
-def _energy(contacts):
-    """The energy (J) of what the last sweep changed, the contacts listed each seen alone."""
-    energy = 0.0
-    for j in range(contacts.pending[0]):
-        i = contacts.listed[j]
-        change = sub3(load3(contacts.impulse[i], 0), load3(contacts.old[i], 0))
-        energy += dot3(change, rotate(load9(contacts.own[i], 0), change))
-    return energy
+        P, old = load3(contacts.impulse[i], 0), load3(contacts.old[i], 0)
+        if P == _ZERO and old == _ZERO:
+            continue
+        u, step = velocity_by(parts, contacts, i, lone.change, contacts.v_change), sub3(P, old)
+        changed += dot3(u, u)
+        met += contacts.speed[i] ** 2
+        energy += dot3(step, rotate(load9(contacts.own[i], 0), step))
+        n += 1
+    return math.sqrt(changed / max(n, 1)), math.sqrt(met / max(n, 1)), energy
 
 
 @kernel
 def _go_on(parts, contacts, v, share):
     """Add to what the last sweep did a share of where those before it led."""
     lone = parts.lone
-    for j in range(contacts.pending[0]):
-        i = contacts.listed[j]
+    for i in range(contacts.count[0]):
         _extrapolate(contacts.impulse[i], contacts.old[i], contacts.ahead[i], share)
     for c in range(lone.body.shape[0]):
         _extrapolate(lone.twist[c], lone.old[c], lone.ahead[c], share)
-    if parts.widest[0] > 0:
-        _extrapolate(v, contacts.v_old, contacts.v_ahead, share)
+    _extrapolate(v, contacts.v_old, contacts.v_ahead, share)
 
 
 @kernel
@@ -139,40 +109,26 @@ def _extrapolate(now, old, ahead, share):
 
 
 @kernel
-def _sweep_pending(parts, contacts, v, enough):
-    """Sweep over the contacts listed until their velocities change by no more than ``enough`` (m/s); how often."""
-    before = 0.0
-    _hold(parts, contacts, v)
-    for sweep in range(_OF_THOSE):
-        if _sweep(parts, contacts, v, False) <= enough:
-            return sweep + 1
-        energy = _energy(contacts)
-        _go_on(parts, contacts, v, energy / before if energy < before else 0.0)
-        before = energy
-    return _OF_THOSE
-
-
-@kernel
 def solve_impulses(parts, contacts, v, share, nothing, most):
-    """Sweep until no contact's velocity changes by more than a ``share`` of those to be met, or ``nothing`` (m/s).
+    """Sweep until one changes the contacts' velocities by a ``share`` of the speeds met, or by ``nothing`` (m/s).
 
-    In between all contacts those that still change are swept by themselves.  Returns the sweeps, and the share at last;
-    infinite where velocities are not finite.
+    Both are root mean squares over the contacts that push.  Returns the sweeps, at ``most`` so many, and the share at
+    last, zero where that or nothing is reached, infinite where velocities are not finite.
     """
     _begin(parts, contacts, v)
-    sweeps = 0
-    while True:
-        _hold(parts, contacts, v)
-        change = _sweep(parts, contacts, v, True)
+    before, energy, left, sweeps = 0.0, 0.0, math.inf, 0
+    while left > 0.0 and sweeps < most:
+        if sweeps > 0:
+            _go_on(parts, contacts, v, energy / before if energy < before else 0.0)
+            before = energy
+        _sweep(parts, contacts, v)
         sweeps += 1
-        met, largest = _list_pending(parts, contacts, v, share)
-        if not largest < math.inf:
+        changed, met, energy = _progress(parts, contacts, v)
+        if not changed < math.inf:
             return sweeps, math.inf
-        done = largest <= share * met or change <= nothing
-        if done or sweeps >= most:
-            _take_lone(parts, contacts, v)
-            return sweeps, 0.0 if done else largest / met
-        sweeps += _sweep_pending(parts, contacts, v, 0.25 * share * met)
+        left = 0.0 if changed <= share * met or changed <= nothing else changed / met
+    _take_lone(parts, contacts, v)
+    return sweeps, left
 
 
 @kernel
@@ -194,13 +150,11 @@ def _clear_wrenches(lone):
 
 
 @kernel
-def _sweep_positions(parts, contacts, moved, look, forth):
-    """All contacts, or those listed; lists those that push if it looks at all.  The largest change of a gap (m)."""
-    n, change, pushing = contacts.count[0] if look else contacts.pending[0], 0.0, 0
+def _sweep_positions(parts, contacts, moved, forth):
+    """All contacts, one way; the largest change of a gap (m)."""
+    n, change = contacts.count[0], 0.0
     for k in range(n):
         i = k if forth else n - 1 - k
-        if not look:
-            i = contacts.listed[i]
         W = contacts.own[i, 0]
         if not W > 0.0:
             continue
@@ -211,11 +165,6 @@ def _sweep_positions(parts, contacts, moved, look, forth):
             push(parts, contacts, i, (more, 0.0, 0.0), moved)
             contacts.push[i] = found
             change = max(change, abs(more) * W)
-        if look and found > 0.0:
-            contacts.listed[pushing] = i
-            pushing += 1
-    if look:
-        contacts.pending[0] = pushing
     return change
 
 
@@ -235,13 +184,9 @@ def solve_positions(parts, contacts, moved):
     for i in range(n):
         contacts.push[i] = 0.0
         deepest = max(deepest, -contacts.shift[i])
-    look = True
     for sweep in range(_SWEEPS_OF_POSITION):
-        change = _sweep_positions(parts, contacts, moved, look, sweep % 2 == 0)
-        done = change <= _OF_POSITION * deepest
-        if done and look:
+        if _sweep_positions(parts, contacts, moved, sweep % 2 == 0) <= _OF_POSITION * deepest:
             break
-        look = done or (sweep + 1) % _LOOK == 0
     _clear_wrenches(lone)
     for i in range(n):
         if contacts.push[i] > 0.0:
