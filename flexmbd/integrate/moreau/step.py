@@ -50,7 +50,7 @@ RULE = Rule(exponent=0.5)
 
 _EVALUATIONS = 30  # of the smooth forces in a step
 _SWEEPS = 1000
-_OF_TOLERANCE = 0.1  # of rtol: change in a sweep, of the speeds that impulses meet, at which they are found
+_OF_TOLERANCE = 0.05  # of rtol: change in a sweep, of the speeds that impulses meet, at which they are found
 _STUCK = 1e-2  # the same of the last sweep: at which they are not
 
 #: Columns of what a step tells of each contact: the force on G (N, inertial axes), the work (J) of its normal
@@ -330,7 +330,7 @@ def attempt(s, state, groups, h):
         s.u[k] = 0.5 * h * s.last[k]
     move(m, s.x, s.u, s.end)
     if overlaps:
-        solve_positions(s.parts, s.contacts, s.u)
+        solve_positions(s.parts, s.contacts, s.u, h * kick * _OF_TOLERANCE * state.numbers[st.TOLERANCE])
         move(m, s.end, s.u, s.end)
     _finish(s, state, groups, h)
 

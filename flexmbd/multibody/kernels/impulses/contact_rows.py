@@ -60,7 +60,7 @@ class Contacts(ArrayStruct):
         impulse: (k, 3) N s on G, along the rows of ``basis``; old, ahead: before a sweep, and where sweeps lead.
         shift, push: (k,) m, the gap at the step's end, and the multiplier that opens it where it is closed.
         row: (nv,) scratch, zero between uses.
-        v_old, v_ahead, v_change: (nv,) as those of lone bodies, of the velocities that stand in rows.
+        v_old, v_ahead: (nv,) as those of lone bodies, of the velocities that stand in rows.
     """
 
     count: IntArray
@@ -85,7 +85,6 @@ class Contacts(ArrayStruct):
     row: FloatArray
     v_old: FloatArray
     v_ahead: FloatArray
-    v_change: FloatArray
 
 
 def new_contacts(count: int, widest: int, nv: int) -> Contacts:
@@ -96,7 +95,7 @@ def new_contacts(count: int, widest: int, nv: int) -> Contacts:
         zeros(count + 1, whole), zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)),
         zeros((count, 6)), zeros(count), zeros(count), zeros(count), zeros((count, 3)), zeros((count, 3)),
         zeros((count, 3)), zeros(count), zeros(count),
-        *(zeros(nv) for _ in range(4)),
+        *(zeros(nv) for _ in range(3)),
     )  # fmt: skip
 
 
@@ -191,27 +190,21 @@ def _respond(parts, c, n, force, out):
 
 
 @kernel
-def _between_lone(contacts, i, twist):
+def _between_lone(parts, contacts, i):
     """The velocity (m/s, inertial axes) of G's point against F's as far as lone bodies make it."""
     a, b = contacts.lone[i, 0], contacts.lone[i, 1]
     u = _ZERO
     if b >= 0:
-        u = velocity_of(twist[b], load3(contacts.arms[i], 3))
+        u = velocity_of(parts.lone, b, load3(contacts.arms[i], 3))
     if a >= 0:
-        u = sub3(u, velocity_of(twist[a], load3(contacts.arms[i], 0)))
+        u = sub3(u, velocity_of(parts.lone, a, load3(contacts.arms[i], 0)))
     return u
 
 
 @kernel
 def velocity_at(parts, contacts, i, v):
     """u = J v of contact i: along the normal and both tangents."""
-    return velocity_by(parts, contacts, i, parts.lone.twist, v)
-
-
-@kernel
-def velocity_by(parts, contacts, i, twist, v):
-    """The same of other twists (n, 6) of lone bodies."""
-    x, y, z = rotate(load9(contacts.basis[i], 0), _between_lone(contacts, i, twist))
+    x, y, z = rotate(load9(contacts.basis[i], 0), _between_lone(parts, contacts, i))
     o = contacts.first[i]
     if contacts.first[i + 1] == o:
         return x, y, z
@@ -234,7 +227,7 @@ def velocity_by(parts, contacts, i, twist, v):
 @kernel
 def normal_at(parts, contacts, i, v):
     """The first of ``velocity_at``."""
-    x = dot3(load3(contacts.basis[i], 0), _between_lone(contacts, i, parts.lone.twist))
+    x = dot3(load3(contacts.basis[i], 0), _between_lone(parts, contacts, i))
     o = contacts.first[i]
     if contacts.first[i + 1] == o:
         return x

@@ -10,7 +10,7 @@ import math
 
 from flexmbd.multibody.kernels.algebra.so3 import dot3, load3, load9, rotate, store3, sub3
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.impulses.contact_rows import gather, normal_at, push, velocity_at, velocity_by
+from flexmbd.multibody.kernels.impulses.contact_rows import gather, normal_at, push, velocity_at
 from flexmbd.multibody.kernels.impulses.lone_bodies import settle, take_twists
 from flexmbd.multibody.kernels.impulses.point_law import point_impulse
 
@@ -64,26 +64,22 @@ def _begin(parts, contacts, v):
 
 
 @kernel
-def _progress(parts, contacts, v):
-    """What the last sweep changed, over the contacts that push or did.
+def _progress(contacts):
+    """What the last sweep changed, over the contacts that push or did, each seen alone.
 
     The root mean squares of their velocities' changes and of the speeds that impulses meet there (m/s), and the energy
-    of the changes of impulses, each contact seen alone (J).
+    of the changes (J).
     """
-    lone, n, changed, met, energy = parts.lone, 0, 0.0, 0.0, 0.0
-    for c in range(lone.body.shape[0]):
-        for k in range(6):
-            lone.change[c, k] = lone.twist[c, k] - lone.old[c, k]
-    for k in range(v.shape[0]):
-        contacts.v_change[k] = v[k] - contacts.v_old[k]
+    n, changed, met, energy = 0, 0.0, 0.0, 0.0
     for i in range(contacts.count[0]):
         P, old = load3(contacts.impulse[i], 0), load3(contacts.old[i], 0)
         if P == _ZERO and old == _ZERO:
             continue
-        u, step = velocity_by(parts, contacts, i, lone.change, contacts.v_change), sub3(P, old)
+        step = sub3(P, old)
+        u = rotate(load9(contacts.own[i], 0), step)
         changed += dot3(u, u)
         met += contacts.speed[i] ** 2
-        energy += dot3(step, rotate(load9(contacts.own[i], 0), step))
+        energy += dot3(step, u)
         n += 1
     return math.sqrt(changed / max(n, 1)), math.sqrt(met / max(n, 1)), energy
 
@@ -123,7 +119,7 @@ def solve_impulses(parts, contacts, v, share, nothing, most):
             before = energy
         _sweep(parts, contacts, v)
         sweeps += 1
-        changed, met, energy = _progress(parts, contacts, v)
+        changed, met, energy = _progress(contacts)
         if not changed < math.inf:
             return sweeps, math.inf
         left = 0.0 if changed <= share * met or changed <= nothing else changed / met
@@ -169,10 +165,11 @@ def _sweep_positions(parts, contacts, moved, forth):
 
 
 @kernel
-def solve_positions(parts, contacts, moved):
+def solve_positions(parts, contacts, moved, enough):
     """Write the displacement (nv,) that opens all overlaps, the least in the metric of the masses, normals alone.
 
-    ``contacts.shift`` (m) are the gaps without it.
+    ``contacts.shift`` (m) are the gaps without it.  A sweep that changes none of them by more than ``enough`` (m) is
+    the last.
     """
     n, lone = contacts.count[0], parts.lone
     deepest = 0.0
@@ -184,8 +181,9 @@ def solve_positions(parts, contacts, moved):
     for i in range(n):
         contacts.push[i] = 0.0
         deepest = max(deepest, -contacts.shift[i])
+    enough = max(enough, _OF_POSITION * deepest)
     for sweep in range(_SWEEPS_OF_POSITION):
-        if _sweep_positions(parts, contacts, moved, sweep % 2 == 0) <= _OF_POSITION * deepest:
+        if _sweep_positions(parts, contacts, moved, sweep % 2 == 0) <= enough:
             break
     _clear_wrenches(lone)
     for i in range(n):

@@ -34,7 +34,7 @@ class LoneBodies(ArrayStruct):
         force, reply: (6 k,) of k velocities of these parts in all, each (6, size): generalised forces of unit wrenches,
             and the velocities (1/kg and such) that these make.
         mobility: (n, 36) the change of the twist by unit wrenches, by columns.
-        twist: (n, 6) m/s, rad/s.  old, ahead: before a sweep, and where sweeps lead.  change: what one changed.
+        twist: (n, 6) m/s, rad/s.  old, ahead: before a sweep, and where sweeps lead.
         wrench: (n, 6) N s, N m s, the sum of all.
     """
 
@@ -46,7 +46,6 @@ class LoneBodies(ArrayStruct):
     twist: FloatArray
     old: FloatArray
     ahead: FloatArray
-    change: FloatArray
     wrench: FloatArray
 
 
@@ -55,7 +54,7 @@ def new_lone_bodies(body: IntArray, velocities: int) -> LoneBodies:
     n, zeros = len(body), np.zeros
     return LoneBodies(
         body, zeros((n, 3)), zeros(6 * velocities), zeros(6 * velocities), zeros((n, 36)),
-        *(zeros((n, 6)) for _ in range(5)),
+        *(zeros((n, 6)) for _ in range(4)),
     )  # fmt: skip
 
 
@@ -88,8 +87,9 @@ def push_body(lone, c, arm, force):
 
 
 @kernel
-def velocity_of(twist, arm):
-    """Velocity (m/s) of the point at ``arm`` (m) from the place of a body."""
+def velocity_of(lone, c, arm):
+    """Velocity (m/s) of the point at ``arm`` (m) from the place of part c's body."""
+    twist = lone.twist[c]
     return add3(load3(twist, 0), cross3(load3(twist, 3), arm))
 
 
