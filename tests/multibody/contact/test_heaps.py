@@ -50,36 +50,41 @@ def falling_heap(hinged):
 def test_lone_bodies_do_what_the_rows_of_their_parts_do(hinged, monkeypatch):
     """By their twists or by unit forces along their joints: the same sweeps, but for round-off."""
     scene, _, _ = falling_heap(hinged)
-    end = 0.6 if hinged else 0.35
-    ours = scene.simulate(end, h=5e-3, rtol=1e-6)
+    ours = scene.simulate(0.6, h=5e-3, rtol=1e-6)
     monkeypatch.setattr(parts_of_machines, "lone_rows", lambda plan, reached: np.full(len(reached), -1))
-    rows = scene.simulate(end, h=5e-3, rtol=1e-6)
+    rows = scene.simulate(0.6, h=5e-3, rtol=1e-6)
     assert ours.stats.iterations > 2 * ours.stats.steps
-    assert np.abs(ours.v - rows.v).max() < 1e-7 * np.abs(rows.v).max()
+    assert ours.stats.iterations == pytest.approx(rows.stats.iterations, rel=0.1)
+    assert np.abs(ours.v - rows.v).max() < 1e-6 * np.abs(rows.v).max()
 
 
 def test_velocities_after_a_step_are_right_to_rtol_of_what_impulses_change():
-    """Against a step whose impulses are found to ten digits, from one state within impacts and rest."""
+    """Against a step whose impulses are found to ten digits, from states within impacts and rest."""
     scene, _, _ = falling_heap(False)
-    begun = scene.simulate(0.7, h=5e-3, rtol=1e-6, checkpoints=[0.695])
-    for rtol in (1e-2, 1e-3, 1e-4):
-        ends = [scene.simulate(0.7, h=5e-3, rtol=one, restart=begun.checkpoints[0]).v[-1] for one in (rtol, 1e-10)]
-        free = begun.checkpoints[0].v + np.tile([0.0, 0.0, -G * 5e-3, 0.0, 0.0, 0.0], 9)
-        assert np.linalg.norm(ends[0] - ends[1]) < rtol * np.linalg.norm(ends[1] - free)
+    begun = scene.simulate(0.8, h=5e-3, rtol=1e-6, checkpoints=[0.5, 0.6, 0.7, 0.8])
+    for checkpoint in begun.checkpoints[:3]:
+        k = int(np.argmin(np.abs(begun.t - checkpoint.t)))
+        free = begun.v[k] + np.tile([0.0, 0.0, -G * 5e-3, 0.0, 0.0, 0.0], 9)
+        end = checkpoint.t + 5e-3
+        exact = scene.simulate(end, h=5e-3, rtol=1e-10, restart=checkpoint).v[-1]
+        changed = np.linalg.norm(exact - free)
+        assert changed > G * 5e-3
+        for rtol in (1e-1, 1e-3, 1e-5):
+            found = scene.simulate(end, h=5e-3, rtol=rtol, restart=checkpoint).v[-1]
+            assert np.linalg.norm(found - exact) < rtol * changed
 
 
 def test_what_rests_takes_the_impulses_of_the_step_before():
-    """A pyramid of bricks: from the second step on two sweeps tell that nothing is to change."""
+    """A pyramid of bricks: a few sweeps tell that nothing is to change, once the first steps have found what bears."""
     scene = fm.System(gravity=(0.0, 0.0, -G))
     shapes = [box(scene, f"brick {row} {k}", (1.1 * k + 0.55 * row, 0.0, 0.3 + 0.6 * row))
               for row in range(5) for k in range(5 - row)]  # fmt: skip
     law = contact.Hard(mu=0.5)
     scene.touch(shapes, contact.HalfSpace(scene.ground.frame()), law)
     scene.touch(shapes, shapes, law)
-    first = scene.simulate(0.1, h=5e-3, rtol=1e-4)
-    run = scene.simulate(0.3, h=5e-3, rtol=1e-4)
+    one, first, run = (scene.simulate(end, h=5e-3, rtol=1e-4) for end in (5e-3, 0.1, 0.3))
     assert np.abs(run.v).max() < 1e-4 * G * 5e-3 * 15.0
-    assert run.stats.iterations - first.stats.iterations <= 2 * (run.stats.steps - first.stats.steps)
+    assert run.stats.iterations - first.stats.iterations < 0.1 * one.stats.iterations * 40
 
 
 def test_a_tower_of_grams_stands_beside_blocks_of_tonnes_that_fall():

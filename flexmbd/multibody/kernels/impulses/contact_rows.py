@@ -1,4 +1,4 @@
-"""The contacts of a step: how their points move against each other, u = J v, and what impulses there change, v += Y^T P.
+"""The contacts of a step: how their points move against each other, u = J v, and what impulses change, v += Y^T P.
 
 A side that is a lone body moves by its twist (``lone_bodies``).  Of others J is the dual of unit forces at the point,
 carried inwards along both bodies' paths alone, and Y = J M^-1 by the inverses of the parts that the bodies belong to.
