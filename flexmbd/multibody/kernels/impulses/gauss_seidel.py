@@ -1,7 +1,8 @@
 """All impulses of a step by Gauss and Seidel's method, contact by contact, and positions by the same sweeps.
 
 No matrix of contacts against contacts: velocities and twists hold what all impulses make together (Moreau 1999; Jean
-1999).  Sweeps are accelerated as conjugate gradients are (Silcowitz-Hansen, Niebe & Erleben 2010).
+1999).  Sweeps are accelerated as Nesterov's gradients are (1983; Mazhar, Heyn, Negrut & Tasora 2015), from the start
+again where one changes more than the one before (O'Donoghue & Candes 2015).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from flexmbd.multibody.kernels.impulses.point_law import point_impulse
 _LOOK = 4  # every so many sweeps of positions all contacts are looked at; in between those that push
 _OF_THOSE = 16  # sweeps of the contacts that still change, before all are looked at
 _OF_POSITION = 1e-3  # of the deepest overlap: what a projection may leave
-_SWEEPS_OF_POSITION = 50
+_SWEEPS_OF_POSITION = 15
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -112,19 +113,20 @@ def solve_impulses(parts, contacts, v, share, nothing, most):
     last, zero where that or nothing is reached, infinite where velocities are not finite.
     """
     _begin(parts, contacts, v)
-    before, energy, left, sweeps = 0.0, 0.0, math.inf, 0
-    while left > 0.0 and sweeps < most:
-        if sweeps > 0:
-            _go_on(parts, contacts, v, energy / before if energy < before else 0.0)
-            before = energy
+    before, since = math.inf, 0
+    for sweep in range(most):
         _sweep(parts, contacts, v)
-        sweeps += 1
         changed, met, energy = _progress(contacts)
         if not changed < math.inf:
-            return sweeps, math.inf
-        left = 0.0 if changed <= share * met or changed <= nothing else changed / met
-    _take_lone(parts, contacts, v)
-    return sweeps, left
+            return sweep + 1, math.inf
+        done = changed <= share * met or changed <= nothing
+        if done or sweep + 1 == most:
+            _take_lone(parts, contacts, v)
+            return sweep + 1, 0.0 if done else changed / met
+        since = since + 1 if energy <= before else 1
+        before = energy
+        _go_on(parts, contacts, v, (since - 1.0) / (since + 2.0))
+    return most, math.inf
 
 
 @kernel

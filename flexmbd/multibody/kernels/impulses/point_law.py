@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.round_off import EQUAL, ROUND_OFF, SQUARED
+from flexmbd.round_off import EQUAL, ROUND_OFF
 
 _ZERO = (0.0, 0.0, 0.0)
 _TURNS, _TRIALS = 25, 60  # iterations on the angle; of the projections that take over where these fail
+_CLOSE = 1e-5  # a turn after which the next one would be its square, and is left to the next sweep
 _LONGEST = 0.8  # tangent of the largest angle by which the direction turns in one of them
 
 
@@ -85,7 +86,7 @@ def _sliding(W, mu, q, c, s):
         turn = max(-_LONGEST, min(_LONGEST, -value / slope))
         over = 1.0 / math.sqrt(1.0 + turn * turn)
         c, s = over * (c - turn * s), over * (s + turn * c)
-        if abs(turn) <= SQUARED:  # Newton's method: its next step would be the square
+        if abs(turn) <= _CLOSE:
             P, _, _, _ = _slip(W, mu, q, c, s)
             return P, True
     return _ZERO, False
