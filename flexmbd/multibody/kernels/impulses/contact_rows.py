@@ -32,6 +32,7 @@ from flexmbd.multibody.kernels.impulses.lone_bodies import add_wrench, answer, p
 from flexmbd.multibody.kernels.impulses.parts import rows_of, size_of
 from flexmbd.multibody.kernels.impulses.point_law import write_stick
 from flexmbd.multibody.kernels.impulses.unit_forces import forget_paths, unit_force
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -144,9 +145,15 @@ def _enter_lone(lone, contacts, i, c, point, side):
     contacts.lone[i, side] = c
     arm, own = sub3(point, load3(lone.place[c], 0)), contacts.own[i]
     store3(contacts.arms[i], 3 * side, arm)
+    mobility = lone.mobility[c]
+    linear = mobility[0] + mobility[7] + mobility[14]
+    angular = mobility[21] + mobility[28] + mobility[35]
     for s in range(3):
         force = load3(contacts.basis[i], 3 * s)
-        v, w = answer(lone.mobility[c], force, cross3(arm, force))
+        moment = cross3(arm, force)
+        v, w = answer(mobility, force, moment)
+        if not dot3(force, v) + dot3(moment, w) > EQUAL * (linear + dot3(moment, moment) * angular):
+            continue  # its joints do not let it move that way
         u = rotate(load9(contacts.basis[i], 0), add3(v, cross3(w, arm)))
         own[s] += u[0]
         own[3 + s] += u[1]
