@@ -15,8 +15,6 @@ from flexmbd.multibody.kernels.impulses.contact_rows import gather, normal_at, p
 from flexmbd.multibody.kernels.impulses.lone_bodies import settle, take_twists
 from flexmbd.multibody.kernels.impulses.point_law import point_impulse
 
-_LOOK = 4  # every so many sweeps of positions all contacts are looked at; in between those that push
-_OF_THOSE = 16  # sweeps of the contacts that still change, before all are looked at
 _OF_POSITION = 1e-3  # of the deepest overlap: what a projection may leave
 _SWEEPS_OF_POSITION = 15
 _ZERO = (0.0, 0.0, 0.0)
