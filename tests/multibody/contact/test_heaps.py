@@ -28,12 +28,12 @@ def askew(random):
     return tuple(turn / np.linalg.norm(turn))
 
 
-def falling_heap(hinged):
+def falling_heap(hinged, size=1.0):
     """Boxes askew, without overlaps, above a floor; two of them on a hinge between both, if asked."""
     random = np.random.default_rng(5)
     scene = fm.System(gravity=(0.0, 0.0, -G))
-    shapes = [box(scene, f"box {k}", (1.5 * (k % 3), 0.02 * k, 0.9 + 1.4 * (k // 3)), turn=askew(random))
-              for k in range(9)]  # fmt: skip
+    places = size * np.array([(1.5 * (k % 3), 0.02 * k, 0.9 + 1.4 * (k // 3)) for k in range(9)])
+    shapes = [box(scene, f"box {k}", place, turn=askew(random), size=size) for k, place in enumerate(places)]
     if hinged:
         one = scene.add(fm.RigidBody(300.0, (20.0, 30.0, 40.0)), name="one")
         other = scene.add(fm.RigidBody(200.0, (10.0, 20.0, 30.0)), name="other")
@@ -66,8 +66,8 @@ def test_velocities_after_a_step_are_right_to_rtol_of_what_impulses_change():
         ends = []
         for rtol in (1e-10, 1e-1, 1e-3, 1e-5):
             again = fm.System(gravity=(0.0, 0.0, -G))
-            shapes = [box(again, f"box {i}", x[:3], turn=x[3:], velocity=v)
-                      for i, (x, v) in enumerate(zip(run.x[k].reshape(-1, 7), run.v[k].reshape(-1, 6), strict=True))]  # fmt: skip
+            rows = zip(run.x[k].reshape(-1, 7), run.v[k].reshape(-1, 6), strict=True)
+            shapes = [box(again, f"box {i}", x[:3], turn=x[3:], velocity=v) for i, (x, v) in enumerate(rows)]
             law = contact.Hard(mu=0.5)
             again.touch(shapes, contact.HalfSpace(again.ground.frame()), law)
             again.touch(shapes, shapes, law)
@@ -77,6 +77,16 @@ def test_velocities_after_a_step_are_right_to_rtol_of_what_impulses_change():
         assert changed > G * 5e-3
         for found, rtol in zip(ends[1:], (1e-1, 1e-3, 1e-5), strict=True):
             assert np.linalg.norm(found - exact) < rtol * changed
+
+
+@pytest.mark.parametrize("size", [4.0**-5, 4.0**5])
+def test_a_heap_of_another_size_does_the_same_in_its_own_time(size):
+    """Times grow with the root of the size, here a power of two, so that digits stay: no bound has a unit."""
+    scenes = [(falling_heap(False, size=s)[0], s**0.5) for s in (1.0, size)]
+    one, other = (scene.simulate(0.6 * unit, h=5e-3 * unit, rtol=1e-3) for scene, unit in scenes)
+    scale = np.tile([size] * 3 + [1.0] * 4, 9)
+    assert other.stats.iterations == one.stats.iterations
+    assert np.abs(other.x[-1] / scale - one.x[-1]).max() < 1e-9
 
 
 def test_what_rests_takes_the_impulses_of_the_step_before():
