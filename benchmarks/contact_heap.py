@@ -3,7 +3,8 @@
 Boxes of half sides 0.5, 0.4, 0.3 m and 2000 kg/m^3 fall askew into a walled box, mu = 0.5.  Both take the same steps
 of 5 ms from the same start; MuJoCo by implicitfast with elliptic cones, otherwise as it comes.  Told are the processor
 time of a step, and over the second half of the time the contacts, the deepest overlap and its root mean square, and the
-largest excess of friction over mu N as a share of the largest N; at the end the kinetic energy.
+largest excess of friction over mu N as a share of the largest N; over the whole of it the largest growth of energy
+in a step, as a share of what the heap loses; at the end the kinetic energy.
 
     ./run python -m pip install mujoco
     ./run python benchmarks/contact_heap.py
@@ -29,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 _SIDES, _DENSITY, _MU, _H = np.array([1.0, 0.8, 0.6]), 2000.0, 0.5, 5e-3
 _MASS = float(_DENSITY * np.prod(_SIDES))
-_RTOL = 1e-3
+_RTOL = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,7 @@ class Told:
     deepest: float
     mean: float
     excess: float
+    growth: float
     kinetic: float
 
 
@@ -89,7 +91,10 @@ def by_flexmbd(given: Heap, end: float) -> Told:
     friction = np.concatenate([one.friction[own] for one, own in zip(found, late, strict=True)])
     rows = len(run.t) - 1 - len(run.t) // 2
     held = normal > 0.0
-    return _told("flexmbd", step, held.sum() / rows, gaps[held], normal, friction, run.energy().kinetic[-1])
+    energy = run.energy()
+    return _told(
+        "flexmbd", step, held.sum() / rows, gaps[held], normal, friction, energy.total, float(energy.kinetic[-1])
+    )
 
 
 def by_mujoco(given: Heap, end: float) -> Told:
@@ -108,17 +113,20 @@ def by_mujoco(given: Heap, end: float) -> Told:
         f'<geom type="plane" size="0 0 1" pos="{p}" zaxis="{n}" friction="{_MU} 0 0" condim="3"/>' for p, n in ends
     )
     model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{_H}" integrator="implicitfast" cone="elliptic" gravity="0 0 -9.81"/>'
+        f'<mujoco><option timestep="{_H}" integrator="implicitfast" cone="elliptic" gravity="0 0 -9.81">'
+        '<flag energy="enable"/></option>'
         f'<size memory="2G"/><worldbody>{walls}{boxes}</worldbody></mujoco>'
     )
     data, steps = mujoco.MjData(model), round(end / _H)
     spent, wrench, count = 0.0, np.zeros(6), 0
     gaps: list[float] = []
     forces: list[FloatArray] = []
+    total: list[float] = []
     for k in range(steps):
         begin = time.process_time()
         mujoco.mj_step(model, data)
         spent += time.process_time() - begin
+        total.append(float(data.energy.sum()))  # at the step's begin
         if k >= steps // 2:
             for i in range(data.ncon):
                 mujoco.mj_contactForce(model, data, i, wrench)
@@ -130,18 +138,21 @@ def by_mujoco(given: Heap, end: float) -> Told:
     pushed = np.array(forces)
     return _told(
         f"MuJoCo {mujoco.__version__}", spent / steps, len(gaps) / count, np.array(gaps), pushed[:, 0], pushed[:, 1:],
-        float(data.energy[1]),
+        np.array(total), float(data.energy[1]),
     )  # fmt: skip
 
 
 def _told(
     program: str, step: float, contacts: float, gaps: FloatArray, normal: FloatArray, friction: FloatArray,
-    kinetic: float,
+    total: FloatArray, kinetic: float,
 ) -> Told:
     depth = np.maximum(0.0, -gaps)
     excess = np.linalg.norm(friction, axis=1) - _MU * normal
     mean = float(np.sqrt(np.mean(depth**2)))
-    return Told(program, step, contacts, float(depth.max()), mean, float(excess.max() / normal.max()), float(kinetic))
+    growth = float(np.diff(total).max() / (total[0] - total[-1]))
+    return Told(
+        program, step, contacts, float(depth.max()), mean, float(excess.max() / normal.max()), growth, kinetic
+    )
 
 
 def run(report: Report, count: int, across: int, end: float) -> None:
@@ -149,14 +160,14 @@ def run(report: Report, count: int, across: int, end: float) -> None:
     report.say(f"\n{count} boxes, {end:g} s in steps of {1e3 * _H:g} ms\n")
     report.table(
         "program", "step (ms)", "contacts", "deepest overlap (mm)", "root mean square (mm)", "friction over mu N",
-        "kinetic energy (J)",
+        "growth of energy", "kinetic energy (J)",
     )  # fmt: skip
     programs = [by_flexmbd, *([by_mujoco] if find_spec("mujoco") else [])]
     for program in programs:
         one = program(heap(count, across), end)
         report.say(
             f"| {one.program} | {1e3 * one.step:.3g} | {one.contacts:.0f} | {1e3 * one.deepest:.3g} "
-            f"| {1e3 * one.mean:.3g} | {one.excess:.1e} | {one.kinetic:.3g} |"
+            f"| {1e3 * one.mean:.3g} | {one.excess:.1e} | {one.growth:.1e} | {one.kinetic:.3g} |"
         )
 
 

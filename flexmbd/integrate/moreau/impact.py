@@ -77,6 +77,7 @@ def strike(s, state, struck, told):
         bounces = approach < 0.0 and w.law[i, LAW_POISSON] == 0.0
         c.watched[n], c.least[n], c.friction[n] = i, 0.0, w.law[i, LAW_FRICTION]
         c.bound[n] = -e * approach if bounces else 0.0
+        c.speed[n] = speed
         store3(c.impulse[n], 0, (0.0, 0.0, 0.0))
         n += 1
     c.count[0] = n
@@ -91,8 +92,8 @@ def strike(s, state, struck, told):
     if decompresses(c, w):
         for k in range(s.v.shape[0]):
             s.v[k] = s.last[k]
-        compress(s.parts, c, w, s.v, ROUND_OFF * speed, _SWEEPS)
-    _, change = solve_impulses(s.parts, c, s.last, ROUND_OFF * speed, _SWEEPS)
+        compress(s.parts, c, w, s.v, ROUND_OFF, ROUND_OFF * speed, _SWEEPS)
+    _, left = solve_impulses(s.parts, c, s.last, ROUND_OFF, ROUND_OFF * speed, _SWEEPS)
     for i in range(n):
         k = c.watched[i]
         basis, P = load9(c.basis[i], 0), load3(c.impulse[i], 0)
@@ -100,4 +101,4 @@ def strike(s, state, struck, told):
         store3(told[k], STRUCK_IMPULSE, rotate_back(basis, P))
         told[k, STRUCK_NORMAL] = P[0] * u[0]
         told[k, STRUCK_FRICTION] = P[1] * u[1] + P[2] * u[2]
-    return n if change <= _STUCK * speed else NOT_FOUND
+    return n if left <= _STUCK else NOT_FOUND

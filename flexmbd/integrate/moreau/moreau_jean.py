@@ -107,7 +107,7 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
     return MoreauWorkspace(
         new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
         spins, parts,
-        new_contacts(n, 6 * n * int(parts.largest[0]), nv), memory, moves, np.array([not alone, True], np.int64),
+        new_contacts(n, int(parts.widest[0]), nv), memory, moves, np.array([not alone, True], np.int64),
         np.array([scene.extent]), zeros((n, N_TOLD)),
         zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip
@@ -122,5 +122,5 @@ def with_room(s: MoreauWorkspace) -> MoreauWorkspace:
         kept = grown(kept, n)
     return s.replace(
         groups=s.groups.replace(work=work, out=out), watched=watched, kept=kept, told=np.zeros((n, N_TOLD)),
-        contacts=new_contacts(n, 6 * n * int(s.parts.largest[0]), len(s.moves)),
+        contacts=new_contacts(n, int(s.parts.widest[0]), len(s.moves)),
     )  # fmt: skip

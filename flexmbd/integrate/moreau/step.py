@@ -26,7 +26,7 @@ from flexmbd.integrate.controller import Rule, next_step
 from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accept, close_loops, move
 from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_tangent
 from flexmbd.integrate.moreau.smooth_forces import EVALUATIONS, drive_to_end, evaluate, halfway, smooth
-from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3
+from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3, sub3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
@@ -38,6 +38,7 @@ from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
 from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
 from flexmbd.multibody.kernels.impulses.kept_impulses import KeptImpulses, clear, keep, recall
+from flexmbd.multibody.kernels.impulses.lone_bodies import find_mobility
 from flexmbd.multibody.kernels.impulses.parts import CoupledParts, size_of
 from flexmbd.multibody.kernels.impulses.touching import Watched, foresee, place
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
@@ -51,8 +52,8 @@ IntArray = NDArray[np.int64]
 RULE = Rule(exponent=0.5)
 
 _SWEEPS = 1000
-_OF_TOLERANCE = 0.1  # of rtol: change in a sweep, of the contacts' speed, at which impulses are found
-_STUCK = 1e-2  # of the contacts' speed: change in the last sweep at which they are not
+_OF_TOLERANCE = 0.05  # of rtol: change in a sweep, of the speeds that impulses meet, at which they are found
+_STUCK = 1e-2  # the same of the last sweep: at which they are not
 
 #: Columns of what a step tells of each contact: the force on G (N, inertial axes), the work (J) of its normal
 #: part and of friction, the slip (m/s) at its end.
@@ -105,7 +106,7 @@ class MoreauWorkspace(ArrayStruct):
 
 
 @kernel
-def _follow(s, state, groups, h, least):
+def _follow(s, state, groups, h, share, nothing):
     """Let forces that follow velocities know the impulses, and these the forces, in turns; False where that failed."""
     before = math.inf
     for _ in range(EVALUATIONS):
@@ -115,7 +116,7 @@ def _follow(s, state, groups, h, least):
             return False
         for k in range(s.last.shape[0]):
             s.last[k] = s.free[k]
-        sweeps, _ = solve_impulses(s.parts, s.contacts, s.last, least, _SWEEPS)
+        sweeps, _ = solve_impulses(s.parts, s.contacts, s.last, share, nothing, _SWEEPS)
         state.counts[st.ITERATIONS] += sweeps
         if change <= _OF_TOLERANCE * state.numbers[st.TOLERANCE] or not change < before:
             break
@@ -125,9 +126,10 @@ def _follow(s, state, groups, h, least):
 
 @kernel
 def invert(plan, work, aw, loops, parts):
-    """Write the parts' inverses by the factors at hand: unit forces on one velocity of each part at once.
+    """Write the parts' inverses by the factors at hand, and how lone bodies follow wrenches.
 
-    What loops hold in its place follows no force; its column would be round-off of what it is without them.
+    Unit forces act on one velocity of each part at once.  What loops hold in its place follows no force; its column
+    would be round-off of what it is without them.
     """
     for j in range(parts.largest[0]):
         for k in range(parts.unit.shape[1]):
@@ -150,6 +152,9 @@ def invert(plan, work, aw, loops, parts):
                 for i in range(n):
                     value = parts.answer[0, parts.velocity[parts.first[c] + i]]
                     parts.inverse[parts.square[c] + i * n + j] = 0.0 if held else value
+    for k in range(parts.unit.shape[1]):
+        parts.unit[0, k] = 0.0
+    find_mobility(plan, work, parts, parts.unit[0])
 
 
 @kernel
@@ -160,17 +165,27 @@ def _speed(watched, i):
 
 
 @kernel
-def _choose(s, h, kick):
-    """List the contacts of the step with their bounds; the largest speed among them (m/s).
+def _met(watched, i, fall):
+    """The speed that impulses meet at point i (m/s): its approach without them, and what smooth forces make."""
+    free = load3(watched.free[i], 0)
+    made = sub3(free, load3(watched.before[i], 0))
+    along = dot3(load3(watched.normal[i], 0), free)
+    return math.sqrt(along * along + dot3(made, made) + fall * fall)
+
+
+@kernel
+def _choose(s, h, kick, fall):
+    """List the contacts of the step with their bounds.
 
     ``kick`` (m/s): the velocity that smooth forces make in the step, by which what rests is told from what strikes.
+    ``fall`` (m/s): that which weight makes of what is free.
     """
     w, c = s.watched, s.contacts
     near = ROUND_OFF * s.extent[0] + 0.5 * h * kick
     fastest = 0.0
     for i in range(w.count[0]):
         fastest = max(fastest, _speed(w, i))
-    n, speed = 0, 0.0
+    n = 0
     for i in range(w.count[0]):
         normal, gap = load3(w.normal[i], 0), w.gap[i]
         e, approach = w.law[i, LAW_RESTITUTION], dot3(normal, load3(w.before[i], 0))
@@ -181,10 +196,9 @@ def _choose(s, h, kick):
         if e > 0.0 and approach < 0.0 and w.law[i, LAW_POISSON] == 0.0:
             bound = -e * approach
         c.watched[n], c.bound[n], c.least[n], c.friction[n] = i, bound, 0.0, w.law[i, LAW_FRICTION]
-        speed = max(speed, _speed(w, i))
+        c.speed[n] = _met(w, i, fall)
         n += 1
     c.count[0] = n
-    return speed
 
 
 @kernel
@@ -251,8 +265,9 @@ def _touch(s, state, groups, h):
         return -1.0
     forward_kinematics(plan, work, s.x, s.free, m.aw.zeros)
     weight = load3(plan.gravity, 0)
-    kick = foresee(plan, work, s.watched) + h * math.sqrt(dot3(weight, weight))
-    speed = _choose(s, h, kick)
+    fall = h * math.sqrt(dot3(weight, weight))
+    kick = foresee(plan, work, s.watched, s.groups) + fall
+    _choose(s, h, kick, fall)
     n = c.count[0]
     if n == 0:
         return kick
@@ -263,23 +278,22 @@ def _touch(s, state, groups, h):
         if c.friction[i] > 0.0 and _is_painleve(s, state, i, 2.0 * kick):
             return -1.0
         _begin(s, i)
-    speed, nothing = max(speed, kick), EQUAL * s.watched.fastest[0]
-    least = max(_OF_TOLERANCE * state.numbers[st.TOLERANCE] * speed, nothing)
+    share, nothing = _OF_TOLERANCE * state.numbers[st.TOLERANCE], EQUAL * s.watched.fastest[0]
     if decompresses(c, s.watched):
-        sweeps, change = compress(s.parts, c, s.watched, s.v, least, _SWEEPS)
+        sweeps, left = compress(s.parts, c, s.watched, s.v, share, nothing, _SWEEPS)
         state.counts[st.ITERATIONS] += sweeps
-        if not change <= max(_STUCK * speed, nothing):
-            state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+        if not left <= _STUCK:
+            state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(left) else st.NOT_FINITE
             return -1.0
-    sweeps, change = solve_impulses(s.parts, c, s.last, least, _SWEEPS)
+    sweeps, left = solve_impulses(s.parts, c, s.last, share, nothing, _SWEEPS)
     state.counts[st.ITERATIONS] += sweeps
-    if not change <= max(_STUCK * speed, nothing):
-        state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(change) else st.NOT_FINITE
+    if not left <= _STUCK:
+        state.counts[st.OUTCOME] = st.NOT_CONVERGED if math.isfinite(left) else st.NOT_FINITE
         return -1.0
     for i in range(n):
         if _is_blocked(s, state, i, h, kick):
             return -1.0
-    if s.follows[0] == 1 and s.follows[1] == 1 and not _follow(s, state, groups, h, least):
+    if s.follows[0] == 1 and s.follows[1] == 1 and not _follow(s, state, groups, h, share, nothing):
         return -1.0
     return kick
 
@@ -339,7 +353,7 @@ def attempt(s, state, groups, h):
         s.u[k] = 0.5 * h * s.last[k]
     move(m, s.x, s.u, s.end)
     if overlaps:
-        solve_positions(s.parts, s.contacts, s.u)
+        solve_positions(s.parts, s.contacts, s.u, h * kick * _OF_TOLERANCE * state.numbers[st.TOLERANCE])
         move(m, s.end, s.u, s.end)
     _finish(s, state, groups, h)
 

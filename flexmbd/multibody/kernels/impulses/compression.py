@@ -23,10 +23,10 @@ def decompresses(contacts, watched):
 
 
 @kernel
-def compress(parts, contacts, watched, v, least, most):
-    """Write the least normal impulses of the step, and impulses to begin with; the sweeps, and the last change.
+def compress(parts, contacts, watched, v, share, nothing, most):
+    """Write the least normal impulses of the step, and impulses to begin with; the sweeps, and the share at last.
 
-    ``v``: the velocity halfway through the smooth forces; lost.  ``least`` and ``most``: see ``solve_impulses``.
+    ``v``: the velocity halfway through the smooth forces; lost.  ``share``, ``nothing``, ``most``: see ``solve_impulses``.
     """
     n = contacts.count[0]
     for i in range(n):
@@ -36,11 +36,11 @@ def compress(parts, contacts, watched, v, least, most):
         if watched.law[k, LAW_RESTITUTION] > 0.0 and approach < 0.0:
             contacts.bound[i] = 0.0
         store3(contacts.impulse[i], 0, scale3(0.5, load3(contacts.impulse[i], 0)))
-    sweeps, change = solve_impulses(parts, contacts, v, least, most)
+    sweeps, left = solve_impulses(parts, contacts, v, share, nothing, most)
     for i in range(n):
         k = contacts.watched[i]
         contacts.bound[i] = contacts.shift[i]
         if watched.law[k, LAW_POISSON] != 0.0:
             contacts.least[i] = (1.0 + watched.law[k, LAW_RESTITUTION]) * contacts.impulse[i, 0]
         store3(contacts.impulse[i], 0, scale3(2.0, load3(contacts.impulse[i], 0)))
-    return sweeps, change
+    return sweeps, left

@@ -1,7 +1,8 @@
-"""The contacts of a step: their velocities by the machine's, u = J v, and what impulses there change, dv = Y^T P.
+"""The contacts of a step: how their points move against each other, u = J v, and what impulses change, v += Y^T P.
 
-J is the dual of unit forces at the point, carried inwards along both bodies' paths alone; Y = J M^-1 by the inverses of
-the parts that the two bodies belong to.  Rows are along the normal and two tangents.
+A side that is a lone body moves by its twist (``lone_bodies``).  Of others J is the dual of unit forces at the point,
+carried inwards along both bodies' paths alone, and Y = J M^-1 by the inverses of the parts that the bodies belong to.
+Rows are along the normal and two tangents.
 """
 
 from __future__ import annotations
@@ -12,12 +13,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.algebra.so3 import cross3, load3, rotate_back, scale3, store3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    cross3,
+    dot3,
+    load3,
+    load9,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.impulses.parts import size_of
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame, propagate_wrench
+from flexmbd.multibody.kernels.impulses.lone_bodies import add_wrench, answer, push_body, velocity_of
+from flexmbd.multibody.kernels.impulses.parts import rows_of, size_of
+from flexmbd.multibody.kernels.impulses.point_law import write_stick
+from flexmbd.multibody.kernels.impulses.unit_forces import forget_paths, unit_force
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,100 +46,58 @@ class Contacts(ArrayStruct):
     Attributes:
         count: (1,).
         watched: (k,) which of the watched points each is.
-        parts: (k, 2) the machine's parts that F and G belong to; -1 the ground, or that G is of F's.
+        parts: (k, 2) the machine's parts whose velocities stand in its rows, of F and of G; -1 the ground, a lone
+            body, or that G is of F's.
+        lone: (k, 2) the parts whose lone bodies F and G are on, -1 of others.
+        arms: (k, 6) m, inertial axes, from the places of these to the point.
         first: (k + 1,) where its entries begin in ``jacobian`` and ``response``, each (3, size) by rows.
         jacobian, response: J and Y.
         basis: (k, 9) normal and tangents by rows.
         own: (k, 9) J Y^T, 1/kg.
+        stick: (k, 6) minus its inverse, by which a contact sticks.
         bound: (k,) m/s, the least normal velocity at the step's end; least: (k,) N s, the least normal impulse.
         friction: (k,) its coefficient.
+        speed: (k,) m/s, that which impulses meet there: of the approach without them, and of what smooth forces make.
         impulse: (k, 3) N s on G, along the rows of ``basis``; old, ahead: before a sweep, and where sweeps lead.
         shift, push: (k,) m, the gap at the step's end, and the multiplier that opens it where it is closed.
         row: (nv,) scratch, zero between uses.
+        v_old, v_ahead: (nv,) as those of lone bodies, of the velocities that stand in rows.
     """
 
     count: IntArray
     watched: IntArray
     parts: IntArray
+    lone: IntArray
+    arms: FloatArray
     first: IntArray
     jacobian: FloatArray
     response: FloatArray
     basis: FloatArray
     own: FloatArray
+    stick: FloatArray
     bound: FloatArray
     least: FloatArray
     friction: FloatArray
+    speed: FloatArray
     impulse: FloatArray
     old: FloatArray
     ahead: FloatArray
     shift: FloatArray
     push: FloatArray
     row: FloatArray
+    v_old: FloatArray
+    v_ahead: FloatArray
 
 
-def new_contacts(count: int, entries: int, nv: int) -> Contacts:
-    """Room for ``count`` contacts, whose J have so many ``entries`` in all."""
-    zeros, whole = np.zeros, np.int64
+def new_contacts(count: int, widest: int, nv: int) -> Contacts:
+    """Room for ``count`` contacts, with so many velocities in a side's rows at most."""
+    zeros, whole, entries = np.zeros, np.int64, 6 * count * widest
     return Contacts(
-        zeros(1, whole), zeros(count, whole), zeros((count, 2), whole), zeros(count + 1, whole),
-        zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)), zeros(count), zeros(count), zeros(count),
-        zeros((count, 3)), zeros((count, 3)), zeros((count, 3)), zeros(count), zeros(count), zeros(nv),
+        zeros(1, whole), zeros(count, whole), zeros((count, 2), whole), zeros((count, 2), whole), zeros((count, 6)),
+        zeros(count + 1, whole), zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)),
+        zeros((count, 6)), *(zeros(count) for _ in range(4)), *(zeros((count, 3)) for _ in range(3)),
+        zeros(count), zeros(count), *(zeros(nv) for _ in range(3)),
     )  # fmt: skip
-
-
-@kernel
-def _clear(plan, work, row, b):
-    """Zero what body b is to take, and the row's entries of its velocities."""
-    store3(work.body[b], at.B_F, _ZERO)
-    store3(work.body[b], at.B_T, _ZERO)
-    first = plan.tree[b, at.JOINT_V]
-    for k in range(first, first + plan.tree[b, at.JOINT_SIZE]):
-        row[k] = 0.0
-    if plan.tree[b, at.FLEX] >= 0:
-        first = plan.tree[b, at.MODAL_V]
-        for k in range(first, first + plan.flex[plan.tree[b, at.FLEX], at.N_MODES]):
-            row[k] = 0.0
-
-
-@kernel
-def _load_point(plan, work, f, p, force, out):
-    """Add a force (N, inertial axes) at p on frame f to what its body is to take."""
-    p_F, R_F, _, _, _, _ = frame_motion(plan, work, f)
-    load_frame(plan, work, f, rotate_back(R_F, force), rotate_back(R_F, cross3(sub3(p, p_F), force)), out)
-
-
-@kernel
-def _unit_force(plan, work, f, g, p, e, row):
-    """Write the generalised forces of a unit force e on g at p, and its opposite on f, along both paths."""
-    i, j = plan.frame_of[f, at.FRAME_BODY], plan.frame_of[g, at.FRAME_BODY]
-    while i >= 0 or j >= 0:
-        b = max(i, j)
-        _clear(plan, work, row, b)
-        i, j = _onwards(plan, i, j, b)
-    _load_point(plan, work, g, p, e, row)
-    _load_point(plan, work, f, p, scale3(-1.0, e), row)
-    i, j = plan.frame_of[f, at.FRAME_BODY], plan.frame_of[g, at.FRAME_BODY]
-    while i >= 0 or j >= 0:
-        b = max(i, j)
-        propagate_wrench(plan, work, b, row)
-        i, j = _onwards(plan, i, j, b)
-
-
-@kernel
-def _onwards(plan, i, j, b):
-    """Both places on two paths inwards once body b is passed."""
-    parent = plan.tree[b, at.PARENT]
-    return parent if i == b else i, parent if j == b else j
-
-
-@kernel
-def _forget(plan, f, g, work, row):
-    """Zero the row again."""
-    i, j = plan.frame_of[f, at.FRAME_BODY], plan.frame_of[g, at.FRAME_BODY]
-    while i >= 0 or j >= 0:
-        b = max(i, j)
-        _clear(plan, work, row, b)
-        i, j = _onwards(plan, i, j, b)
 
 
 @kernel
@@ -143,36 +116,73 @@ def _store_basis(basis, n):
 
 @kernel
 def enter(plan, work, parts, contacts, i, frames, point, normal):
-    """Write basis, J, Y and J Y^T of contact i of this step."""
-    f, g = frames[0], frames[1]
-    bf, bg = plan.frame_of[f, at.FRAME_BODY], plan.frame_of[g, at.FRAME_BODY]
+    """Write what moves contact i of this step, and how it follows impulses there."""
+    bf, bg = plan.frame_of[frames[0], at.FRAME_BODY], plan.frame_of[frames[1], at.FRAME_BODY]
     a = parts.of[bf] if bf >= 0 else -1
     b = parts.of[bg] if bg >= 0 else -1
-    if a == b:
-        b = -1
-    contacts.parts[i, 0], contacts.parts[i, 1] = a, b
+    own = contacts.own[i]
+    for k in range(9):
+        own[k] = 0.0
     _store_basis(contacts.basis[i], load3(normal, 0))
+    _enter_lone(parts.lone, contacts, i, a if a != b else -1, load3(point, 0), 0)
+    _enter_lone(parts.lone, contacts, i, b if a != b else -1, load3(point, 0), 1)
+    n = rows_of(parts, a)
+    m = rows_of(parts, b) if a != b else 0
+    contacts.parts[i, 0] = a if n > 0 else -1
+    contacts.parts[i, 1] = b if m > 0 else -1
+    contacts.first[i + 1] = contacts.first[i] + 3 * (n + m)
+    if n + m > 0:
+        _enter_rows(plan, work, parts, contacts, i, frames, point)
+    write_stick(load9(own, 0), contacts.stick[i])
+
+
+@kernel
+def _enter_lone(lone, contacts, i, c, point, side):
+    """Write part c and the arm of its body, if that is a lone one, as a side of contact i."""
+    contacts.lone[i, side] = -1
+    if c < 0 or lone.body[c] < 0:
+        return
+    contacts.lone[i, side] = c
+    arm, own = sub3(point, load3(lone.place[c], 0)), contacts.own[i]
+    store3(contacts.arms[i], 3 * side, arm)
+    mobility = lone.mobility[c]
+    linear = mobility[0] + mobility[7] + mobility[14]
+    angular = mobility[21] + mobility[28] + mobility[35]
+    for s in range(3):
+        force = load3(contacts.basis[i], 3 * s)
+        moment = cross3(arm, force)
+        v, w = answer(mobility, force, moment)
+        if not dot3(force, v) + dot3(moment, w) > EQUAL * (linear + dot3(moment, moment) * angular):
+            continue  # its joints do not let it move that way
+        u = rotate(load9(contacts.basis[i], 0), add3(v, cross3(w, arm)))
+        own[s] += u[0]
+        own[3 + s] += u[1]
+        own[6 + s] += u[2]
+
+
+@kernel
+def _enter_rows(plan, work, parts, contacts, i, frames, point):
+    """Write J and Y, and add J Y^T to ``own``."""
+    a, b = contacts.parts[i, 0], contacts.parts[i, 1]
     n, m = size_of(parts, a), size_of(parts, b)
-    size = n + m
-    first = contacts.first[i]
-    contacts.first[i + 1] = first + 3 * size
+    size, first, row = n + m, contacts.first[i], contacts.row
     for r in range(3):
-        _unit_force(plan, work, f, g, load3(point, 0), load3(contacts.basis[i], 3 * r), contacts.row)
+        unit_force(plan, work, frames[0], frames[1], load3(point, 0), load3(contacts.basis[i], 3 * r), row)
         own = contacts.jacobian[first + r * size : first + (r + 1) * size]
         for k in range(n):
-            own[k] = contacts.row[parts.velocity[parts.first[a] + k]]
+            own[k] = row[parts.velocity[parts.first[a] + k]]
         for k in range(m):
-            own[n + k] = contacts.row[parts.velocity[parts.first[b] + k]]
-        answer = contacts.response[first + r * size : first + (r + 1) * size]
-        _respond(parts, a, n, own[:n], answer[:n])
-        _respond(parts, b, m, own[n:], answer[n:])
-    _forget(plan, f, g, work, contacts.row)
+            own[n + k] = row[parts.velocity[parts.first[b] + k]]
+        reply = contacts.response[first + r * size : first + (r + 1) * size]
+        _respond(parts, a, n, own[:n], reply[:n])
+        _respond(parts, b, m, own[n:], reply[n:])
+    forget_paths(plan, work, plan.frame_of[frames[0], at.FRAME_BODY], plan.frame_of[frames[1], at.FRAME_BODY], row)
     for r in range(3):
         for s in range(3):
             total = 0.0
             for k in range(size):
                 total += contacts.jacobian[first + r * size + k] * contacts.response[first + s * size + k]
-            contacts.own[i, 3 * r + s] = total
+            contacts.own[i, 3 * r + s] += total
 
 
 @kernel
@@ -187,12 +197,27 @@ def _respond(parts, c, n, force, out):
 
 
 @kernel
+def _between_lone(parts, contacts, i):
+    """The velocity (m/s, inertial axes) of G's point against F's as far as lone bodies make it."""
+    a, b = contacts.lone[i, 0], contacts.lone[i, 1]
+    u = _ZERO
+    if b >= 0:
+        u = velocity_of(parts.lone, b, load3(contacts.arms[i], 3))
+    if a >= 0:
+        u = sub3(u, velocity_of(parts.lone, a, load3(contacts.arms[i], 0)))
+    return u
+
+
+@kernel
 def velocity_at(parts, contacts, i, v):
     """u = J v of contact i: along the normal and both tangents."""
+    x, y, z = rotate(load9(contacts.basis[i], 0), _between_lone(parts, contacts, i))
+    o = contacts.first[i]
+    if contacts.first[i + 1] == o:
+        return x, y, z
     a, b = contacts.parts[i, 0], contacts.parts[i, 1]
     n, m = size_of(parts, a), size_of(parts, b)
-    size, o = n + m, contacts.first[i]
-    x = y = z = 0.0
+    size = n + m
     for k in range(n):
         w = v[parts.velocity[parts.first[a] + k]]
         x += contacts.jacobian[o + k] * w
@@ -209,9 +234,12 @@ def velocity_at(parts, contacts, i, v):
 @kernel
 def normal_at(parts, contacts, i, v):
     """The first of ``velocity_at``."""
+    x = dot3(load3(contacts.basis[i], 0), _between_lone(parts, contacts, i))
+    o = contacts.first[i]
+    if contacts.first[i + 1] == o:
+        return x
     a, b = contacts.parts[i, 0], contacts.parts[i, 1]
-    n, m, o = size_of(parts, a), size_of(parts, b), contacts.first[i]
-    x = 0.0
+    n, m = size_of(parts, a), size_of(parts, b)
     for k in range(n):
         x += contacts.jacobian[o + k] * v[parts.velocity[parts.first[a] + k]]
     for k in range(m):
@@ -221,13 +249,33 @@ def normal_at(parts, contacts, i, v):
 
 @kernel
 def push(parts, contacts, i, P, v):
-    """v += Y^T P of contact i; P along the normal and both tangents."""
+    """v, or the twists, += Y^T P of contact i; P along the normal and both tangents."""
+    a, b = contacts.lone[i, 0], contacts.lone[i, 1]
+    force = rotate_back(load9(contacts.basis[i], 0), P)
+    if b >= 0:
+        push_body(parts.lone, b, load3(contacts.arms[i], 3), force)
+    if a >= 0:
+        push_body(parts.lone, a, load3(contacts.arms[i], 0), scale3(-1.0, force))
+    o = contacts.first[i]
+    if contacts.first[i + 1] == o:
+        return
     a, b = contacts.parts[i, 0], contacts.parts[i, 1]
     n, m = size_of(parts, a), size_of(parts, b)
-    size, o = n + m, contacts.first[i]
+    size = n + m
     Y = contacts.response
     for k in range(n):
         v[parts.velocity[parts.first[a] + k]] += Y[o + k] * P[0] + Y[o + size + k] * P[1] + Y[o + 2 * size + k] * P[2]
     o += n
     for k in range(m):
         v[parts.velocity[parts.first[b] + k]] += Y[o + k] * P[0] + Y[o + size + k] * P[1] + Y[o + 2 * size + k] * P[2]
+
+
+@kernel
+def gather(parts, contacts, i, P):
+    """Add P of contact i to the wrenches on its lone bodies."""
+    a, b = contacts.lone[i, 0], contacts.lone[i, 1]
+    force = rotate_back(load9(contacts.basis[i], 0), P)
+    if b >= 0:
+        add_wrench(parts.lone, b, load3(contacts.arms[i], 3), force)
+    if a >= 0:
+        add_wrench(parts.lone, a, load3(contacts.arms[i], 0), scale3(-1.0, force))

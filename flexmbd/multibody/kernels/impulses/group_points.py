@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, scale3, store3
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, load9, rotate, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.elements.hard_element import N_LAW
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +45,8 @@ class ShapeGroups(ArrayStruct):
 
 
 @kernel
-def find_groups(plan, work, groups, watched, h):
-    """Append the points found to ``watched``, by the kinematics in ``work``; how many, or why not (negative)."""
-    if groups.frame.shape[0] == 0:
-        return 0
+def take_motions(plan, work, groups):
+    """Write where all bodies are and how they move, by the kinematics in ``work``; the largest squared speed."""
     fastest = 0.0
     for b in range(plan.tree.shape[0]):
         body = work.body[b]
@@ -59,6 +58,24 @@ def find_groups(plan, work, groups, watched, h):
         for k in range(9):
             groups.rotations[b, k // 3, k % 3] = R[k]
         fastest = max(fastest, dot3(v, v))
+    return fastest
+
+
+@kernel
+def body_velocity(groups, b, p):
+    """Velocity (m/s) of a point p of body b, -1: the ground, as ``take_motions`` found it."""
+    if b < 0:
+        return _ZERO
+    arm = sub3(p, load3(groups.positions[b], 0))
+    return add3(load3(groups.velocities[b], 0), cross3(load3(groups.spins[b], 0), arm))
+
+
+@kernel
+def find_groups(plan, work, groups, watched, h):
+    """Append the points found to ``watched``, by the kinematics in ``work``; how many, or why not (negative)."""
+    if groups.frame.shape[0] == 0:
+        return 0
+    fastest = take_motions(plan, work, groups)
     weight = load3(plan.gravity, 0)
     margin = h * (math.sqrt(fastest) + h * math.sqrt(dot3(weight, weight)))
     found = find_contacts(

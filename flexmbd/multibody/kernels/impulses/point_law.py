@@ -13,29 +13,30 @@ from flexmbd.round_off import EQUAL, ROUND_OFF
 
 _ZERO = (0.0, 0.0, 0.0)
 _TURNS, _TRIALS = 25, 60  # iterations on the angle; of the projections that take over where these fail
-_LONGEST = 0.7  # rad that the angle may turn in one of them
+_CLOSE = 1e-5  # a turn after which the next one would be its square, and is left to the next sweep
+_LONGEST = 0.8  # tangent of the largest angle by which the direction turns in one of them
 
 
 @kernel
-def _stick(W, q):
-    """P at which u = 0; tangents in which nothing moves take no impulse."""
+def write_stick(W, out):
+    """Write minus the inverse of the symmetric W (xx, xy, xz, yy, yz, zz), by which P = ... q lets nothing move.
+
+    Tangents in which nothing moves take no impulse; zeros where nothing moves at all.
+    """
     least = EQUAL * (W[4] + W[8])
     a, d, f = W[0], W[4] + least, W[8] + least
     b, c, e = W[1], W[2], W[5]
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    over = -1.0 / (a * A + b * B + c * C)
-    return (
-        over * (A * q[0] + B * q[1] + C * q[2]),
-        over * (B * q[0] + D * q[1] + E * q[2]),
-        over * (C * q[0] + E * q[1] + F * q[2]),
-    )
+    determinant = a * A + b * B + c * C
+    over = -1.0 / determinant if determinant > 0.0 else 0.0
+    out[0], out[1], out[2] = over * A, over * B, over * C
+    out[3], out[4], out[5] = over * D, over * E, over * F
 
 
 @kernel
-def _slip(W, mu, q, angle):
-    """P with slip along the angle, what is to vanish (s x u_t), its slope, and the slip speed s . u_t."""
-    c, s = math.cos(angle), math.sin(angle)
+def _slip(W, mu, q, c, s):
+    """P with slip along (c, s), what is to vanish (s x u_t), its slope by the angle, and the slip speed s . u_t."""
     d = W[0] - mu * (W[1] * c + W[2] * s)
     if not d > 0.0:
         return _ZERO, 0.0, 0.0, -1.0
@@ -70,29 +71,48 @@ def _project(W, mu, q, P):
 
 
 @kernel
-def point_impulse(W, mu, q, known):
-    """P (N s) along the normal and both tangents, of q = (u_n - b, u_t) m/s without it; ``known``: a guess."""
+def _sliding(W, mu, q, c, s):
+    """P with slip, from a guess of its direction on, and whether it was found."""
+    size = math.sqrt(c * c + s * s)
+    c, s = c / size, s / size
+    for _ in range(_TURNS):
+        P, value, slope, along = _slip(W, mu, q, c, s)
+        if along < 0.0:
+            return P, False
+        if abs(value) <= ROUND_OFF * along:
+            return P, True
+        if slope >= 0.0:
+            return P, False
+        turn = max(-_LONGEST, min(_LONGEST, -value / slope))
+        over = 1.0 / math.sqrt(1.0 + turn * turn)
+        c, s = over * (c - turn * s), over * (s + turn * c)
+        if abs(turn) <= _CLOSE:
+            P, _, _, _ = _slip(W, mu, q, c, s)
+            return P, True
+    return _ZERO, False
+
+
+@kernel
+def point_impulse(W, stick, mu, q, known):
+    """P (N s) along the normal and both tangents, of q = (u_n - b, u_t) m/s without it.
+
+    ``stick``: of ``write_stick``; ``known``: a guess.
+    """
     if q[0] >= 0.0 or not W[0] > 0.0:
         return _ZERO
     if mu == 0.0 or not W[4] + W[8] > 0.0:
         return (-q[0] / W[0], 0.0, 0.0)
-    P = _stick(W, q)
+    P = (
+        stick[0] * q[0] + stick[1] * q[1] + stick[2] * q[2],
+        stick[1] * q[0] + stick[3] * q[1] + stick[4] * q[2],
+        stick[2] * q[0] + stick[4] * q[1] + stick[5] * q[2],
+    )
     most = mu * P[0]
-    if P[0] >= 0.0 and P[1] * P[1] + P[2] * P[2] <= most * most:
+    if stick[0] < 0.0 and P[0] >= 0.0 and P[1] * P[1] + P[2] * P[2] <= most * most:
         return P
-    angle = math.atan2(q[2], q[1])
+    found = False
     if known[1] * known[1] + known[2] * known[2] > 0.0:
-        angle = math.atan2(-known[2], -known[1])
-    for _ in range(_TURNS):
-        P, value, slope, along = _slip(W, mu, q, angle)
-        if along < 0.0:
-            break
-        if abs(value) <= ROUND_OFF * along:
-            return P
-        if slope >= 0.0:
-            break
-        turn = -value / slope
-        angle += max(-_LONGEST, min(_LONGEST, turn))
-        if abs(turn) <= ROUND_OFF:
-            return P
-    return _project(W, mu, q, known)
+        P, found = _sliding(W, mu, q, -known[1], -known[2])
+    if not found and q[1] * q[1] + q[2] * q[2] > 0.0:
+        P, found = _sliding(W, mu, q, q[1], q[2])
+    return P if found else _project(W, mu, q, known)

@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.elements.hard_element import (
     RESTITUTION,
 )
 from flexmbd.multibody.kernels.elements.table import are_of
-from flexmbd.multibody.kernels.impulses.group_points import find_groups
+from flexmbd.multibody.kernels.impulses.group_points import body_velocity, find_groups, take_motions
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
 
 FloatArray = NDArray[np.float64]
@@ -114,6 +114,16 @@ def relative_velocity(plan, work, f, g, p):
 
 
 @kernel
+def _velocities(plan, work, watched, groups, i):
+    """Velocities (m/s, inertial axes) of both points of i, of F and of G."""
+    p, k = load3(watched.point[i], 0), i - watched.element.shape[0]
+    if k < 0:
+        return point_velocity(plan, work, watched.frames[i, 0], p), point_velocity(plan, work, watched.frames[i, 1], p)
+    bodies = groups.out.bodies[k]
+    return body_velocity(groups, bodies[1], p), body_velocity(groups, bodies[0], p)
+
+
+@kernel
 def place(plan, work, watched, groups, h):
     """Write where all points are and how they move against each other, by the kinematics in ``work``.
 
@@ -128,20 +138,19 @@ def place(plan, work, watched, groups, h):
     found = find_groups(plan, work, groups, watched, h)
     watched.count[0] = n + max(found, 0)
     for i in range(watched.count[0]):
-        point = load3(watched.point[i], 0)
-        velocity = relative_velocity(plan, work, watched.frames[i, 0], watched.frames[i, 1], point)
-        store3(watched.before[i], 0, velocity)
+        one, other = _velocities(plan, work, watched, groups, i)
+        store3(watched.before[i], 0, sub3(other, one))
     return found
 
 
 @kernel
-def foresee(plan, work, watched):
+def foresee(plan, work, watched, groups):
     """Write the velocities without impulses, by the kinematics in ``work``; the largest change since ``before``."""
     largest, fastest = 0.0, 0.0
+    if groups.frame.shape[0] > 0:
+        take_motions(plan, work, groups)
     for i in range(watched.count[0]):
-        point = load3(watched.point[i], 0)
-        one = point_velocity(plan, work, watched.frames[i, 0], point)
-        other = point_velocity(plan, work, watched.frames[i, 1], point)
+        one, other = _velocities(plan, work, watched, groups, i)
         free = sub3(other, one)
         store3(watched.free[i], 0, free)
         fastest = max(fastest, dot3(one, one), dot3(other, other))
