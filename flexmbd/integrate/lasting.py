@@ -4,6 +4,11 @@ An error of a lasting vibration's velocity swings and does not drift, so that im
 displacement that it makes.  Where a stop lets go in mid-swing, the velocity's error stays: a vibration against what an
 element has stiffened since it was softest is given no such leave.  Vibrations of modes last, and all of
 machines with elastic bodies are taken to, for their joints tremble with these.
+
+A contact may always let go, also one that bears from the start.  So of rigid bodies no coordinate that moves a contact
+which touches within the step is given leave, and where a method filters its error by its iteration matrix, what the
+filter takes away of such a coordinate counts too: the contact's vibration, which the step does not resolve and which
+becomes velocity where the contact lets go.
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import lasting_share
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching, mark_held
 
 
 @kernel
@@ -32,3 +38,46 @@ def forget_passing(plan, state, groups, own_rates):
             k = plan.free[j]
             if groups.kind[groups.of[k]] != kinds.GROUP_MODAL:
                 own_rates[k] *= state.numbers[st.STEP_LASTING]
+    for k in range(groups.held.shape[0]):
+        if groups.held[k] > 0.0:
+            own_rates[k] = 0.0
+
+
+@kernel
+def lets_go(groups):
+    """Whether there are contacts of rigid bodies, so that steps are to be looked at for what they hold."""
+    return groups.held.shape[0] > 0
+
+
+@kernel
+def begin_contacts(plan, work, state, groups):
+    """Count which contacts touch at the step's start, for ``count_touching`` at its other instants."""
+    for i in range(groups.touched.shape[0]):
+        groups.touched[i] = 0.0
+    count_touching(plan, work, state.x, state.v, groups.touched)
+
+
+@kernel
+def judge_contacts(plan, work, state, groups, x, v):
+    """Write which contacts touch at the ends of a step to (x, v), and which coordinates move them."""
+    begin_contacts(plan, work, state, groups)
+    count_touching(plan, work, x, v, groups.touched)
+    mark_held(plan, groups.touched, groups.held)
+
+
+@kernel
+def holds_any(groups):
+    """Whether any contact touches within the step."""
+    for i in range(groups.touched.shape[0]):
+        if groups.touched[i] > 0.0:
+            return True
+    return False
+
+
+@kernel
+def sets_in_or_lets_go(groups, instants):
+    """Whether any contact touches at some of that many instants of the step, and at others not."""
+    for i in range(groups.touched.shape[0]):
+        if 0.0 < groups.touched[i] < instants:
+            return True
+    return False

@@ -30,7 +30,7 @@ from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_s
 from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import take_jump
-from flexmbd.integrate.lasting import forget_passing, judge_lasting
+from flexmbd.integrate.lasting import forget_passing, judge_contacts, judge_lasting, lets_go, sets_in_or_lets_go
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
@@ -280,12 +280,31 @@ def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)
 
 
 @kernel
+def _take_filtered(plan, groups, scratch):
+    """Take the filtered error of velocities; of what moves a contact that touches, what the contact may let go.
+
+    A vibration of velocity v that a step h does not resolve, of h w >> 1, is h w v in the error and v / (h w) in what
+    the filter leaves: v is the mean of both.  Where the contact sets in or lets go within the step it filters nothing.
+    """
+    crosses = lets_go(groups) and sets_in_or_lets_go(groups, 2)
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        left = scratch.correction[0, j]
+        if lets_go(groups) and groups.held[k] > 0.0:
+            whole = abs(scratch.error_v[k])
+            left = whole if crosses else math.sqrt(whole * abs(left))
+        scratch.error_v[j] = left
+
+
+@kernel
 def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
     """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations.
 
     ``noise``: the share of scales that Newton's iteration leaves; no shorter step makes it less.
     """
     judge_lasting(plan, work, state, groups, scratch.x_end, scratch.v_end)
+    if lets_go(groups):
+        judge_contacts(plan, work, state, groups, scratch.x_end, scratch.v_end)
     h1 = state.numbers[st.STEP_BEFORE]
     v_end = scratch.v_end
     for k in range(a_end.shape[0]):
@@ -310,8 +329,7 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
         k = plan.free[j]
         scratch.own_rate[k] = vibration_rate(groups, k, scratch.correction[0, j])
     _filter(plan, scratch, scratch.error_v)
-    for j in range(plan.free.shape[0]):
-        scratch.error_v[j] = scratch.correction[0, j]
+    _take_filtered(plan, groups, scratch)
     ratio = _ratio(plan, state, groups, scratch, h, rate, noise, (1.0, state.numbers[st.STEP_LASTING]))
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)

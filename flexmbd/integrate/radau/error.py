@@ -7,7 +7,14 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
-from flexmbd.integrate.lasting import forget_passing, judge_lasting
+from flexmbd.integrate.lasting import (
+    begin_contacts,
+    forget_passing,
+    holds_any,
+    judge_lasting,
+    lets_go,
+    sets_in_or_lets_go,
+)
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
 from flexmbd.integrate.radau.matrix import put_imbalance, solve_real
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
@@ -15,6 +22,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching, mark_held
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -62,7 +70,7 @@ def widen_vibration_scales(state, groups, scratch, h, machine_rate):
     """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(scratch.scale_x.shape[0]):
-        own = scratch.memory.own_rate[k] * st.vibrating_share(groups, groups.of[k], 1.0, state.numbers[st.LASTING])
+        own = scratch.memory.own_rate[k] * st.vibrating_share(groups, k, 1.0, state.numbers[st.LASTING])
         gain = min(1.0, h * max(machine_rate, own)) / share
         scratch.scale_x[k] *= gain
         scratch.scale_v[k] *= gain
@@ -91,7 +99,7 @@ def _ratio(plan, state, groups, scratch, h, machine_rate):
         g = groups.of[k]
         size = groups.position[g]
         own = st.own_rate(scratch.own_rate[k], scratch.memory.own_rate[k], machine_rate, h)
-        own *= st.vibrating_share(groups, g, 1.0, state.numbers[st.STEP_LASTING])
+        own *= st.vibrating_share(groups, k, 1.0, state.numbers[st.STEP_LASTING])
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)
@@ -196,6 +204,39 @@ def _event_ratio(plan, state, groups, scratch, h, machine_rate):
 
 
 @kernel
+def _judge_contacts(plan, work, state, groups, scratch):
+    """Write which contacts touch at the step's start and at its stages, and which coordinates move them."""
+    begin_contacts(plan, work, state, groups)
+    for i in range(STAGES):
+        count_touching(plan, work, scratch.x[i], scratch.v[i], groups.touched)
+    mark_held(plan, groups.touched, groups.held)
+
+
+@deferred_kernel(NUMBER)
+def _unresolved_ratio(plan, state, groups, scratch, h, machine_rate):
+    """The ratio of what the step leaves unresolved of vibrations on contacts, which becomes velocity where they let go.
+
+    Of a vibration of rate w the filter leaves 1 in 1 + (h w / REAL)^2 of an error.  What it takes away where it is
+    applied once more to the estimate is of order 6 while h w is small, as the method's error; and where h w is large it
+    is the velocity of the vibration, which the method damps without following it.  So it counts as error itself.
+    """
+    for j in range(plan.free.shape[0]):
+        scratch.error_x[j] = 0.0
+    put_imbalance(plan, scratch, h / REAL)
+    solve_real(plan, scratch)
+    limit = state.numbers[st.TOLERANCE] * min(1.0, h * machine_rate)
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        if groups.held[k] > 0.0:
+            least = st.ROUND_OFF * groups.full[groups.of[k]]
+            speed = st.group_speed(groups, groups.of[k], machine_rate)
+            lost = abs(scratch.error_v[j] - scratch.rhs_real[0, j])
+            largest = max(largest, lost / max(limit * speed, least * machine_rate))
+    return largest ** (2.0 / 3.0)
+
+
+@kernel
 def local_error(plan, work, state, groups, scratch, h, machine_rate):
     """Largest local error over what is tolerated, see ``_ratio``."""
     _estimate(plan, state, groups, scratch, h)
@@ -205,11 +246,17 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
             judge_lasting(plan, work, state, groups, scratch.x[i], scratch.v[i])
             least = min(least, state.numbers[st.STEP_LASTING])
         state.numbers[st.STEP_LASTING] = least
+    if lets_go(groups):
+        _judge_contacts(plan, work, state, groups, scratch)
     ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
+    if ratio <= 1.0 and holds_any(groups):
+        ratio = max(ratio, _unresolved_ratio(plan, state, groups, scratch, h, machine_rate))
     may_change = scratch.tangent_stiffness.shape[0] > 0 or plan.horizon[1] > 0.0
-    if ratio <= 1.0 and may_change and _changes_piece(plan, work, state, scratch):
+    if ratio <= 1.0 and (
+        sets_in_or_lets_go(groups, STAGES + 1) or (may_change and _changes_piece(plan, work, state, scratch))
+    ):
         ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate))
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio

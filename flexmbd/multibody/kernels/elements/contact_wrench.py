@@ -20,8 +20,9 @@ from flexmbd.multibody.kernels.contact.contact_law import (
     contact_variation,
     remember_contact,
 )
-from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
+from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION, RADIUS
 from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
+from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.element import Behaviour, FloatArray, FrameElement, Stiffness
 
 HEAD = 3  #: Numbers before the scales.
@@ -149,6 +150,13 @@ def _energy(plan, work, row, d, R, rate, spin):
 
 
 @kernel
+def _touches(plan, row, d, R):
+    numbers = law_numbers(plan, row)
+    _, place, _ = centre_motion(plan, numbers, d, R, _ZERO, _ZERO)
+    return distance(plan.data, numbers, place)[0] < plan.data[numbers + RADIUS]
+
+
+@kernel
 def _remember(plan, work, row, x, d, R, rate, spin, t):
     numbers = law_numbers(plan, row)
     rough, (memory, m, _, y) = _way(plan, work, row)
@@ -174,10 +182,11 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
 # without states and signals the law's numbers follow the head and their count
 _NAME = "contacts, which are stiffer than at the start"
 CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy
-)
+    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy,
+    touches=_touches,
+)  # fmt: skip
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
     Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember,
-    _misplaced,
+    _misplaced, _touches,
 )  # fmt: skip
