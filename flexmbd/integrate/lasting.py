@@ -8,7 +8,8 @@ machines with elastic bodies are taken to, for their joints tremble with these.
 A contact may always let go, also one that bears from the start.  So of rigid bodies no coordinate that moves a contact
 which touches within the step is given leave, and where a method filters its error by its iteration matrix, what the
 filter takes away of such a coordinate counts too: the contact's vibration, which the step does not resolve and which
-becomes velocity where the contact lets go.
+becomes velocity where the contact lets go.  In a step in which a contact sets in or lets go nothing is
+filtered.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import lasting_share
-from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching, mark_held
-
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import CROSSES, count_touching, mark_held
 
 @kernel
 def judge_lasting(plan, work, state, groups, x, v):
@@ -62,7 +62,7 @@ def judge_contacts(plan, work, state, groups, x, v):
     """Write which contacts touch at the ends of a step to (x, v), and which coordinates move them."""
     begin_contacts(plan, work, state, groups)
     count_touching(plan, work, x, v, groups.touched)
-    mark_held(plan, groups.touched, groups.held)
+    mark_held(plan, groups.touched, 2, groups.held)
 
 
 @kernel
@@ -75,9 +75,15 @@ def holds_any(groups):
 
 
 @kernel
-def sets_in_or_lets_go(groups, instants):
-    """Whether any contact touches at some of that many instants of the step, and at others not."""
-    for i in range(groups.touched.shape[0]):
-        if 0.0 < groups.touched[i] < instants:
+def crosses_any(groups):
+    """Whether any contact sets in or lets go within the step."""
+    for k in range(groups.held.shape[0]):
+        if groups.held[k] == CROSSES:
             return True
     return False
+
+
+@kernel
+def is_crossed(groups, k):
+    """Whether coordinate k moves a contact that sets in or lets go within the step."""
+    return groups.held.shape[0] > 0 and groups.held[k] == CROSSES

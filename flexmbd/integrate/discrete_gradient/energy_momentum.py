@@ -30,7 +30,7 @@ from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_s
 from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import take_jump
-from flexmbd.integrate.lasting import forget_passing, judge_contacts, judge_lasting, lets_go, sets_in_or_lets_go
+from flexmbd.integrate.lasting import forget_passing, is_crossed, judge_contacts, judge_lasting, lets_go
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
@@ -286,13 +286,12 @@ def _take_filtered(plan, groups, scratch):
     A vibration of velocity v that a step h does not resolve, of h w >> 1, is h w v in the error and v / (h w) in what
     the filter leaves: v is the mean of both.  Where the contact sets in or lets go within the step it filters nothing.
     """
-    crosses = lets_go(groups) and sets_in_or_lets_go(groups, 2)
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
         left = scratch.correction[0, j]
         if lets_go(groups) and groups.held[k] > 0.0:
             whole = abs(scratch.error_v[k])
-            left = whole if crosses else math.sqrt(whole * abs(left))
+            left = whole if is_crossed(groups, k) else math.sqrt(whole * abs(left))
         scratch.error_v[j] = left
 
 
@@ -335,6 +334,21 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio
+
+
+@kernel
+def _energy_noise(plan, groups, scratch, h, rate):
+    """The share of speeds that keeping the energy changes by its round-off and by what earlier steps left of it.
+
+    A motion that comes to rest while others go on is changed the most; no shorter step makes it less.
+    """
+    share = scratch.energy[step.REPAID_SHARE]
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        moves = scratch.increment[k] / h if scratch.no_symmetries[0] == 1 else scratch.corrected_velocity[k]
+        largest = max(largest, share * abs(moves) / st.group_speed(groups, groups.of[k], rate))
+    return largest
 
 
 @kernel
@@ -397,7 +411,7 @@ def _attempt(method, state, groups, h):
     if settle(plan, state, solved):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            noise = max(newton, scratch.round_off_floor[0])
+            noise = max(newton, scratch.round_off_floor[0], _energy_noise(plan, groups, scratch, h, rate))
             ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
             if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a_end, 1.0, h):
                 ratio = 1.0

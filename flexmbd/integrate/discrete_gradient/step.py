@@ -23,6 +23,7 @@ from flexmbd.integrate.discrete_gradient.workspace import (
     POTENTIAL,
     POTENTIAL_END,
     TRIAL_WORK,
+    REPAID_SHARE,
     UNRESOLVED,
 )
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -186,7 +187,9 @@ def _missing_energy(plan, stored_plan, work, loops, scratch, gained, near, capac
     for k in range(scratch.increment.shape[0]):
         missing -= scratch.stored_gradient[k] * scratch.increment[k]
     most = _REPAID * abs(capacity)
-    return _resolved(missing, unresolved) + min(max(_resolved(surplus, unresolved), -most), most)
+    repaid = min(max(_resolved(surplus, unresolved), -most), most)
+    scratch.energy[REPAID_SHARE] = (abs(repaid) + unresolved) / (abs(capacity) + 1e-300)
+    return _resolved(missing, unresolved) + repaid
 
 
 @kernel
@@ -228,6 +231,7 @@ def evaluate(plan, stored_plan, work, loops, state, scratch, h, corrected, near)
     scratch.energy[TRIAL_WORK] = 0.0
     scratch.energy[KINETIC_ERROR] = 0.0
     scratch.energy[DEFECT] = 0.0
+    scratch.energy[REPAID_SHARE] = 0.0
     if corrected:
         for k in range(scratch.increment.shape[0]):
             scratch.energy[TRIAL_WORK] += (scratch.stored_gradient[k] - scratch.gradient[k]) * scratch.increment[k]

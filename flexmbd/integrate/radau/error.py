@@ -9,11 +9,12 @@ from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
 from flexmbd.integrate.lasting import (
     begin_contacts,
+    crosses_any,
     forget_passing,
     holds_any,
+    is_crossed,
     judge_lasting,
     lets_go,
-    sets_in_or_lets_go,
 )
 from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
 from flexmbd.integrate.radau.matrix import put_imbalance, solve_real
@@ -28,8 +29,8 @@ _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
 _SMOOTH, _GROWTH = 4.0, 8.0
 _FORGET = 0.5  # how it fades: an estimate passes through zero
-_LITTLE = 1e-3  # of a roughness that allows the longest steps: the limit after a motion without any
 _EVENT = 0.1  # of the tolerance of a radian: that of a step that is not smooth
+_LITTLE = 1e-3  # of a roughness that allows the longest steps: the limit after a motion without any
 
 
 @kernel
@@ -186,14 +187,17 @@ def _changes_piece(plan, work, state, scratch):
 
 
 @kernel
-def _event_ratio(plan, state, groups, scratch, h, machine_rate):
+def _event_ratio(plan, state, groups, scratch, h, machine_rate, all_coordinates):
     """The ratio of a step onto another piece of a law: the gap between accelerations itself counts, as of an event.
 
-    It is not filtered, for a stiffness that comes or goes within the step damps nothing.
+    It is not filtered, for a stiffness that comes or goes within the step damps nothing.  Of contacts that set in or let
+    go it is that of the coordinates which move them, not of ``all_coordinates``.
     """
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
+        if not (all_coordinates or is_crossed(groups, k)):
+            continue
         gap = state.a[k] / REAL
         for i in range(STAGES):
             gap += ERROR_WEIGHTS[i] * scratch.a[i, k]
@@ -209,7 +213,7 @@ def _judge_contacts(plan, work, state, groups, scratch):
     begin_contacts(plan, work, state, groups)
     for i in range(STAGES):
         count_touching(plan, work, scratch.x[i], scratch.v[i], groups.touched)
-    mark_held(plan, groups.touched, groups.held)
+    mark_held(plan, groups.touched, STAGES + 1, groups.held)
 
 
 @deferred_kernel(NUMBER)
@@ -254,10 +258,10 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
     if ratio <= 1.0 and holds_any(groups):
         ratio = max(ratio, _unresolved_ratio(plan, state, groups, scratch, h, machine_rate))
     may_change = scratch.tangent_stiffness.shape[0] > 0 or plan.horizon[1] > 0.0
-    if ratio <= 1.0 and (
-        sets_in_or_lets_go(groups, STAGES + 1) or (may_change and _changes_piece(plan, work, state, scratch))
-    ):
-        ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate))
+    if ratio <= 1.0:
+        changes = may_change and _changes_piece(plan, work, state, scratch)
+        if changes or crosses_any(groups):
+            ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate, changes))
     forget_passing(plan, state, groups, scratch.own_rate)
     return ratio
 
