@@ -220,15 +220,15 @@ def _judge_contacts(plan, work, state, groups, scratch):
 def _unresolved_ratio(plan, state, groups, scratch, h, machine_rate):
     """The ratio of what the step leaves unresolved of vibrations on contacts, which becomes velocity where they let go.
 
-    Of a vibration of rate w the filter leaves 1 in 1 + (h w / REAL)^2 of an error.  What it takes away where it is
-    applied once more to the estimate is of order 6 while h w is small, as the method's error; and where h w is large it
-    is the velocity of the vibration, which the method damps without following it.  So it counts as error itself.
+    Of a vibration of rate w the filter leaves 1 in 1 + (h w / REAL)^2 of an error.  The share s that it takes away where
+    it is applied once more to the estimate is of order 6 while h w is small, as the method's error; and where h w is
+    large it is the velocity of the vibration, which the method damps without following it.  So it counts as error
+    itself.  What is damped is lost once, some s^4 of it in a step: all of it may be what a radian is given.
     """
     for j in range(plan.free.shape[0]):
         scratch.error_x[j] = 0.0
     put_imbalance(plan, scratch, h / REAL)
     solve_real(plan, scratch)
-    limit = state.numbers[st.TOLERANCE] * min(1.0, h * machine_rate)
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
@@ -236,6 +236,8 @@ def _unresolved_ratio(plan, state, groups, scratch, h, machine_rate):
             least = st.ROUND_OFF * groups.full[groups.of[k]]
             speed = st.group_speed(groups, groups.of[k], machine_rate)
             lost = abs(scratch.error_v[j] - scratch.rhs_real[0, j])
+            share = min(1.0, lost / (abs(scratch.error_v[j]) + 1e-300))
+            limit = state.numbers[st.TOLERANCE] * max(min(1.0, h * machine_rate), share**4)
             largest = max(largest, lost / max(limit * speed, least * machine_rate))
     return largest ** (2.0 / 3.0)
 
