@@ -24,7 +24,7 @@ from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
 from flexmbd.integrate.discrete_gradient.newton import bind, solve_factored, solve_step
-from flexmbd.integrate.discrete_gradient.step import kinetic_energy
+from flexmbd.integrate.discrete_gradient.step import ROUND_OFF, kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
 from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
@@ -32,6 +32,7 @@ from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import take_jump
 from flexmbd.integrate.lasting import forget_passing, is_crossed, judge_contacts, judge_lasting, lets_go
 from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -337,17 +338,25 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
 
 
 @kernel
-def _energy_noise(plan, groups, scratch, h, rate):
-    """The share of speeds that keeping the energy changes by its round-off and by what earlier steps left of it.
+def _energy_noise(plan, groups, scratch, h, rate, newton):
+    """The share of speeds that keeping the energy changes by its round-off and by what Newton's iteration left of it.
 
-    A motion that comes to rest while others go on is changed the most; no shorter step makes it less.
+    A motion that comes to rest while others go on is changed the most, by no more than such an energy sets in motion;
+    no shorter step makes it less.  Where there are states, whose links count in these sums of energy, none is known.
     """
-    share = scratch.energy[step.REPAID_SHARE]
+    unresolved = scratch.energy[step.UNRESOLVED]
+    left = min(abs(scratch.memory.surplus[0]), newton * unresolved / ROUND_OFF)
+    capacity = scratch.energy[step.CAPACITY] + 1e-300
+    share = (unresolved + left) / capacity
+    share = min(share, math.sqrt(2.0 * share))
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
-        moves = scratch.increment[k] / h if scratch.no_symmetries[0] == 1 else scratch.corrected_velocity[k]
-        largest = max(largest, share * abs(moves) / st.group_speed(groups, groups.of[k], rate))
+        if groups.kind[groups.of[k]] == kinds.GROUP_STATE:
+            return 0.0
+        moves = scratch.increment[k] / h
+        part = math.sqrt(min(1.0, abs(scratch.correction_direction[k] * moves) / capacity))
+        largest = max(largest, share * part * abs(moves) / st.group_speed(groups, groups.of[k], rate))
     return largest
 
 
@@ -411,7 +420,7 @@ def _attempt(method, state, groups, h):
     if settle(plan, state, solved):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            noise = max(newton, scratch.round_off_floor[0], _energy_noise(plan, groups, scratch, h, rate))
+            noise = max(newton, scratch.round_off_floor[0], _energy_noise(plan, groups, scratch, h, rate, newton))
             ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
             if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a_end, 1.0, h):
                 ratio = 1.0

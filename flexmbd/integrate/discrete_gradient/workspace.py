@@ -32,9 +32,9 @@ CANONICAL, MOMENTA, RESIDUAL, TANGENT, CONSTRAINTS, POTENTIAL = range(6)
 PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, N_KERNEL = range(6, 12)
 # Entries of EnergyMomentumWorkspace.energy (J): the potential at the end; the round-off of sums of energy; the error of
 # the kinetic energy at the end, where velocities are improved in passes; the equations' residuals as energy, over all
-# energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed; the share of the
-# corrected motion's speeds (no energy) that round-off of energy and what earlier steps left of it may change.
-POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, REPAID_SHARE, N_ENERGY = range(8)
+# energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed; twice the kinetic
+# energy of the motion that keeping the energy corrects.
+POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, CAPACITY, N_ENERGY = range(8)
 
 ANDERSON_DEPTH = 6  # iterates that Anderson's acceleration combines
 

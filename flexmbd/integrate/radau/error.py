@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
-from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching, mark_held
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import mark_held
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -211,8 +211,8 @@ def _event_ratio(plan, state, groups, scratch, h, machine_rate, all_coordinates)
 def _judge_contacts(plan, work, state, groups, scratch):
     """Write which contacts touch at the step's start and at its stages, and which coordinates move them."""
     begin_contacts(plan, work, state, groups)
-    for i in range(STAGES):
-        count_touching(plan, work, scratch.x[i], scratch.v[i], groups.touched)
+    for i in range(groups.touched.shape[0]):
+        groups.touched[i] += scratch.touched[i]
     mark_held(plan, groups.touched, STAGES + 1, groups.held)
 
 

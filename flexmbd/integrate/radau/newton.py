@@ -25,6 +25,7 @@ from flexmbd.integrate.radau.stages import (
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching
 from flexmbd.round_off import ROUND_OFF
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
@@ -50,6 +51,21 @@ def _stiffness_change(plan, work, scratch):
         )
         largest = max(largest, change)
     return largest
+
+
+@kernel
+def _holds_what_is_gone(plan, work, scratch, most):
+    """Write ``s.touched``; whether the tangent holds a contact that touches at ``most`` stages or less.
+
+    Its corrections are small there, however much is wrong.
+    """
+    gone = False
+    scratch.touched[:] = 0.0
+    for i in range(STAGES if scratch.touched.shape[0] > 0 else 0):
+        count_touching(plan, work, scratch.x[i], scratch.v[i], scratch.touched)
+    for i in range(scratch.touched.shape[0]):
+        gone = gone or (scratch.tangent_touched[i] > 0.0 and scratch.touched[i] <= most)
+    return gone
 
 
 @kernel
@@ -123,6 +139,11 @@ def solve_step(plan, work, state, scratch, h, tolerance):
                 continue
         else:  # the stages were evaluated before they were corrected last
             place_end(plan, work, state, scratch)
+        # an old tangent must hold at all stages; a new one, of a guess that was wrong, at any
+        if _holds_what_is_gone(plan, work, scratch, STAGES - 1 if attempt == 0 else 0):
+            scratch.memory.tangent_serves[0] = 0
+            if attempt == 0 or (attempt == 1 and known):
+                continue
         slow = scratch.memory.newton_iterations[0] > 1 and scratch.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
             scratch.memory.tangent_serves[0] = 0
