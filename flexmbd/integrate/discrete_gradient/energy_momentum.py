@@ -420,7 +420,9 @@ def _attempt(method, state, groups, h):
     if settle(plan, state, solved):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
-            noise = max(newton, scratch.round_off_floor[0], _energy_noise(plan, groups, scratch, h, rate, newton))
+            noise = max(newton, scratch.round_off_floor[0])
+            if lets_go(groups):
+                noise = max(noise, _energy_noise(plan, groups, scratch, h, rate, newton))
             ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
             if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a_end, 1.0, h):
                 ratio = 1.0
