@@ -14,11 +14,15 @@ filtered.
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexmbd.integrate import state as st
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import lasting_share
-from flexmbd.multibody.kernels.inverse_dynamics.letting_go import CROSSES, count_touching, mark_held
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import CROSSES, count_touching, mark_held, time_of_touch
+_UNSEEN = 2.0  # error over what is tolerated
+
 
 @kernel
 def judge_lasting(plan, work, state, groups, x, v):
@@ -54,15 +58,31 @@ def begin_contacts(plan, work, state, groups):
     """Count which contacts touch at the step's start, for ``count_touching`` at its other instants."""
     for i in range(groups.touched.shape[0]):
         groups.touched[i] = 0.0
-    count_touching(plan, work, state.x, state.v, groups.touched)
+    count_touching(plan, work, state.x, state.v, groups.touched, groups.gap_begin)
 
 
 @kernel
-def judge_contacts(plan, work, state, groups, x, v):
-    """Write which contacts touch at the ends of a step to (x, v), and which coordinates move them."""
+def judge_contacts(plan, work, state, groups, x, v, h):
+    """Write which contacts touch at the ends of a step h to (x, v), and which coordinates move them.
+
+    Returns the ratio of a step that touches between its ends and does not know: see ``unseen_touch``.
+    """
     begin_contacts(plan, work, state, groups)
-    count_touching(plan, work, x, v, groups.touched)
+    count_touching(plan, work, x, v, groups.touched, groups.gap_end)
     mark_held(plan, groups.touched, 2, groups.held)
+    return unseen_touch(plan, time_of_touch(groups.gap_begin, groups.gap_end, h))
+
+
+@kernel
+def unseen_touch(plan, t):
+    """The error's ratio, 0 or too large, of a step in which a contact touches after t (s) between two looks at it.
+
+    The next attempt is to end there.
+    """
+    if t == np.inf:
+        return 0.0
+    plan.horizon[0] = min(plan.horizon[0], t)
+    return _UNSEEN
 
 
 @kernel

@@ -118,6 +118,7 @@ class Groups(ArrayStruct):
             derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
         touched: (ne,) of each force element, none without contacts or where bodies are elastic: at how many of the
             instants at which the step at hand was looked at it is a contact that touches.
+        gap_begin, gap_end: (ne, 2) of these the gap (m) and its rate (m/s) at the step's ends.
         held: (nv,) 1 where a coordinate moves such a contact, 0 elsewhere; none where ``touched`` has none.
         drifts: (ng,) 1 where nothing but contacts asks where the coordinates are, as of a body in free flight.
     """
@@ -135,6 +136,8 @@ class Groups(ArrayStruct):
     stiffness: FloatArray
     softest: FloatArray
     touched: FloatArray
+    gap_begin: FloatArray
+    gap_end: FloatArray
     held: FloatArray
     drifts: FloatArray
 

@@ -94,7 +94,8 @@ def new_groups(scene: CompiledScene) -> st.Groups:
     met = (*np.zeros((4, n)), *np.zeros((2, n, 2)))
     softest = np.full((2, ne, 2), np.inf)
     lets_go = has_smooth_contacts(scene.plan) and not elastic
-    held = (np.zeros(n if lets_go else 0) for n in (len(scene.plan.elements), scene.nv))
+    contacts = len(scene.plan.elements) if lets_go else 0
+    held = np.zeros(contacts), *np.zeros((2, contacts, 2)), np.zeros(scene.nv if lets_go else 0)
     parts = scene.group_of, scene.group_kind, scene.group_full, scene.group_floor
     return st.Groups(*parts, *met, *softest, *held, _drifts(scene))
 

@@ -190,8 +190,9 @@ def _across_rows(plan, state, groups, scratch, h, machine_rate):
 def local_error(plan, work, state, groups, scratch, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
     judge_lasting(plan, work, state, groups, scratch.x, scratch.v)
+    unseen = 0.0
     if lets_go(groups):
-        judge_contacts(plan, work, state, groups, scratch.x, scratch.v)
+        unseen = judge_contacts(plan, work, state, groups, scratch.x, scratch.v, h)
     _difference(plan, state, scratch, h)
     if scratch.memory.filters[0] == 1:
         _filter(plan, work, state, scratch)
@@ -205,4 +206,4 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
         along = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, along)
     forget_passing(plan, state, groups, scratch.own_rate)
     # rows turn within the step, so that of a swing across them a part seems to lie along
-    return max(swing, along - whole * min(1.0, h * machine_rate))
+    return max(unseen, swing, along - whole * min(1.0, h * machine_rate))

@@ -303,8 +303,9 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
     ``noise``: the share of scales that Newton's iteration leaves; no shorter step makes it less.
     """
     judge_lasting(plan, work, state, groups, scratch.x_end, scratch.v_end)
+    unseen = 0.0
     if lets_go(groups):
-        judge_contacts(plan, work, state, groups, scratch.x_end, scratch.v_end)
+        unseen = judge_contacts(plan, work, state, groups, scratch.x_end, scratch.v_end, h)
     h1 = state.numbers[st.STEP_BEFORE]
     v_end = scratch.v_end
     for k in range(a_end.shape[0]):
@@ -334,7 +335,7 @@ def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)
     forget_passing(plan, state, groups, scratch.own_rate)
-    return ratio
+    return max(ratio, unseen)
 
 
 @kernel

@@ -15,15 +15,16 @@ from flexmbd.integrate.lasting import (
     is_crossed,
     judge_lasting,
     lets_go,
+    unseen_touch,
 )
-from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
+from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, NODES, QUADRATURE, REAL, STAGES
 from flexmbd.integrate.radau.matrix import put_imbalance, solve_real
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
-from flexmbd.multibody.kernels.inverse_dynamics.letting_go import mark_held
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import mark_held, time_of_touch
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -190,8 +191,8 @@ def _changes_piece(plan, work, state, scratch):
 def _event_ratio(plan, state, groups, scratch, h, machine_rate, all_coordinates):
     """The ratio of a step onto another piece of a law: the gap between accelerations itself counts, as of an event.
 
-    It is not filtered, for a stiffness that comes or goes within the step damps nothing.  Of contacts that set in or let
-    go it is that of the coordinates which move them, not of ``all_coordinates``.
+    It is not filtered, for a stiffness that comes or goes within the step damps nothing.  Of contacts that set in or
+    let go it is that of the coordinates which move them, not of ``all_coordinates``.
     """
     largest = 0.0
     for j in range(plan.free.shape[0]):
@@ -208,21 +209,29 @@ def _event_ratio(plan, state, groups, scratch, h, machine_rate, all_coordinates)
 
 
 @kernel
-def _judge_contacts(plan, work, state, groups, scratch):
-    """Write which contacts touch at the step's start and at its stages, and which coordinates move them."""
+def _judge_contacts(plan, work, state, groups, scratch, h):
+    """Write which contacts touch at the step's start and at its stages, and which coordinates move them.
+
+    Returns the ratio of a step that touches between these and does not know: see ``unseen_touch``.
+    """
     begin_contacts(plan, work, state, groups)
     for i in range(groups.touched.shape[0]):
         groups.touched[i] += scratch.touched[i]
     mark_held(plan, groups.touched, STAGES + 1, groups.held)
+    touch = time_of_touch(groups.gap_begin, scratch.gaps[0], NODES[0] * h)
+    for i in range(1, STAGES):
+        passed = NODES[i - 1] * h
+        touch = min(touch, passed + time_of_touch(scratch.gaps[i - 1], scratch.gaps[i], NODES[i] * h - passed))
+    return unseen_touch(plan, touch)
 
 
 @deferred_kernel(NUMBER)
 def _unresolved_ratio(plan, state, groups, scratch, h, machine_rate):
     """The ratio of what the step leaves unresolved of vibrations on contacts, which becomes velocity where they let go.
 
-    Of a vibration of rate w the filter leaves 1 in 1 + (h w / REAL)^2 of an error.  The share s that it takes away where
-    it is applied once more to the estimate is of order 6 while h w is small, as the method's error; and where h w is
-    large it is the velocity of the vibration, which the method damps without following it.  So it counts as error
+    Of a vibration of rate w the filter leaves 1 in 1 + (h w / REAL)^2 of an error.  The share s that it takes away
+    where it is applied once more to the estimate is of order 6 while h w is small, as the method's error; and where h w
+    is large it is the velocity of the vibration, which the method damps without following it.  So it counts as error
     itself.  What is damped is lost once, some s^4 of it in a step: all of it may be what a radian is given.
     """
     for j in range(plan.free.shape[0]):
@@ -252,8 +261,9 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
             judge_lasting(plan, work, state, groups, scratch.x[i], scratch.v[i])
             least = min(least, state.numbers[st.STEP_LASTING])
         state.numbers[st.STEP_LASTING] = least
+    unseen = 0.0
     if lets_go(groups):
-        _judge_contacts(plan, work, state, groups, scratch)
+        unseen = _judge_contacts(plan, work, state, groups, scratch, h)
     ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
@@ -265,7 +275,7 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
         if changes or crosses_any(groups):
             ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate, changes))
     forget_passing(plan, state, groups, scratch.own_rate)
-    return ratio
+    return max(ratio, unseen)
 
 
 @kernel

@@ -82,7 +82,8 @@ def take_tangent(plan, work, state, scratch, stage):
         take_stiffness(plan, work, scratch.scale_x, scratch.x[stage], scratch.v[stage], scratch.tangent_stiffness)
     if scratch.tangent_touched.shape[0] > 0:
         scratch.tangent_touched[:] = 0.0
-        count_touching(plan, work, scratch.x[stage], scratch.v[stage], scratch.tangent_touched)
+        x, v = scratch.x[stage], scratch.v[stage]
+        count_touching(plan, work, x, v, scratch.tangent_touched, scratch.gaps[stage])
         evaluate_stage(plan, work, state, scratch, stage)  # whose motion ``work`` is to hold
     scratch.memory.tangent_serves[0] = 1
     scratch.memory.step_factored[0] = 0.0

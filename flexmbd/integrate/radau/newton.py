@@ -26,6 +26,7 @@ from flexmbd.integrate.radau.stages import (
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change
 from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching
+from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.round_off import ROUND_OFF
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
@@ -54,15 +55,17 @@ def _stiffness_change(plan, work, scratch):
 
 
 @kernel
-def _holds_what_is_gone(plan, work, scratch, most):
-    """Write ``s.touched``; whether the tangent holds a contact that touches at ``most`` stages or less.
+def _holds_what_is_gone(plan, work, state, scratch, most):
+    """Write ``s.touched`` and ``s.gaps``; whether the tangent holds a contact that touches at ``most`` stages or less.
 
     Its corrections are small there, however much is wrong.
     """
     gone = False
     scratch.touched[:] = 0.0
     for i in range(STAGES if scratch.touched.shape[0] > 0 else 0):
-        count_touching(plan, work, scratch.x[i], scratch.v[i], scratch.touched)
+        if i < STAGES - 1:  # where its last correction has brought it, as the end
+            retract(plan, state.x, scratch.local[i], scratch.x[i])
+        count_touching(plan, work, scratch.x[i], scratch.v[i], scratch.touched, scratch.gaps[i])
     for i in range(scratch.touched.shape[0]):
         gone = gone or (scratch.tangent_touched[i] > 0.0 and scratch.touched[i] <= most)
     return gone
@@ -140,7 +143,7 @@ def solve_step(plan, work, state, scratch, h, tolerance):
         else:  # the stages were evaluated before they were corrected last
             place_end(plan, work, state, scratch)
         # an old tangent must hold at all stages; a new one, of a guess that was wrong, at any
-        if _holds_what_is_gone(plan, work, scratch, STAGES - 1 if attempt == 0 else 0):
+        if _holds_what_is_gone(plan, work, state, scratch, STAGES - 1 if attempt == 0 else 0):
             scratch.memory.tangent_serves[0] = 0
             if attempt == 0 or (attempt == 1 and known):
                 continue

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -150,10 +150,11 @@ def _energy(plan, work, row, d, R, rate, spin):
 
 
 @kernel
-def _touches(plan, row, d, R):
+def _gap(plan, row, d, R, rate, spin):
     numbers = law_numbers(plan, row)
-    _, place, _ = centre_motion(plan, numbers, d, R, _ZERO, _ZERO)
-    return distance(plan.data, numbers, place)[0] < plan.data[numbers + RADIUS]
+    _, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    away, n = distance(plan.data, numbers, place)
+    return away - plan.data[numbers + RADIUS], dot3(n, speed)
 
 
 @kernel
@@ -183,10 +184,10 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
 _NAME = "contacts, which are stiffer than at the start"
 CONTACT = FrameElement(
     Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy,
-    touches=_touches,
+    gap=_gap,
 )  # fmt: skip
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
     Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember,
-    _misplaced, _touches,
+    _misplaced, _gap,
 )  # fmt: skip

@@ -100,7 +100,8 @@ class FrameElement:
             None where it has no memory.
         misplaced: (numbers, memory) -> a complaint where a start that wrote this memory does not suit these parameters,
             else nothing; of those that remember alone.
-        touches: (plan, row, d, R) -> whether it bears there; of a force that sets in and lets go on the way alone.
+        gap: (plan, row, d, R, rate, spin) -> the gap (m), below zero where it bears, and its rate (m/s); of a force
+            that sets in and lets go on the way alone.
     """
 
     behaviour: Behaviour
@@ -109,7 +110,7 @@ class FrameElement:
     energy: Any = None
     remember: Any = None
     misplaced: Callable[[FloatArray, FloatArray], str] | None = None
-    touches: Any = None
+    gap: Any = None
 
 
 @dataclass(frozen=True, eq=False)

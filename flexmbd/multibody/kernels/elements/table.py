@@ -148,7 +148,7 @@ _wrench = _calls(FrameElement, "wrench")
 _variation = _calls(FrameElement, "variation")
 _frame_energy = _calls(FrameElement, "energy")
 _frame_memory = _calls(FrameElement, "remember")
-_touches = _calls(FrameElement, "touches")
+_gap = _calls(FrameElement, "gap")
 _push = _calls(PairsElement, "push")
 _push_slope = _calls(PairsElement, "slope")
 _subtract = _calls(GeneralisedForce, "subtract")
@@ -166,7 +166,7 @@ _STORING_PAIRS = _kinds(*(isinstance(one, PairsElement) and one.stores for one i
 _STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
 _STATES = kind_of(STATES)
 _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
-_TOUCHING = _kinds(*(_has(one, FrameElement, "touches") for one in ELEMENTS))
+_TOUCHING = _kinds(*(_has(one, FrameElement, "gap") for one in ELEMENTS))
 
 
 @entry_kernel
@@ -250,9 +250,9 @@ def may_touch(kind):
 
 
 @kernel
-def frame_touches(plan, row, d, R):
-    """Whether an element that `may_touch` does."""
-    return _touches(row[at.EL_KIND], (plan, row, d, R))
+def frame_gap(plan, row, d, R, rate, spin):
+    """The gap (m) of an element that `may_touch`, and its rate (m/s)."""
+    return _gap(row[at.EL_KIND], (plan, row, d, R, rate, spin))
 
 
 @kernel
