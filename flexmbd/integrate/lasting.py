@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import lasting_share
 from flexmbd.multibody.kernels.inverse_dynamics.letting_go import CROSSES, count_touching, mark_held, time_of_touch
+
 _UNSEEN = 2.0  # error over what is tolerated
 
 

@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
-from flexmbd.multibody.kernels.inverse_dynamics.letting_go import mark_held, time_of_touch
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import mark_held, time_of_touch, time_to_touch
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
@@ -294,6 +294,16 @@ def remember_roughness(plan, state, groups, scratch, h):
             scratch.own_rate[k] if smooth else 0.0, scratch.memory.own_rate[k], rate, h
         )
     scratch.memory.roughness_known[0] = 1
+
+
+@kernel
+def bound_next_step(plan, groups, scratch):
+    """Let the step after an accepted one end no later than twice the time in which the first gap closes.
+
+    Places of early stages are of a lower order than the end: a touch that is over before them is to lie behind one.
+    """
+    if lets_go(groups):
+        plan.horizon[0] = min(plan.horizon[0], 2.0 * time_to_touch(scratch.gaps[STAGES - 1]))
 
 
 @kernel

@@ -22,11 +22,11 @@ from flexmbd.integrate.radau.stages import (
     evaluate_stage,
     place_stages,
     predict_stages,
+    put_stage,
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change
 from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching
-from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.round_off import ROUND_OFF
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
@@ -63,12 +63,23 @@ def _holds_what_is_gone(plan, work, state, scratch, most):
     gone = False
     scratch.touched[:] = 0.0
     for i in range(STAGES if scratch.touched.shape[0] > 0 else 0):
-        if i < STAGES - 1:  # where its last correction has brought it, as the end
-            retract(plan, state.x, scratch.local[i], scratch.x[i])
+        put_stage(plan, work, state, scratch, i)  # it was evaluated before it was corrected last
         count_touching(plan, work, scratch.x[i], scratch.v[i], scratch.touched, scratch.gaps[i])
     for i in range(scratch.touched.shape[0]):
         gone = gone or (scratch.tangent_touched[i] > 0.0 and scratch.touched[i] <= most)
     return gone
+
+
+@kernel
+def _is_believed(plan, work, state, scratch, attempt, known):
+    """Whether stages that converged are believed: the tangent holds no contact that is gone.
+
+    An old tangent must hold at all stages; a new one, of a guess that was wrong, at any, while there is another guess.
+    """
+    if not _holds_what_is_gone(plan, work, state, scratch, STAGES - 1 if attempt == 0 else 0):
+        return True
+    scratch.memory.tangent_serves[0] = 0
+    return not (attempt == 0 or (attempt == 1 and known))
 
 
 @kernel
@@ -133,7 +144,8 @@ def solve_step(plan, work, state, scratch, h, tolerance):
             state.counts[st.OUTCOME] = st.RANK_LOST
             continue
         scratch.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
-        if not _iterate(plan, work, state, scratch, h, tolerance):
+        solved = _iterate(plan, work, state, scratch, h, tolerance)
+        if not (solved and _is_believed(plan, work, state, scratch, attempt, known)):
             if attempt == 0:
                 give_up_old_factors(scratch.memory, _RENEWALS)
             continue
@@ -142,11 +154,6 @@ def solve_step(plan, work, state, scratch, h, tolerance):
                 continue
         else:  # the stages were evaluated before they were corrected last
             place_end(plan, work, state, scratch)
-        # an old tangent must hold at all stages; a new one, of a guess that was wrong, at any
-        if _holds_what_is_gone(plan, work, state, scratch, STAGES - 1 if attempt == 0 else 0):
-            scratch.memory.tangent_serves[0] = 0
-            if attempt == 0 or (attempt == 1 and known):
-                continue
         slow = scratch.memory.newton_iterations[0] > 1 and scratch.memory.contraction[0] > _RENEW  # as measured
         if slow or attempt >= _TRANSFORMED:
             scratch.memory.tangent_serves[0] = 0

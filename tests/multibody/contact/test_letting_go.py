@@ -66,29 +66,30 @@ class Cam:
         scene.touch(disc, roller, contact.PowerLaw(k=self.stiffness))
         return scene, slide
 
-    @cache
-    def place(self):
-        """Where the follower is at the end, over the size (m)."""
 
-        def equation(_, y):
-            angle, turning, place, speed = y
-            cx, cy = self.eccentricity * np.cos(angle), self.eccentricity * np.sin(angle)
-            dx, dy = -cx, place - cy
-            r = np.hypot(dx, dy)
-            force = self.stiffness * max(self.disc + self.roller - r, 0.0)
-            rest = self.start - self.press / self.spring
-            acceleration = (force * dy / r - self.spring * (place - rest)) / self.mass - G
-            return turning, -force / r * (cx * dy - cy * dx) / self.inertia, speed, acceleration
+@cache
+def cam_place(cam):
+    """Where the follower is at the end, over the size (m)."""
 
-        start = 0.0, self.rate, self.start, self.eccentricity * self.rate
-        return exact(equation, start, self.end, np.sqrt(self.stiffness / self.mass))[2]
+    def equation(_, y):
+        angle, turning, place, speed = y
+        cx, cy = cam.eccentricity * np.cos(angle), cam.eccentricity * np.sin(angle)
+        dx, dy = -cx, place - cy
+        r = np.hypot(dx, dy)
+        force = cam.stiffness * max(cam.disc + cam.roller - r, 0.0)
+        rest = cam.start - cam.press / cam.spring
+        acceleration = (force * dy / r - cam.spring * (place - rest)) / cam.mass - G
+        return turning, -force / r * (cx * dy - cy * dx) / cam.inertia, speed, acceleration
+
+    start = 0.0, cam.rate, cam.start, cam.eccentricity * cam.rate
+    return exact(equation, start, cam.end, np.sqrt(cam.stiffness / cam.mass))[2]
 
 
 def cam_error(cam, method, rtol):
     """The error of the follower's place, over rtol and the flywheel's radius of gyration, the machine's extent."""
     scene, slide = cam.scene()
     run = scene.simulate(cam.end, rtol=rtol, integrator=METHODS[method])
-    return abs(run.beta(slide)[-1].item() / cam.size - cam.place()) / (np.sqrt(cam.inertia) * rtol)
+    return abs(run.beta(slide)[-1].item() / cam.size - cam_place(cam)) / (np.sqrt(cam.inertia) * rtol)
 
 
 #: Speeds (rad/s), ends (s) and stiffnesses: one flight, several meetings, a contact a hundred times as stiff.

@@ -58,6 +58,16 @@ def time_of_touch(first, last, duration):
     return soonest
 
 
+@deferred_kernel(NUMBER)
+def time_to_touch(gaps):
+    """The time (s) in which the first of the gaps (ne, 2), see ``count_touching``, closes at the rate that it has."""
+    soonest = np.inf
+    for i in range(gaps.shape[0]):
+        if gaps[i, 0] > 0.0 and gaps[i, 1] < 0.0:
+            soonest = min(soonest, gaps[i, 0] / -gaps[i, 1])
+    return soonest
+
+
 @kernel
 def _mark_joint(plan, b, mark, held):
     """Mark the velocities of the inboard joint of link b; the link's parent."""
