@@ -95,9 +95,9 @@ def new_groups(scene: CompiledScene) -> st.Groups:
     softest = np.full((2, ne, 2), np.inf)
     lets_go = has_smooth_contacts(scene.plan) and not elastic
     contacts = len(scene.plan.elements) if lets_go else 0
-    held = np.zeros(contacts), *np.zeros((2, contacts, 2)), np.zeros(scene.nv if lets_go else 0)
-    parts = scene.group_of, scene.group_kind, scene.group_full, scene.group_floor
-    return st.Groups(*parts, *met, *softest, *held, _drifts(scene))
+    gaps = np.zeros((2, contacts, 2))
+    held = [np.zeros(contacts), *gaps, np.zeros(scene.nv if lets_go else 0), _drifts(scene)]
+    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *met, *softest, *held)
 
 
 def _drifts(scene: CompiledScene) -> FloatArray:
