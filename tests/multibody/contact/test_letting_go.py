@@ -278,3 +278,53 @@ def test_a_body_that_flies_along_a_surface_meets_what_stands_up_from_it(touches)
     for method in METHODS.values():
         run = scene.simulate(0.3, rtol=1e-4, integrator=method)
         assert run.velocity(body.frame())[-1, 0] == pytest.approx(-20.0, rel=1e-2)
+
+
+def coupler(stiffness):
+    """A four-bar linkage on a spring, whose coupler swings against a hard ledge again and again."""
+    scene = fm.System(gravity=(0.0, -G, 0.0))
+    inertia = (1e-3, 1e-3, 1e-3)
+    crank, rod, rocker = (
+        scene.add(fm.RigidBody(0.5, inertia, (reach, 0.0, 0.0)), name=name)
+        for name, reach in (("crank", 0.1), ("rod", 0.15), ("rocker", 0.1))
+    )
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), crank.frame())
+    scene.connect(fm.joint.Revolute("z"), crank.frame(p=(0.2, 0.0, 0.0)), rod.frame()).position = -1.2
+    scene.connect(fm.joint.Revolute("z"), scene.ground.frame(p=(0.3, 0.0, 0.0)), rocker.frame()).position = 1.2
+    scene.connect(fm.joint.Revolute("z"), rod.frame(p=(0.3, 0.0, 0.0)), rocker.frame(p=(0.2, 0.0, 0.0)))
+    hinge.position = 1.2
+    scene.add_force(fm.force.JointSpring(hinge, 2.0))
+    ledge = contact.HalfSpace(scene.ground.frame(p=(0.0, 0.12, 0.0)), normal="y")
+    scene.touch(ledge, contact.Sphere(rod.frame(p=(0.15, 0.0, 0.0)), 0.01), contact.PowerLaw(k=stiffness))
+    return scene, hinge
+
+
+@pytest.mark.parametrize("method", ["Radau", "generalized-alpha", "energy-momentum"])
+def test_a_linkage_on_a_spring_bounces_off_a_ledge(method):
+    """Of a closed loop, against 8(5,3) at a far tighter rtol: five bounces, each of which adds to the errors before."""
+    scene, hinge = coupler(1e8)
+    angle = scene.simulate(1.5, rtol=1e-10, integrator=METHODS["8(5,3)"]).beta(hinge)[-1].item()
+    for rtol in (1e-4, 1e-6):
+        scene, hinge = coupler(1e8)
+        run = scene.simulate(1.5, rtol=rtol, integrator=METHODS[method])
+        assert abs(run.beta(hinge)[-1].item() - angle) < 300.0 * rtol
+
+
+@pytest.mark.parametrize("method", ["Radau", "generalized-alpha", "energy-momentum"])
+def test_a_driven_disc_throws_off_its_follower(method):
+    """A prescribed turn: stages are looked at where their own times put it."""
+    ends = []
+    for one, rtol in (("8(5,3)", 1e-11), (method, 1e-5)):
+        scene = fm.System(gravity=(0.0, -G, 0.0))
+        wheel = scene.add(fm.RigidBody(1.0, (0.02,) * 3), name="wheel")
+        turn = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), wheel.frame())
+        turn.prescribe(lambda t: (180.0 * t, 180.0, 0.0))
+        follower = scene.add(fm.RigidBody(0.4, (1e-4,) * 3), name="follower")
+        slide = scene.connect(fm.joint.Prismatic("y"), scene.ground.frame(), follower.frame())
+        cam = CAMS[0]
+        slide.position, slide.velocity = cam.start, cam.eccentricity * 180.0
+        scene.add_force(fm.force.JointSpring(slide, cam.spring, rest=cam.start - cam.press / cam.spring))
+        disc = contact.Sphere(wheel.frame(p=(cam.eccentricity, 0.0, 0.0)), cam.disc)
+        scene.touch(disc, contact.Sphere(follower.frame(), cam.roller), contact.PowerLaw(k=1e7))
+        ends.append(scene.simulate(0.045, rtol=rtol, integrator=METHODS[one]).beta(slide)[-1].item())
+    assert abs(ends[1] - ends[0]) < 50.0 * 0.14 * 1e-5
