@@ -51,7 +51,7 @@ class Rule(ArrayStruct):
     least, most: bounds of the factor from a step to the next.  failed: factor after a step that was not solved.
     worth, tight: dead zone; with a growth factor between them the step stays.  shrunk: the factor, at most, below it.
     hold: steps without growth after a rejection.
-    longest: the longest step in characteristic times of the machine; room: its share that is taken where it rules.
+    longest: the longest step in characteristic times of the machine (PACE); room: its share where it rules.
     shortest: part of a fixed step that may be tried in its place.
     """
 
@@ -171,8 +171,8 @@ def propose_step(rule, knots, state, groups):
     fixed = count[st.FIXED_STEP] == 1
     if not fixed:
         number[st.STEP] = min(number[st.STEP], number[st.STEP_CEILING], number[st.STABLE_STEP])
-        if number[st.STEP] * rate > rule.longest:
-            number[st.STEP] = rule.room * rule.longest / rate
+        if number[st.STEP] * number[st.PACE] > rule.longest:
+            number[st.STEP] = rule.room * rule.longest / number[st.PACE]
         if not number[st.STEP] >= number[st.STEP_FLOOR_SIZE]:  # a rate beyond all steps: the shortest one, which fails
             least = shortest_step(state)
             if not number[st.STEP] >= least:

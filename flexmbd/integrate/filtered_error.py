@@ -26,7 +26,7 @@ def filtered_ratio(plan, state, groups, error_x, error_v, own_rates, rates_befor
         k = plan.free[j]
         g = groups.of[k]
         size = groups.position[g]
-        lenient = st.vibrating_share(groups, g, lasting[0], lasting[1])
+        lenient = st.vibrating_share(groups, k, lasting[0], lasting[1])
         own = lenient * st.own_rate(own_rates[k], rates_before[k], machine_rate, h)
         # what changes within the step is one radian at least
         share = min(1.0, h * max(machine_rate, own, lenient * own_rates[k]))

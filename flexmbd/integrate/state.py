@@ -43,15 +43,17 @@ STEP_REMAINDER, STEP_PART = 13, 14
 LASTING, LASTING_BEFORE, LASTING_AT_END, STEP_LASTING = range(15, 19)
 # What undeclared jumps cost, in parts of rtol, and when (s) the last was passed (see ``jumps``).
 JUMP_SPENT, JUMP_LAST = 19, 20
+# The rate (1/s) that bounds the length of steps: the machine's, but for velocities of what drifts (see ``Groups``).
+PACE = 21
 # Error and size of the last step that error control accepted, a safety of the next; these are forgotten where the
 # machine begins anew.
-RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 21, 22, 23
+RATIO_BEFORE, STEP_ACCEPTED, SAFETY = 22, 23, 24
 # The largest value of the kept rows' smallest pivot since the rows were last selected (see ``watch_pivot``).
 # The longest step (s) that an explicit method knows to be stable.
-LARGEST_PIVOT, STABLE_STEP = 24, 25
+LARGEST_PIVOT, STABLE_STEP = 25, 26
 # Of rejected attempts (see ``jumps``): up to when (s) they reach, the length of the first, and that of one (0: none)
 # with the change of accelerations (1/s) in it.
-REJECTED_END, REJECTED_FIRST, REJECTED_STEP, REJECTED_CHANGE, N_NUMBER = range(26, 31)
+REJECTED_END, REJECTED_FIRST, REJECTED_STEP, REJECTED_CHANGE, N_NUMBER = range(27, 32)
 
 # Entries of ``State.counts``.
 STEPS, REJECTED, ITERATIONS, FACTORISATIONS, EVALUATIONS = range(5)
@@ -115,6 +117,11 @@ class Groups(ArrayStruct):
         newest: (ng, 2) those met in the present stretch of the motion; turned: (ng, 2) rad that these have lasted.
         stiffness, softest: (ne, 2) of each force element, none where no element changes them: the magnitudes of its
             derivatives by its coordinate and by that's rate at the end of the step at hand; the smallest met so far.
+        touched: (ne,) of each force element, none without contacts or where bodies are elastic: at how many of the
+            instants at which the step at hand was looked at it is a contact that touches.
+        gap_begin, gap_end: (ne, 2) of these the gap (m) and its rate (m/s) at the step's ends.
+        held: (nv,) 1 where a coordinate moves such a contact, 0 elsewhere; none where ``touched`` has none.
+        drifts: (ng,) 1 where nothing but contacts asks where the coordinates are, as of a body in free flight.
     """
 
     of: IntArray
@@ -129,6 +136,11 @@ class Groups(ArrayStruct):
     turned: FloatArray
     stiffness: FloatArray
     softest: FloatArray
+    touched: FloatArray
+    gap_begin: FloatArray
+    gap_end: FloatArray
+    held: FloatArray
+    drifts: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +163,7 @@ def machine_rate(state, groups):
     """The machine's rate (1/s): the fastest group of joint coordinates, or of modes alone.
 
     At least one over the simulated time, for a machine that starts at rest has none yet.
-    Updates the largest velocities and accelerations of the groups, and their rates.
+    Updates the largest velocities and accelerations of the groups, their rates, and PACE.
     """
     for k in range(state.v.shape[0]):
         g = groups.of[k]
@@ -159,6 +171,7 @@ def machine_rate(state, groups):
         groups.newest[g, 1] = max(groups.newest[g, 1], abs(state.a[k]))
     joints = 0.0
     modes = 0.0
+    bound = 0.0
     for g in range(groups.floor.shape[0]):
         groups.position[g] = max(groups.position[g], groups.floor[g])
         groups.velocity[g] = max(groups.velocity[g], groups.newest[g, 0])
@@ -166,10 +179,15 @@ def machine_rate(state, groups):
         size = groups.position[g]
         rate = max(groups.velocity[g] / size, math.sqrt(groups.acceleration[g] / size))
         groups.rate[g] = rate
+        if groups.drifts[g] > 0.0:
+            bound = max(bound, math.sqrt(groups.acceleration[g] / size))
+        elif groups.kind[g] != kinds.GROUP_MODAL and groups.kind[g] != kinds.GROUP_STATE:
+            bound = max(bound, rate)
         if groups.kind[g] == kinds.GROUP_MODAL:
             modes = max(modes, rate)
         elif groups.kind[g] != kinds.GROUP_STATE:
             joints = max(joints, rate)
+    state.numbers[PACE] = max(bound if joints > 0.0 else modes, state.numbers[LEAST_RATE])
     return max(joints if joints > 0.0 else modes, state.numbers[LEAST_RATE])
 
 
@@ -200,8 +218,14 @@ def group_speed(groups, g, rate):
 
 
 @kernel
-def vibrating_share(groups, g, modes, joints):
-    """The share of a group's own rates that is a vibration's: of modes, of joints; states relax and do not swing."""
+def vibrating_share(groups, k, modes, joints):
+    """The share of coordinate k's own rates that is a vibration's: of modes, of joints; states relax and do not swing.
+
+    Nor does what moves a contact that touches: that may let go in mid-swing.
+    """
+    g = groups.of[k]
+    if groups.held.shape[0] > 0 and groups.held[k] > 0.0:
+        return 0.0
     if groups.kind[g] == kinds.GROUP_STATE:
         return 0.0
     return modes if groups.kind[g] == kinds.GROUP_MODAL else joints

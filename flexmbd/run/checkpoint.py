@@ -27,7 +27,7 @@ from flexmbd.run.snapshot import Snapshot, new_groups
 _VERSION = 9
 # Arrays of whole numbers; arrays (ne, 2).
 _WHOLE = ("state.counts", "groups.of", "groups.kind", "rows", "sample")
-_TABLES = ("newest", "turned", "stiffness", "softest")
+_TABLES = ("newest", "turned", "stiffness", "softest", "gap_begin", "gap_end")
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,7 +126,7 @@ class PreparedRuns:
         if settings.max_step is not None:
             numbers[st.STEP_CEILING] = min(numbers[st.STEP_CEILING], settings.max_step)
         met = (groups.position, groups.velocity, groups.acceleration, groups.rate, groups.newest, groups.turned)
-        kept = (*met, groups.stiffness, groups.softest, self._state.numbers, self._state.counts)
+        kept = (*met, groups.stiffness, groups.softest, groups.held, self._state.numbers, self._state.counts)
         self._fresh = [(part, part.copy()) for part in kept]
         self._work = new_work(plan)
         self._stepper = method.stepper(self.scene, self._state, groups, self._work)

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from flexmbd.integrate import state as st
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
-from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, stiffness_may_change
+from flexmbd.multibody.kernels.base import kinds
+from flexmbd.multibody.kernels.reading.drifting import drifting_velocities
+from flexmbd.multibody.kernels.reading.force_tables import can_vibrate, has_smooth_contacts, stiffness_may_change
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.run.event import NO_EVENTS, EventMemory
@@ -91,7 +93,19 @@ def new_groups(scene: CompiledScene) -> st.Groups:
     ne = len(scene.plan.elements) if _vibrates(scene) and stiffness_may_change(scene.plan) and not elastic else 0
     met = (*np.zeros((4, n)), *np.zeros((2, n, 2)))
     softest = np.full((2, ne, 2), np.inf)
-    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *met, *softest)
+    lets_go = has_smooth_contacts(scene.plan) and not elastic
+    contacts = len(scene.plan.elements) if lets_go else 0
+    gaps = np.zeros((2, contacts, 2))
+    held = [np.zeros(contacts), *gaps, np.zeros(scene.nv if lets_go else 0), _drifts(scene)]
+    return st.Groups(scene.group_of, scene.group_kind, scene.group_full, scene.group_floor, *met, *softest, *held)
+
+
+def _drifts(scene: CompiledScene) -> FloatArray:
+    """(ng,) 1 of the groups of lengths whose coordinates all drift."""
+    drifting = np.isin(np.arange(scene.nv), drifting_velocities(scene.plan))
+    held = np.zeros(len(scene.group_full), bool)
+    held[scene.group_of[~drifting]] = True
+    return (~held & (scene.group_kind == kinds.GROUP_LENGTH)).astype(float)
 
 
 def _vibrates(scene: CompiledScene) -> bool:

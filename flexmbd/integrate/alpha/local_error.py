@@ -7,7 +7,7 @@ from flexmbd.integrate.alpha.matrix import solve_factored
 from flexmbd.integrate.alpha.sparse_loops import is_sparse, remove_across_sparse, solve_tree_sparse
 from flexmbd.integrate.data_loads import find_defects, push, put_pushes
 from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
-from flexmbd.integrate.lasting import forget_passing, judge_lasting
+from flexmbd.integrate.lasting import forget_passing, judge_contacts, judge_lasting, lets_go
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, TUPLE2, deferred_kernel
@@ -190,6 +190,9 @@ def _across_rows(plan, state, groups, scratch, h, machine_rate):
 def local_error(plan, work, state, groups, scratch, h, machine_rate):
     """Largest ratio of the local error to the tolerance, see ``filtered_ratio``."""
     judge_lasting(plan, work, state, groups, scratch.x, scratch.v)
+    unseen = 0.0
+    if lets_go(groups):
+        unseen = judge_contacts(plan, work, state, groups, scratch.x, scratch.v, h)
     _difference(plan, state, scratch, h)
     if scratch.memory.filters[0] == 1:
         _filter(plan, work, state, scratch)
@@ -203,4 +206,4 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
         along = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, along)
     forget_passing(plan, state, groups, scratch.own_rate)
     # rows turn within the step, so that of a swing across them a part seems to lie along
-    return max(swing, along - whole * min(1.0, h * machine_rate))
+    return max(unseen, swing, along - whole * min(1.0, h * machine_rate))

@@ -19,34 +19,29 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step, settle
-from flexmbd.integrate.data_loads import find_defects, push, put_pushes
 from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
+from flexmbd.integrate.discrete_gradient.momentum_error import energy_noise, local_error
 from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
-from flexmbd.integrate.discrete_gradient.newton import bind, solve_factored, solve_step
-from flexmbd.integrate.discrete_gradient.sparse_matrices import is_sparse, multiply_end_mass, solve_iteration
+from flexmbd.integrate.discrete_gradient.newton import bind, solve_step
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales
-from flexmbd.integrate.filtered_error import filtered_ratio, misses_no_load, ratio_with_loads, vibration_rate
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import take_jump
-from flexmbd.integrate.lasting import forget_passing, judge_lasting
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, scale3, store3
+from flexmbd.integrate.lasting import lets_go
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.arrays import Plan, Work, new_work
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import canonical, momenta, potential_energy
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
-from flexmbd.multibody.kernels.physics.joints import retract, spin_of
+from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.kernels.reading.constraint_tables import is_driven
 from flexmbd.multibody.kernels.reading.evaluated_motion import joint_turn
 from flexmbd.multibody.kernels.reading.force_tables import storing_plan
 from flexmbd.multibody.kernels.reading.plan_entries import driven_time, time_of_row
 from flexmbd.multibody.kernels.reading.tree import has_modal_damping, masses, tree_joints
-from flexmbd.multibody.kernels.tangent.diagonal_blocks import between
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import row_sizes
 from flexmbd.overflow import looked_at, refuse_not_finite
@@ -229,104 +224,6 @@ def _gradient(
 
 
 @kernel
-def _add_rotation_error(move, before, after, a_before, a_after, o, h, error):
-    """Add the local error of the rotation ``move``, against a quadrature of order 4 with Magnus' first bracket."""
-    turn = load3(move, o)
-    angle = math.sqrt(dot3(turn, turn))
-    share = 2.0 * math.atan(0.5 * angle) / angle if angle > 1e-8 else 1.0
-    bracket = scale3(h * h * h / 12.0, cross3(load3(before, o), load3(a_before, o)))
-    difference = add3(scale3(share - 1.0, turn), scale3(-1.0, bracket))
-    store3(error, o, add3(load3(error, o), difference))
-
-
-@kernel
-def _filter(plan, scratch, error):
-    """Filter an error (nv,) into ``s.correction`` by the iteration matrix.
-
-    This damps the error in stiff parts and removes it across rows.  ``s.full_matrix``, or ``s.end_mass``, must hold the
-    mass matrix.
-    """
-    free = plan.free
-    if is_sparse(scratch):
-        multiply_end_mass(plan, scratch, error)
-        solve_iteration(scratch)
-        return
-    for i in range(scratch.correction.shape[1]):
-        scratch.correction[0, i] = 0.0
-    bounds = scratch.tangent.blocks.free
-    for c in range(bounds.shape[0] - 1):
-        for i in range(*between(bounds, c)):
-            for j in range(*between(bounds, c)):
-                scratch.correction[0, i] += scratch.full_matrix[free[i], free[j]] * error[free[j]]
-    solve_factored(plan, scratch)
-
-
-@kernel
-def _ratio(plan, state, groups, scratch, h, rate, noise, lasting):
-    rates = scratch.memory.own_rate
-    return filtered_ratio(
-        plan, state, groups, scratch.error_x, scratch.error_v, scratch.own_rate, rates, h, rate, noise, lasting
-    )
-
-
-@deferred_kernel(NUMBER)
-def _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio):
-    """The error's ratio where loads that are data act in the step, see ``data_loads``.
-
-    Of motions a step misses nothing: its driven velocities are what they travel over its length.
-    """
-    found = find_defects(plan, state, h, state.numbers[st.STEP_BEFORE], scratch.data)
-    errors = scratch.error_x, scratch.error_v, scratch.own_rate, scratch.memory.own_rate
-    if misses_no_load(plan, state, groups, *errors, h, rate, noise, found):
-        return ratio
-    push(plan, work, state, scratch.x_end, scratch.v_end, scratch.a_end, scratch.zero_multipliers, scratch.data)
-    put_pushes(plan, scratch.data, scratch.correction)
-    solve_factored(plan, scratch)
-    lasting = (1.0, state.numbers[st.STEP_LASTING])
-    return ratio_with_loads(plan, state, groups, *errors, h, rate, noise, lasting, scratch.correction)
-
-
-@kernel
-def _local_error(plan, work, state, groups, scratch, a_end, h, rate, noise):
-    """The ratio of the step's error to the tolerance, against quadratures of its velocities and accelerations.
-
-    ``noise``: the share of scales that Newton's iteration leaves; no shorter step makes it less.
-    """
-    judge_lasting(plan, work, state, groups, scratch.x_end, scratch.v_end)
-    h1 = state.numbers[st.STEP_BEFORE]
-    v_end = scratch.v_end
-    for k in range(a_end.shape[0]):
-        correction = h * h / 12.0 * (state.a[k] - a_end[k])
-        scratch.error_x[k] = scratch.increment[k] - 0.5 * h * (state.v[k] + v_end[k]) - correction
-        # the integral of the parabola through the last three accelerations
-        curve = 0.0
-        if h1 > 0.0:
-            slope = (state.a[k] - scratch.memory.before[k]) / h1
-            curve = ((a_end[k] - state.a[k]) / h - slope) / (h + h1)
-        mean = 0.5 * (state.a[k] + a_end[k]) - curve * h * h / 6.0
-        scratch.error_v[k] = v_end[k] - state.v[k] - h * mean
-        scratch.own_rate[k] = curve
-    for i in range(plan.tree.shape[0]):
-        o = spin_of(plan.tree[i])
-        if o >= 0:
-            _add_rotation_error(scratch.increment, state.v, v_end, state.a, a_end, o, h, scratch.error_x)
-    for j in range(plan.free.shape[0]):
-        scratch.error_x[j] = scratch.error_x[plan.free[j]]
-    _filter(plan, scratch, scratch.own_rate)
-    for j in range(plan.free.shape[0]):
-        k = plan.free[j]
-        scratch.own_rate[k] = vibration_rate(groups, k, scratch.correction[0, j])
-    _filter(plan, scratch, scratch.error_v)
-    for j in range(plan.free.shape[0]):
-        scratch.error_v[j] = scratch.correction[0, j]
-    ratio = _ratio(plan, state, groups, scratch, h, rate, noise, (1.0, state.numbers[st.STEP_LASTING]))
-    if ratio <= 1.0 and scratch.data.known[0] == 1:
-        ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, rate, noise, ratio)
-    forget_passing(plan, state, groups, scratch.own_rate)
-    return ratio
-
-
-@kernel
 def _accept(plan, loops, state, scratch, a_end, h):
     """Make the trial state the current one."""
     remember(plan, state, scratch, h)
@@ -387,7 +284,9 @@ def _attempt(method, state, groups, h):
         ratio = 0.0
         if count[st.FIXED_STEP] == 0:
             noise = max(newton, scratch.round_off_floor[0])
-            ratio = _local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
+            if lets_go(groups):
+                noise = max(noise, energy_noise(plan, groups, scratch, h, rate, newton))
+            ratio = local_error(plan, work, state, groups, scratch, scratch.a_end, h, rate, noise)
             if not ratio <= 1.0 and take_jump(plan.free, state, groups, state.a, scratch.a_end, 1.0, h):
                 ratio = 1.0
         number[st.ERROR_RATIO] = ratio

@@ -8,12 +8,15 @@ The derivation stands in docs/integrators.md, "Energy-momentum".  ``scratch`` is
 
 from __future__ import annotations
 
+import numpy as np
+
 from flexmbd.integrate import state as st
 from flexmbd.integrate.discrete_gradient.momentum_balance import average_strain, balance_momenta, project_out_symmetries
 from flexmbd.integrate.discrete_gradient.momentum_end import solve_end_mass
 from flexmbd.integrate.discrete_gradient.polynomial_average import average_polynomials
 from flexmbd.integrate.discrete_gradient.workspace import (
     CANONICAL,
+    CAPACITY,
     CLOSE_VELOCITIES,
     CONSTRAINTS,
     DEFECT,
@@ -32,7 +35,7 @@ from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position, time_of_row
 
 _EPSILON = 2.0**-52
-_UNRESOLVED = 32.0 * _EPSILON  # of all energy: round-off of its sums
+ROUND_OFF = _UNRESOLVED = 32.0 * _EPSILON  # of all energy: round-off of its sums
 _AT_REST = 1e-16  # of all energy: a motion in the middle of less than that counts as none
 _REPAID = 1e-3  # of the corrected motion's speeds: the largest change in a step by energy that earlier steps left
 _ROUGH = 1e-6  # of the kinetic energy: its tolerance where an iterate is far
@@ -179,6 +182,7 @@ def _missing_energy(plan, stored_plan, work, loops, scratch, gained, near, capac
             call_separate(scratch.kernels[FACTOR_MASS], (plan, work, scratch))
     unresolved = _UNRESOLVED * (abs(kinetic) + abs(scratch.energy[POTENTIAL_END]) + abs(scratch.memory.energy[0]))
     scratch.energy[UNRESOLVED] = unresolved
+    scratch.energy[CAPACITY] = abs(capacity)
     scratch.energy[KINETIC_ERROR] = kinetic_error
     surplus = scratch.memory.surplus[0]
     missing = kinetic + scratch.energy[POTENTIAL_END] - (scratch.memory.energy[0] + surplus) - gained
@@ -227,6 +231,7 @@ def evaluate(plan, stored_plan, work, loops, state, scratch, h, corrected, near)
     scratch.energy[TRIAL_WORK] = 0.0
     scratch.energy[KINETIC_ERROR] = 0.0
     scratch.energy[DEFECT] = 0.0
+    scratch.energy[CAPACITY] = np.inf
     if corrected:
         for k in range(scratch.increment.shape[0]):
             scratch.energy[TRIAL_WORK] += (scratch.stored_gradient[k] - scratch.gradient[k]) * scratch.increment[k]

@@ -36,8 +36,9 @@ CANONICAL, MOMENTA, RESIDUAL, TANGENT, CONSTRAINTS, POTENTIAL = range(6)
 PLACE, FACTOR_MASS, CLOSE_VELOCITIES, EVALUATE, LINEARISE, SPARSE_TANGENT, N_KERNEL = range(6, 13)
 # Entries of EnergyMomentumWorkspace.energy (J): the potential at the end; the round-off of sums of energy; the error of
 # the kinetic energy at the end, where velocities are improved in passes; the equations' residuals as energy, over all
-# energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed.
-POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, N_ENERGY = range(7)
+# energy; the work of loads and dampers at the trial; unless zero the factorisation at hand failed; twice the kinetic
+# energy of the motion that keeping the energy corrects.
+POTENTIAL_END, UNRESOLVED, KINETIC_ERROR, DEFECT, TRIAL_WORK, SINGULAR, CAPACITY, N_ENERGY = range(8)
 
 ANDERSON_DEPTH = 6  # iterates that Anderson's acceleration combines
 

@@ -7,22 +7,32 @@ import numpy as np
 from flexmbd.integrate import state as st
 from flexmbd.integrate.controller import SAFETY
 from flexmbd.integrate.data_loads import mean_and_noise, push, put_pushes
-from flexmbd.integrate.lasting import forget_passing, judge_lasting
-from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, QUADRATURE, REAL, STAGES
+from flexmbd.integrate.lasting import (
+    begin_contacts,
+    crosses_any,
+    forget_passing,
+    holds_any,
+    is_crossed,
+    judge_lasting,
+    lets_go,
+    unseen_touch,
+)
+from flexmbd.integrate.radau.coefficients import CURVATURE, ERROR_WEIGHTS, NODES, QUADRATURE, REAL, STAGES
 from flexmbd.integrate.radau.matrix import put_imbalance, solve_real
 from flexmbd.integrate.radau.newton import MAX_ITERATIONS
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.law_pieces import changes_piece
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import mark_held, time_of_touch, time_to_touch
 from flexmbd.round_off import EPSILON
 
 _GAIN = 6.0  # true error over the estimate to the power 3/2, both relative: the largest measured, on tops
 # Roughness over that of the steps before: the limit of a smooth motion; the most that a rough step adds.
 _SMOOTH, _GROWTH = 4.0, 8.0
 _FORGET = 0.5  # how it fades: an estimate passes through zero
-_LITTLE = 1e-3  # of a roughness that allows the longest steps: the limit after a motion without any
 _EVENT = 0.1  # of the tolerance of a radian: that of a step that is not smooth
+_LITTLE = 1e-3  # of a roughness that allows the longest steps: the limit after a motion without any
 
 
 @kernel
@@ -63,7 +73,7 @@ def widen_vibration_scales(state, groups, scratch, h, machine_rate):
     """Let Newton's corrections of a lasting vibration be as large, in proportion, as its local error may be."""
     share = min(1.0, h * machine_rate)
     for k in range(scratch.scale_x.shape[0]):
-        own = scratch.memory.own_rate[k] * st.vibrating_share(groups, groups.of[k], 1.0, state.numbers[st.LASTING])
+        own = scratch.memory.own_rate[k] * st.vibrating_share(groups, k, 1.0, state.numbers[st.LASTING])
         gain = min(1.0, h * max(machine_rate, own)) / share
         scratch.scale_x[k] *= gain
         scratch.scale_v[k] *= gain
@@ -92,7 +102,7 @@ def _ratio(plan, state, groups, scratch, h, machine_rate):
         g = groups.of[k]
         size = groups.position[g]
         own = st.own_rate(scratch.own_rate[k], scratch.memory.own_rate[k], machine_rate, h)
-        own *= st.vibrating_share(groups, g, 1.0, state.numbers[st.STEP_LASTING])
+        own *= st.vibrating_share(groups, k, 1.0, state.numbers[st.STEP_LASTING])
         share = min(1.0, h * max(machine_rate, own))
         limit = (tolerance * share / _GAIN) ** (2.0 / 3.0)
         speed = st.group_speed(groups, g, machine_rate)
@@ -181,14 +191,17 @@ def _changes_piece(plan, work, state, scratch):
 
 
 @kernel
-def _event_ratio(plan, state, groups, scratch, h, machine_rate):
+def _event_ratio(plan, state, groups, scratch, h, machine_rate, all_coordinates):
     """The ratio of a step onto another piece of a law: the gap between accelerations itself counts, as of an event.
 
-    It is not filtered, for a stiffness that comes or goes within the step damps nothing.
+    It is not filtered, for a stiffness that comes or goes within the step damps nothing.  Of contacts that set in or
+    let go it is that of the coordinates which move them, not of ``all_coordinates``.
     """
     largest = 0.0
     for j in range(plan.free.shape[0]):
         k = plan.free[j]
+        if not (all_coordinates or is_crossed(groups, k)):
+            continue
         gap = state.a[k] / REAL
         for i in range(STAGES):
             gap += ERROR_WEIGHTS[i] * scratch.a[i, k]
@@ -196,6 +209,49 @@ def _event_ratio(plan, state, groups, scratch, h, machine_rate):
         speed = max(st.group_speed(groups, groups.of[k], machine_rate), least * machine_rate)
         largest = max(largest, abs(h * gap) / speed)
     return largest / (_EVENT * state.numbers[st.TOLERANCE])
+
+
+@kernel
+def _judge_contacts(plan, work, state, groups, scratch, h):
+    """Write which contacts touch at the step's start and at its stages, and which coordinates move them.
+
+    Returns the ratio of a step that touches between these and does not know: see ``unseen_touch``.
+    """
+    begin_contacts(plan, work, state, groups)
+    for i in range(groups.touched.shape[0]):
+        groups.touched[i] += scratch.touched[i]
+    mark_held(plan, groups.touched, STAGES + 1, groups.held)
+    touch = time_of_touch(groups.gap_begin, scratch.gaps[0], NODES[0] * h)
+    for i in range(1, STAGES):
+        passed = NODES[i - 1] * h
+        touch = min(touch, passed + time_of_touch(scratch.gaps[i - 1], scratch.gaps[i], NODES[i] * h - passed))
+    return unseen_touch(plan, touch)
+
+
+@deferred_kernel(NUMBER)
+def _unresolved_ratio(plan, state, groups, scratch, h, machine_rate):
+    """The ratio of what the step leaves unresolved of vibrations on contacts, which becomes velocity where they let go.
+
+    Of a vibration of rate w the filter leaves 1 in 1 + (h w / REAL)^2 of an error.  The share s that it takes away
+    where it is applied once more to the estimate is of order 6 while h w is small, as the method's error; and where h w
+    is large it is the velocity of the vibration, which the method damps without following it.  So it counts as error
+    itself.  What is damped is lost once, some s^4 of it in a step: all of it may be what a radian is given.
+    """
+    for j in range(plan.free.shape[0]):
+        scratch.error_x[j] = 0.0
+    put_imbalance(plan, scratch, h / REAL)
+    solve_real(plan, scratch)
+    largest = 0.0
+    for j in range(plan.free.shape[0]):
+        k = plan.free[j]
+        if groups.held[k] > 0.0:
+            least = st.ROUND_OFF * groups.full[groups.of[k]]
+            speed = st.group_speed(groups, groups.of[k], machine_rate)
+            lost = abs(scratch.error_v[j] - scratch.rhs_real[0, j])
+            share = min(1.0, lost / (abs(scratch.error_v[j]) + 1e-300))
+            limit = state.numbers[st.TOLERANCE] * max(min(1.0, h * machine_rate), share**4)
+            largest = max(largest, lost / max(limit * speed, least * machine_rate))
+    return largest ** (2.0 / 3.0)
 
 
 @kernel
@@ -208,14 +264,21 @@ def local_error(plan, work, state, groups, scratch, h, machine_rate):
             judge_lasting(plan, work, state, groups, scratch.x[i], scratch.v[i])
             least = min(least, state.numbers[st.STEP_LASTING])
         state.numbers[st.STEP_LASTING] = least
+    unseen = 0.0
+    if lets_go(groups):
+        unseen = _judge_contacts(plan, work, state, groups, scratch, h)
     ratio = _ratio(plan, state, groups, scratch, h, machine_rate)
     if ratio <= 1.0 and scratch.data.known[0] == 1:
         ratio = _ratio_with_loads(plan, work, state, groups, scratch, h, machine_rate, ratio)
+    if ratio <= 1.0 and holds_any(groups):
+        ratio = max(ratio, _unresolved_ratio(plan, state, groups, scratch, h, machine_rate))
     may_change = scratch.tangent_stiffness.shape[0] > 0 or plan.horizon[1] > 0.0
-    if ratio <= 1.0 and may_change and _changes_piece(plan, work, state, scratch):
-        ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate))
+    if ratio <= 1.0:
+        changes = may_change and _changes_piece(plan, work, state, scratch)
+        if changes or crosses_any(groups):
+            ratio = max(ratio, _event_ratio(plan, state, groups, scratch, h, machine_rate, changes))
     forget_passing(plan, state, groups, scratch.own_rate)
-    return ratio
+    return max(ratio, unseen)
 
 
 @kernel
@@ -234,6 +297,16 @@ def remember_roughness(plan, state, groups, scratch, h):
             scratch.own_rate[k] if smooth else 0.0, scratch.memory.own_rate[k], rate, h
         )
     scratch.memory.roughness_known[0] = 1
+
+
+@kernel
+def bound_next_step(plan, groups, scratch):
+    """Let the step after an accepted one end no later than twice the time in which the first gap closes.
+
+    Places of early stages are of a lower order than the end: a touch that is over before them is to lie behind one.
+    """
+    if lets_go(groups):
+        plan.horizon[0] = min(plan.horizon[0], 2.0 * time_to_touch(scratch.gaps[STAGES - 1]))
 
 
 @kernel

@@ -29,6 +29,7 @@ from flexmbd.multibody.kernels.base.deferred import FLAG, deferred_kernel
 from flexmbd.multibody.kernels.base.native import factor_part, solve, solve_part
 from flexmbd.multibody.kernels.base.separate import call_separate
 from flexmbd.multibody.kernels.elements.changing_stiffness import take_stiffness
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching
 from flexmbd.multibody.kernels.reading.plan_entries import holds_position
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import between, factor_blocks, solve_sorted
 
@@ -79,6 +80,11 @@ def take_tangent(plan, work, state, scratch, stage):
     evaluate_stage(plan, work, state, scratch, stage)
     if scratch.tangent_stiffness.shape[0] > 0:
         take_stiffness(plan, work, scratch.scale_x, scratch.x[stage], scratch.v[stage], scratch.tangent_stiffness)
+    if scratch.tangent_touched.shape[0] > 0:
+        scratch.tangent_touched[:] = 0.0
+        x, v = scratch.x[stage], scratch.v[stage]
+        count_touching(plan, work, x, v, scratch.tangent_touched, scratch.gaps[stage])
+        evaluate_stage(plan, work, state, scratch, stage)  # whose motion ``work`` is to hold
     scratch.memory.tangent_serves[0] = 1
     scratch.memory.step_factored[0] = 0.0
     if recurs(scratch):

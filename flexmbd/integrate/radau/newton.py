@@ -22,9 +22,11 @@ from flexmbd.integrate.radau.stages import (
     evaluate_stage,
     place_stages,
     predict_stages,
+    put_stage,
 )
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.elements.changing_stiffness import stiffness_change
+from flexmbd.multibody.kernels.inverse_dynamics.letting_go import count_touching
 from flexmbd.round_off import ROUND_OFF
 
 MAX_ITERATIONS = 10  # with error control, which can take a smaller step instead
@@ -63,6 +65,34 @@ def _noise_of_velocities(plan, scratch, h):
         k = plan.free[j]
         most = max(most, scratch.scale_x[k] / scratch.scale_v[k])
     return ROUND_OFF * most / h
+
+
+@kernel
+def _holds_what_is_gone(plan, work, state, scratch, most):
+    """Write ``s.touched`` and ``s.gaps``; whether the tangent holds a contact that touches at ``most`` stages or less.
+
+    Its corrections are small there, however much is wrong.
+    """
+    gone = False
+    scratch.touched[:] = 0.0
+    for i in range(STAGES if scratch.touched.shape[0] > 0 else 0):
+        put_stage(plan, work, state, scratch, i)  # it was evaluated before it was corrected last
+        count_touching(plan, work, scratch.x[i], scratch.v[i], scratch.touched, scratch.gaps[i])
+    for i in range(scratch.touched.shape[0]):
+        gone = gone or (scratch.tangent_touched[i] > 0.0 and scratch.touched[i] <= most)
+    return gone
+
+
+@kernel
+def _is_believed(plan, work, state, scratch, attempt, known):
+    """Whether stages that converged are believed: the tangent holds no contact that is gone.
+
+    An old tangent must hold at all stages; a new one, of a guess that was wrong, at any, while there is another guess.
+    """
+    if not _holds_what_is_gone(plan, work, state, scratch, STAGES - 1 if attempt == 0 else 0):
+        return True
+    scratch.memory.tangent_serves[0] = 0
+    return not (attempt == 0 or (attempt == 1 and known))
 
 
 @kernel
@@ -128,7 +158,8 @@ def solve_step(plan, work, state, scratch, h, tolerance):
             state.counts[st.OUTCOME] = st.RANK_LOST
             continue
         scratch.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
-        if not _iterate(plan, work, state, scratch, h, tolerance):
+        solved = _iterate(plan, work, state, scratch, h, tolerance)
+        if not (solved and _is_believed(plan, work, state, scratch, attempt, known)):
             if attempt == 0:
                 give_up_old_factors(scratch.memory, _RENEWALS)
             continue

@@ -14,7 +14,13 @@ from flexmbd.integrate.controller import Rule, Stepper, make_advance, next_step,
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.jumps import put_widest, take_jump
 from flexmbd.integrate.radau.coefficients import ORDER, STAGES
-from flexmbd.integrate.radau.error import local_error, remember_roughness, set_safety, widen_vibration_scales
+from flexmbd.integrate.radau.error import (
+    bound_next_step,
+    local_error,
+    remember_roughness,
+    set_safety,
+    widen_vibration_scales,
+)
 from flexmbd.integrate.radau.newton import solve_step
 from flexmbd.integrate.radau.stages import evaluate_stage_times
 from flexmbd.integrate.radau.workspace import RadauWorkspace, new_workspace
@@ -130,6 +136,7 @@ def _attempt(method, state, groups, h):
             _accept(state, s, h)
             if count[st.FIXED_STEP] == 0:
                 remember_roughness(plan, state, groups, s, h)
+                bound_next_step(plan, groups, s)
 
 
 @entry_kernel

@@ -102,13 +102,19 @@ def place_stages(plan, state, scratch, h):
 
 
 @kernel
-def evaluate_stage(plan, work, state, scratch, i):
-    """Residual, and residuals of the rows at all levels, of stage i where it is placed."""
+def put_stage(plan, work, state, scratch, i):
+    """Write the configuration of stage i, where its local coordinates have brought it, at its time."""
     for f in range(work.time.shape[0]):
         for c in range(3):
             work.time[f, c] = scratch.time[i, f, c]
     retract(plan, state.x, scratch.local[i], scratch.x[i])
     drive(plan, work, scratch.x[i], scratch.v[i], scratch.a[i])
+
+
+@kernel
+def evaluate_stage(plan, work, state, scratch, i):
+    """Residual, and residuals of the rows at all levels, of stage i where it is placed."""
+    put_stage(plan, work, state, scratch, i)
     call_separate(
         scratch.kernels[RESIDUAL],
         (plan, work, scratch.x[i], scratch.v[i], scratch.a[i], scratch.multipliers[i], scratch.residual),

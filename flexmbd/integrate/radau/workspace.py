@@ -17,7 +17,7 @@ from flexmbd.multibody.kernels.base.native import N_SIZES
 from flexmbd.multibody.kernels.base.separate import address_of
 from flexmbd.multibody.kernels.inverse_dynamics.closure import constraints
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
-from flexmbd.multibody.kernels.reading.force_tables import stiffness_may_change
+from flexmbd.multibody.kernels.reading.force_tables import has_smooth_contacts, stiffness_may_change
 from flexmbd.multibody.kernels.tangent.diagonal_blocks import block_matrix
 from flexmbd.multibody.kernels.tangent.recursion_parts import (
     ComplexRecursion,
@@ -106,6 +106,8 @@ class RadauWorkspace(ArrayStruct):
     mass, damping, stiffness: block matrices of nu rows, the tangent.
     jacobian: (m, nu) C.  rate_jacobian: (m, nu) d(C v)/dx.
     tangent_stiffness: (ne, 2) of the force elements there, none where no element changes its own.
+    tangent_touched: (ne,) 1 of those that are contacts and touch there, none where there are no contacts; touched: at
+    how many of the stages they do.  gaps: (3, ne, 2) of these the gap (m) and its rate (m/s) at the stages.
     row_response: (m, nu) B^-1 C^T.  shift_direction: (m, nu) D, the same with zeros in rows that hold velocities alone.
     row_transform: (3, m, m) T_i of ``row_transforms``; uses_transform: (1,) whether it is used; transformed: (2, m).
     row_matrix: (m, m) C B^-1 C^T where the tangent was taken.  stage_row_matrix: that of the stage at hand, factored.
@@ -140,6 +142,9 @@ class RadauWorkspace(ArrayStruct):
     damping: FloatArray
     stiffness: FloatArray
     tangent_stiffness: FloatArray
+    tangent_touched: FloatArray
+    touched: FloatArray
+    gaps: FloatArray
     jacobian: FloatArray
     rate_jacobian: FloatArray
     shift_direction: FloatArray
@@ -200,6 +205,7 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
     n = nu + 2 * m
     zeros = np.zeros
     scales = zeros((2, nv))
+    contacts = len(plan.elements) if has_smooth_contacts(plan) else 0
     choice = radau_matrix(plan)
     recursion, found, bounds, free = choice.recursion, choice.sparse, choice.bounds, choice.side_by_side.free
     tangent, sparse = choice.new_tangent(nv, scales), choice.new_sparse()
@@ -239,6 +245,9 @@ def new_workspace(plan: Plan, work: Work, nx: int, nv: int, *, lapack_complex: I
         damping=block_matrix(free),
         stiffness=block_matrix(free),
         tangent_stiffness=zeros((len(plan.elements) if stiffness_may_change(plan) else 0, 2)),
+        tangent_touched=zeros(contacts),
+        touched=zeros(contacts),
+        gaps=zeros((STAGES, contacts, 2)),
         jacobian=zeros((dense, nu)),
         rate_jacobian=zeros((dense, nu)),
         shift_direction=zeros((dense, nu)),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
@@ -21,8 +21,9 @@ from flexmbd.multibody.kernels.contact.contact_law import (
     remember_contact,
 )
 from flexmbd.multibody.kernels.contact.lowest_point import centre_arm, centre_arm_variation
-from flexmbd.multibody.kernels.contact.normal_force import DISSIPATION
+from flexmbd.multibody.kernels.contact.normal_force import DISSIPATION, RADIUS
 from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
+from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.element import Behaviour, FloatArray, FrameElement, Stiffness
 
 HEAD = 3  #: Numbers before the scales.
@@ -150,6 +151,14 @@ def _energy(plan, work, row, d, R, rate, spin):
 
 
 @kernel
+def _gap(plan, row, d, R, rate, spin):
+    numbers = law_numbers(plan, row)
+    _, place, speed = centre_motion(plan, numbers, d, R, rate, spin)
+    away, n = distance(plan.data, numbers, place)
+    return away - plan.data[numbers + RADIUS], dot3(n, speed)
+
+
+@kernel
 def _remember(plan, work, row, x, d, R, rate, spin, t):
     numbers = law_numbers(plan, row)
     rough, (memory, m, _, y) = _way(plan, work, row)
@@ -175,10 +184,11 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
 # without states and signals the law's numbers follow the head and their count
 _NAME = "contacts, which are stiffer than at the start"
 CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy
-)
+    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy,
+    gap=_gap,
+)  # fmt: skip
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
     Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember,
-    _misplaced,
+    _misplaced, _gap,
 )  # fmt: skip

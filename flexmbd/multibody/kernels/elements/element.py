@@ -100,6 +100,8 @@ class FrameElement:
             None where it has no memory.
         misplaced: (numbers, memory) -> a complaint where a start that wrote this memory does not suit these parameters,
             else nothing; of those that remember alone.
+        gap: (plan, row, d, R, rate, spin) -> the gap (m), below zero where it bears, and its rate (m/s); of a force
+            that sets in and lets go on the way alone.
     """
 
     behaviour: Behaviour
@@ -108,6 +110,7 @@ class FrameElement:
     energy: Any = None
     remember: Any = None
     misplaced: Callable[[FloatArray, FloatArray], str] | None = None
+    gap: Any = None
 
 
 @dataclass(frozen=True, eq=False)

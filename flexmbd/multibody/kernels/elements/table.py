@@ -150,6 +150,7 @@ _wrench = _calls(FrameElement, "wrench")
 _variation = _calls(FrameElement, "variation")
 _frame_energy = _calls(FrameElement, "energy")
 _frame_memory = _calls(FrameElement, "remember")
+_gap = _calls(FrameElement, "gap")
 _push = _calls(PairsElement, "push")
 _push_slope = _calls(PairsElement, "slope")
 _subtract = _calls(GeneralisedForce, "subtract")
@@ -167,6 +168,7 @@ _STORING_PAIRS = _kinds(*(isinstance(one, PairsElement) and one.stores for one i
 _STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
 _STATES = kind_of(STATES)
 _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
+_TOUCHING = _kinds(*(_has(one, FrameElement, "gap") for one in ELEMENTS))
 
 
 @entry_kernel
@@ -241,6 +243,18 @@ def frame_energy(plan, work, row, d, R, rate, spin):
 def write_frame_memory(plan, work, row, x, d, R, rate, spin, t):
     """Write into x (nx,) what an element between frames remembers at t (s)."""
     _frame_memory(row[at.EL_KIND], (plan, work, row, x, d, R, rate, spin, t))
+
+
+@kernel
+def may_touch(kind):
+    """Whether a kind is a contact, which sets in and lets go on the way."""
+    return _TOUCHING[kind]
+
+
+@kernel
+def frame_gap(plan, row, d, R, rate, spin):
+    """The gap (m) of an element that `may_touch`, and its rate (m/s)."""
+    return _gap(row[at.EL_KIND], (plan, row, d, R, rate, spin))
 
 
 @kernel

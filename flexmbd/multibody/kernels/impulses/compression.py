@@ -26,7 +26,8 @@ def decompresses(contacts, watched):
 def compress(parts, contacts, watched, v, share, nothing, most):
     """Write the least normal impulses of the step, and impulses to begin with; the sweeps, and the share at last.
 
-    ``v``: the velocity halfway through the smooth forces; lost.  ``share``, ``nothing``, ``most``: see ``solve_impulses``.
+    ``v``: the velocity halfway through the smooth forces; lost.  ``share``, ``nothing``, ``most``: see
+    ``solve_impulses``.
     """
     n = contacts.count[0]
     for i in range(n):

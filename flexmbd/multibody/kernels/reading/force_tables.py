@@ -59,6 +59,11 @@ def stiffness_may_change(plan: Plan) -> bool:
     return any(one.changing for one in behaviours(plan))
 
 
+def has_smooth_contacts(plan: Plan) -> bool:
+    """Whether there are contacts with a law, which set in and let go on the way."""
+    return any(one.lets_go and not one.hard for one in behaviours(plan))
+
+
 def gripping(plan: Plan) -> Mask:
     """(k,) whether each force element sets in and lets go, or reverses, within a step."""
     return np.array([one.grip is not None for one in behaviours(plan)], bool)
