@@ -323,7 +323,7 @@ def test_a_bar_rolls_down_an_incline_on_both_rims_or_slides(mu, acceleration):
         place=(0.0, 0.0, radius - 0.5 * G * np.cos(0.3) / k), friction=rough,
         gravity=(G * np.sin(0.3), 0.0, -G * np.cos(0.3)),
     )  # fmt: skip
-    run = scene.simulate(end, rtol=1e-6)
+    run = scene.simulate(end, rtol=1e-7)
     assert run.position(body.frame())[-1, 0] == pytest.approx(0.5 * acceleration * G * end**2, rel=1e-4)
     forces = [one.normal_force[-1] for one in run.contacts(pairs)]
     assert forces == pytest.approx([0.5 * G * np.cos(0.3)] * 2, rel=1e-6)
