@@ -71,6 +71,8 @@ class MoreauWorkspace(ArrayStruct):
     Attributes:
         moves: (nv,) whether each velocity is free.
         extent: (1,) m, of the machine.
+        begun: (4,) of the deepest overlap with which a run begins the gap (m), the number of its element in the scene,
+            and its two shapes in their table, -1 of pairs.
         told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
         begin: the velocity at the step's begin, as of free spins in the middle.
@@ -88,6 +90,7 @@ class MoreauWorkspace(ArrayStruct):
     memory: MoreauMemory
     moves: IntArray
     extent: FloatArray
+    begun: FloatArray
     told: FloatArray
     multipliers: FloatArray
     x: FloatArray
@@ -260,7 +263,18 @@ def _touch(s, state, h):
 
 
 @kernel
-def _overlap(s, h, kick):
+def _note_overlap(s, h, i):
+    """Keep how deep contact i of the first step was at the start, if it is the deepest."""
+    w, k, of_pairs = s.watched, s.contacts.watched[i], s.watched.number.shape[0]
+    gap = w.gap[k] - 0.5 * h * dot3(load3(w.normal[k], 0), load3(w.before[k], 0))
+    if gap < s.begun[0]:
+        s.begun[0] = gap
+        s.begun[1] = w.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+        s.begun[2], s.begun[3] = w.shapes[k, 0], w.shapes[k, 1]
+
+
+@kernel
+def _overlap(s, state, h, kick):
     """Write the gaps at the step's end, none of what flies apart by itself; whether there are overlaps."""
     c = s.contacts
     overlaps = False
@@ -269,6 +283,8 @@ def _overlap(s, h, kick):
         gap = s.watched.gap[c.watched[i]] + 0.5 * h * away
         c.shift[i] = max(gap, 0.0) if away > kick else gap
         overlaps = overlaps or c.shift[i] < -EQUAL * s.extent[0]
+        if state.counts[st.STEPS] == 0:
+            _note_overlap(s, h, i)
     return overlaps
 
 
@@ -305,7 +321,7 @@ def attempt(s, state, groups, h):
     kick = _touch(s, state, h)
     if kick < 0.0:
         return
-    overlaps = _overlap(s, h, kick)
+    overlaps = _overlap(s, state, h, kick)
     _tell(s, h)
     if not to_end(s.spins, h, s.last):
         state.counts[st.OUTCOME] = st.NOT_CONVERGED

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.given_contact import refuse_wrong_arguments
 from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
 from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, WithStates
@@ -36,6 +38,7 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
     frame_F: Frame = field(init=False)
 
     def __post_init__(self) -> None:
+        refuse_wrong_arguments(self.shape, self.radius, self.centre)
         object.__setattr__(self, "frame_F", self.shape.frame)
 
     @property
@@ -48,6 +51,10 @@ class Contact(BetweenFrames, WithStates, WithSharedNumbers):
 
     def check(self) -> None:
         """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would turn."""
+        wanted = "fm.contact.PowerLaw(...) or fm.contact.Hertz(...)"
+        refuse_other(self.law, NormalLaw, f"{self.what}: its law", wanted=wanted)
+        if self.friction is not None:
+            refuse_other(self.friction, Friction, f"{self.what}: its friction", wanted="fm.contact.Friction(...)")
         if not isinstance(self.shape, (Sphere, HollowSphere)):
             refuse_turn(self.frame_F, f"{self.what}: a {type(self.shape).__name__} turns with its frame")
         if any(self.centre):

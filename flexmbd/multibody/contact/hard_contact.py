@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.contact.given_contact import refuse_wrong_arguments
 from flexmbd.multibody.contact.shapes import TouchedShape
 from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable, check_numbers
@@ -54,6 +56,7 @@ class HardContact(BetweenFrames, WithSharedNumbers):
     frame_F: Frame = field(init=False)
 
     def __post_init__(self) -> None:
+        refuse_wrong_arguments(self.shape, self.radius, self.centre)
         object.__setattr__(self, "frame_F", self.shape.frame)
 
     @property
@@ -66,6 +69,7 @@ class HardContact(BetweenFrames, WithSharedNumbers):
 
     def check(self) -> None:
         """Raise SceneError for a law that is none."""
+        refuse_other(self.law, Hard, f"{self.what}: its law", wanted="fm.contact.Hard(...)")
         self.law.check(self.what)
 
     @property

@@ -173,11 +173,17 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
 
 # without states and signals the law's numbers follow the head and their count
 _NAME = "contacts, which are stiffer than at the start"
-CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy
+_UNDEFINED = (
+    "the centre of what touches is in the middle of the shape, from where no side is nearer than the others, so that "
+    "no force has a direction: begin with them apart, or take a stiffer law if they were pressed together"
 )
+CONTACT = FrameElement(
+    Behaviour(
+        _NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True, undefined=_UNDEFINED
+    ), _wrench, _variation, _energy,
+)  # fmt: skip
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember,
-    _misplaced,
+    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True, undefined=_UNDEFINED), _wrench, _variation,
+    _energy, _remember, _misplaced,
 )  # fmt: skip

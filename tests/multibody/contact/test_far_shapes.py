@@ -1,0 +1,119 @@
+"""Shapes a thousand kilometres from their frame's origin, scenes that far from theirs: the same but for round-off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import flexmbd as fm
+from flexmbd import contact
+from flexmbd.multibody.bodies.solid import unit_ball
+from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.contact.gregory_patch import patch_foot, patch_point
+
+FAR = np.array([2.0**20, -(2.0**19), 2.0**18])  # m; sums with numbers of few digits are exact
+TURN = Rotation.from_rotvec((0.4, 0.9, -0.3)).as_matrix()
+
+
+def short(x):
+    """Rounded to what places at FAR have."""
+    return np.round(np.asarray(x) * 2.0**30) / 2.0**30
+
+
+def surface(shift, radii=(0.25, 0.2, 0.15)):
+    points, triangles = unit_ball(8, 12)
+    return contact.TriangleSurface(fm.System().ground.frame(), short(points * radii) + shift, triangles)
+
+
+def cam(shift, **given):
+    angle = 2.0 * np.pi * np.arange(24) / 24
+    reach = 0.2 + 0.05 * np.cos(angle)
+    points = np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=1)
+    return contact.Profile(fm.System().ground.frame(), short(points) + shift[:2], **given)
+
+
+def probed(shape, points):
+    found = shape._distances(np.ascontiguousarray(points), shape.table)
+    return found[:, 0], found[:, 1:]
+
+
+@pytest.mark.parametrize("build", [surface, lambda shift: cam(shift, spline=True), cam])
+def test_distances_and_normals_far_from_the_origin(build):
+    """Exactly moved, the distances are the same to round-off of the shape's own size, and so are the normals."""
+    p = short(np.random.default_rng(5).uniform(-0.4, 0.4, (300, 3)))
+    near, far = (probed(build(shift), p + shift) for shift in (np.zeros(3), FAR))
+    assert far[0] == pytest.approx(near[0], abs=1e-13)
+    clear = np.abs(near[0]) > 1e-3  # beside an edge's own place the direction has no digits
+    assert far[1][clear] == pytest.approx(near[1][clear], abs=1e-10)
+
+
+@entry_kernel
+def feet(data, points, out):
+    for k in range(points.shape[0]):
+        p = (points[k, 0], points[k, 1], points[k, 2])
+        v, w, part = patch_foot(data, 0, p, 0.3, 0.3)
+        x = patch_point(data, 0, v, w)[0]
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = v, w, part, ((x[0] - p[0]) ** 2 + (x[1] - p[1]) ** 2) ** 0.5
+
+
+@pytest.mark.parametrize("size", [1.0, 1e9])
+def test_the_foot_of_a_point_far_from_a_small_patch_is_within(size):
+    """However far above its middle a point is, where Newton's steps never become round-off of the patch's shares."""
+    ball = surface(np.zeros(3))
+    items = ball.table.values
+    control = None
+    for o in range(items.size - 89):
+        if items[o] == 1.0 and abs(np.linalg.norm(items[o + 10 : o + 13]) - 1.0) < 1e-14:
+            control, normal = items[o + 32 : o + 89].copy(), items[o + 10 : o + 13]
+            break
+    middle = control.reshape(19, 3)[[0, 4, 8]].mean(axis=0)
+    out = np.zeros((1, 4))
+    feet(control, (middle + size * normal)[None], out)
+    assert out[0, 2] == 0.0
+    assert out[0, :2] == pytest.approx([1.0 / 3.0, 1.0 / 3.0], abs=0.1)
+
+
+SHAPES = {
+    "half space": lambda frame: contact.HalfSpace(frame),
+    "sphere": lambda frame: contact.Sphere(frame, 0.5),
+    "box": lambda frame: contact.Box(frame, (1.0, 1.0, 1.0)),
+    "capsule": lambda frame: contact.Capsule(frame, 0.5, 1.0),
+    "cylinder": lambda frame: contact.Cylinder(frame, 0.5),
+    "profile": lambda frame: contact.Profile(frame, [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]),
+    "surface": lambda frame: contact.TriangleSurface.of_shape(frame, fm.Shape.box((1.0, 1.0, 1.0))),
+}
+
+
+def bounced(kind, shift, law):
+    """Where a ball ends that fell upon a shape and rolls, against ``shift``."""
+    scene = fm.System(gravity=(0.0, 0.0, -10.0))
+    body = scene.add(fm.RigidBody(1.0, (0.004, 0.004, 0.004)), name="ball")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    top = np.array([0.0, 0.0, 0.0 if kind == "half space" else 0.5])
+    turn = np.eye(3)
+    if kind in ("capsule", "cylinder", "profile"):  # their axis along y
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    free.position = (*(shift + top + (0.0, 0.0, 0.109375)), 1.0, 0.0, 0.0, 0.0)
+    free.velocity = (0.25, 0.125, 0.0, 0.0, 0.0, 0.0)
+    shape = SHAPES[kind](scene.ground.frame(tuple(shift), R=turn))
+    friction = None
+    if not isinstance(law, contact.Hard):
+        friction = contact.Friction(0.3, stiffness=1e4, damping=20.0, load=10.0)
+    options = {"rtol": 1e-8, "integrator": fm.ExplicitRungeKutta()}
+    if isinstance(law, contact.Hard):
+        options = {"h": 2.0**-10}
+    given = {} if friction is None else {"friction": friction}
+    scene.touch(shape, contact.Sphere(body.frame(), 0.1), law, **given)
+    run = scene.simulate(0.25, **options)
+    return run.position(body.frame())[-1] - shift, run.velocity(body.frame())[-1]
+
+
+@pytest.mark.parametrize("law", [contact.PowerLaw(k=1e4, restitution=0.6), contact.Hard(restitution=0.6, mu=0.3)])
+@pytest.mark.parametrize("kind", SHAPES)
+def test_a_ball_bounces_there_as_here(kind, law):
+    """To round-off of places at a thousand kilometres, 1e-10 m, as the stiffness and the impacts make it grow."""
+    here, there = bounced(kind, np.zeros(3), law), bounced(kind, FAR, law)
+    assert there[0] == pytest.approx(here[0], abs=2e-8)
+    assert there[1] == pytest.approx(here[1], abs=2e-7)
+    assert here[1][2] > 0.1  # it met the shape
