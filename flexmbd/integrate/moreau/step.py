@@ -25,6 +25,7 @@ from flexmbd.integrate.controller import Rule, next_step
 from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accelerate, accept, close_loops, move
 from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_tangent
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
@@ -238,6 +239,11 @@ def _touch(s, state, h):
     if found < 0:
         state.counts[st.OUTCOME] = st.NO_ROOM if found == TOO_SMALL else st.NOT_FINITE
         return -1.0
+    for i in range(s.watched.element.shape[0]):
+        if s.watched.gap[i] != s.watched.gap[i]:
+            plan.flag[0] = kinds.FLAG_ELEMENT + s.watched.number[i]
+            state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+            return -1.0
     forward_kinematics(plan, work, s.x, s.free, m.aw.zeros)
     weight = load3(plan.gravity, 0)
     kick = foresee(plan, work, s.watched) + h * math.sqrt(dot3(weight, weight))

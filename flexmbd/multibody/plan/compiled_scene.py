@@ -330,7 +330,7 @@ def build(
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = [rigid_row(branch.outer.body) for branch in topology.branches]
-    reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces))
+    reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces, gravity))
     extent = max([beams, *(one.size for one in reach)]) or 1.0
     b = Numbering(ground, extent, Callbacks(team))
     for branch, mass in zip(topology.branches, masses, strict=True):

@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.contact.contact_law import (
 from flexmbd.multibody.kernels.contact.normal_force import CENTRE, DISSIPATION
 from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
 from flexmbd.multibody.kernels.elements.element import Behaviour, FloatArray, FrameElement, Stiffness
+from flexmbd.multibody.kernels.elements.hard_element import CENTRED
 
 HEAD = 3  #: Numbers before the scales.
 _WRENCH = 6
@@ -173,17 +174,13 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
 
 # without states and signals the law's numbers follow the head and their count
 _NAME = "contacts, which are stiffer than at the start"
-_UNDEFINED = (
-    "the centre of what touches is in the middle of the shape, from where no side is nearer than the others, so that "
-    "no force has a direction: begin with them apart, or take a stiffer law if they were pressed together"
-)
 CONTACT = FrameElement(
     Behaviour(
-        _NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True, undefined=_UNDEFINED
+        _NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True, undefined=CENTRED
     ), _wrench, _variation, _energy,
 )  # fmt: skip
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True, undefined=_UNDEFINED), _wrench, _variation,
+    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True, undefined=CENTRED), _wrench, _variation,
     _energy, _remember, _misplaced,
 )  # fmt: skip
