@@ -265,7 +265,7 @@ def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> 
 
 def _rubs(scene: CompiledScene) -> str:
     """Of contacts with friction, that it is none of an equilibrium's forces; nothing without any."""
-    rough = [scene.element_names[k] for k in element_numbers(scene.plan, rough_contacts(scene.plan))]
+    rough = [scene.element_names[k] for k in element_numbers(scene.plan, [*rough_contacts(scene.plan)])]
     if not rough:
         return "; hold it by a joint, a spring or a stop"
     return (

@@ -251,7 +251,8 @@ class ForceSeries(MotionSeries):
         """
         times = self._instants(t)
         rows = np.clip(np.searchsorted(self.t, times), 0, len(self.t) - 1)
-        found = [(np.zeros((len(times), 0, 3)),) * 2]
+        nothing: FloatArray = np.zeros((len(times), 0, 3))
+        found: list[tuple[FloatArray, FloatArray]] = [(nothing, nothing)]
         for one in touching if isinstance(touching, Sequence) else [touching]:
             (series,) = self.contacts(one, t=None if isinstance(one, HardGroup) else times)
             if isinstance(series, HardGroupSeries):

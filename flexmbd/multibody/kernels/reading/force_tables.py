@@ -127,7 +127,7 @@ def element_numbers(plan: Plan, rows: Sequence[int]) -> IntArray:
 
 def undefined_forces(plan: Plan) -> dict[int, str]:
     """What it means where an element gives no finite number, by its number in the scene; not of users' functions."""
-    told = zip(plan.elements[:, at.EL_NUMBER].tolist(), behaviours(plan), strict=True)
+    told = zip(map(int, plan.elements[:, at.EL_NUMBER]), behaviours(plan), strict=True)
     return {number: one.undefined for number, one in told if one.undefined}
 
 
