@@ -16,7 +16,7 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work, open_horizon
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
@@ -102,7 +102,9 @@ class Integration:
         refuse_other_memory(self._own, at.memory, method=method.name)
         recall(self._own, at.memory)
         self._stepper.drop_factors()
-        if self.state.counts[st.STEPS] == 0:
+        if self.state.counts[st.STEPS] > 0:
+            scene.plan.horizon[:] = open_horizon()  # the start's bounds no step of a restart
+        else:
             evaluate_inputs(scene, self.work, self.t)
             self._begin()
             on_every_rank(team, self._stepper.refuse_step)

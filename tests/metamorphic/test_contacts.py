@@ -30,6 +30,8 @@ METHODS = {
     "Dormand-Prince 8": (fm.ExplicitRungeKutta(fm.Pair.DORMAND_PRINCE_8), 1e-7),
     "Radau": (fm.RadauIIA(), 1e-6),
     "generalized-alpha": (fm.GeneralizedAlpha(), 1e-4),
+    "Dormand-Prince 5": (fm.ExplicitRungeKutta(), 1e-6),
+    "energy-momentum": (fm.EnergyMomentum(), 1e-4),
 }
 
 

@@ -73,7 +73,7 @@ def test_points_of_a_group_come_and_go():
     shapes = [contact.Box(body.frame(), (0.5, 0.5, 0.5)) for body in bodies]
     (group,) = scene.touch(shapes, contact.HalfSpace(scene.ground.frame()), contact.Hard())
     run = scene.simulate(0.4, h=1e-2)
-    places, forces = run.contact_forces(group, t=[0.1, 0.4])
+    _, forces = run.contact_forces(group, t=[0.1, 0.4])
     assert forces.shape == (2, 8, 3)
     assert forces.sum(axis=1)[:, 2] == pytest.approx([10.0, 20.0], rel=1e-4)
     assert (np.linalg.norm(forces, axis=2) > 0.0).sum(axis=1).tolist() == [4, 8]

@@ -277,7 +277,7 @@ def test_a_lone_point_takes_the_same_steps_in_all_units_and_wherever_it_is(unit,
         point = scene.add(fm.PointMass(1.0), name="point")
         fly = scene.connect(fm.joint.Translation(), scene.ground.frame(tuple(length * p)), point.frame())
         fly.position, fly.velocity = (0.0, 0.0, 1e-6 * length), (2.0 * length, 0.0, 1.0 * length)
-        floor = contact.HalfSpace(scene.ground.frame(tuple(length * (p + (x, 0.0, 0.0)))))
+        floor = contact.HalfSpace(scene.ground.frame(tuple(length * (p + np.array([x, 0.0, 0.0])))))
         law = contact.PowerLaw(k=1e4, restitution=0.5, speed=0.1 * length)
         scene.touch(floor, contact.Vertex(point.frame()), law)
         run = scene.simulate(1.0, rtol=1e-6, integrator=fm.ExplicitRungeKutta())

@@ -122,3 +122,21 @@ def test_a_hard_contact_varies():
     assert np.abs(energy / energy[0] - 1.0).max() < 1e-11
     with pytest.raises(SceneError, match="its law must be"):
         machine.simulate(0.2, h=1e-3, law=LAW)
+
+
+@pytest.mark.parametrize("method", [fm.ExplicitRungeKutta(), fm.RadauIIA(), fm.EnergyMomentum()])
+def test_what_is_asked_of_a_run_leaves_the_next_one_as_it_is(method):
+    """The force of a contact just before it touches a thin plate, which bounds the steps there."""
+    scene = fm.System(gravity=(0.0, 0.0, -10.0))
+    body = scene.add(fm.RigidBody(1.0, (0.004, 0.004, 0.004)), name="ball")
+    scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame()).position = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+    plate = contact.Box(scene.ground.frame(), (1.0, 1.0, 1e-6))
+    pair = scene.touch(plate, contact.Sphere(body.frame(), 1e-3), contact.PowerLaw(k=1e9))
+    machine = scene.compile()
+    first = machine.simulate(t_end=0.5, rtol=1e-4, integrator=method)
+    t = first.t[np.argmax(first.contacts(pair)[0].gap < 0.0)]
+    for _ in range(2):
+        first.contacts(pair, t=np.linspace(0.9 * t, 0.9999999 * t, 50))
+        again = machine.simulate(t_end=0.5, rtol=1e-4, integrator=method)
+        np.testing.assert_array_equal(again.t, first.t)
+        np.testing.assert_array_equal(again.v, first.v)
