@@ -102,12 +102,7 @@ class Integration:
         refuse_other_memory(self._own, at.memory, method=method.name)
         recall(self._own, at.memory)
         self._stepper.drop_factors()
-        if self.state.counts[st.STEPS] > 0:
-            scene.plan.horizon[:] = open_horizon()  # the start's bounds no step of a restart
-        else:
-            evaluate_inputs(scene, self.work, self.t)
-            self._begin()
-            on_every_rank(team, self._stepper.refuse_step)
+        self._set_out()
         declared = scene.declared_breaks()
         number = self.state.numbers
         h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
@@ -125,6 +120,15 @@ class Integration:
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
         self.keep_state()
+
+    def _set_out(self) -> None:
+        """Let the method begin, or go on: then what was about to touch at the start bounds no step."""
+        if self.state.counts[st.STEPS] > 0:
+            self.scene.plan.horizon[:] = open_horizon()
+            return
+        evaluate_inputs(self.scene, self.work, self.t)
+        self._begin()
+        on_every_rank(self._team, self._stepper.refuse_step)
 
     @property
     def t(self) -> float:

@@ -15,7 +15,7 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.camera import Camera, frame_all, oblique, viewing_axes
-from flexmbd.visual.force_arrows import ForceArrows, ForcesAt
+from flexmbd.visual.force_arrows import ForceArrows, ForcesAt, forces_at
 from flexmbd.visual.library import load
 from flexmbd.visual.palette import GROUND, body_colours
 from flexmbd.visual.part import Part, RigidPart, placed, reach
@@ -132,6 +132,7 @@ def drawn_scene(
         PictureError: a bad choice.
     """
     refuse_bad_look(amplification=amplification)
+    acting = None if forces is None else forces_at(forces, times)
     refuse_unknown(looks or {}, recordings)
     bones = skeleton(motion, times)
     colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
@@ -151,8 +152,8 @@ def drawn_scene(
         )
     shown = [body for part in parts for body in part.covers]
     parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
-    if forces is not None:
-        parts += _arrows(*forces(times), places)
+    if acting is not None:
+        parts += _arrows(*acting, places)
     notes = _with_reasons(notes, [name for name, body in motion.bodies.items() if _lacks_surface(body, shown)])
     bare = {body.name for body in valued}
     legend = {name: BARE if name in bare else _own_colour(motion, name) or colours[name] for name in motion.bodies}

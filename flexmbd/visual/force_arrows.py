@@ -10,6 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.errors import PictureError
+from flexmbd.given import numbers, shown
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.visual.part import bounds_of, pose_matrix
 
@@ -19,10 +21,29 @@ IntArray = NDArray[np.int64]
 #: Of times (nt,) s the places (nt, n, 3) m at which forces act, and the forces (nt, n, 3) N, in inertial axes.
 ForcesAt: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
-_SIDES = 10
+_SIDES = 10  # of an arrow's round parts
 _HEAD = 0.35  # of its length
 _THICKNESS = 0.12  # of its length, at most; of the head's radius the share that is the shaft's
 _SHAFT = 0.45
+
+
+def forces_at(forces: ForcesAt, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places (nt, n, 3) m and forces (nt, n, 3) N at times (nt,) s.
+
+    Raises:
+        PictureError: it is no function, or gives something else.
+    """
+    if isinstance(forces, type) or not callable(forces):
+        raise PictureError(f"forces must be a function of times (k,) s, as contacts= makes it, got {shown(forces)}")
+    found = forces(times)
+    parts = [numbers(one) for one in found] if isinstance(found, tuple | list) else []
+    shapes = [one.shape for one in parts]
+    if len(parts) != 2 or shapes[0] != shapes[1] or shapes[0] != (len(times), *shapes[0][1:2], 3):
+        raise PictureError(
+            f"forces must give places (m) and forces (N), each ({len(times)}, n, 3) at {len(times)} times, got "
+            f"{shapes or shown(found)}"
+        )
+    return parts[0], parts[1]
 
 
 @dataclass(frozen=True, eq=False)

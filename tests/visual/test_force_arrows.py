@@ -8,6 +8,7 @@ import pytest
 import flexmbd as fm
 from flexmbd import contact
 from flexmbd.errors import PictureError, SceneError
+from flexmbd.visual import show as show_machine
 from flexmbd.visual.drawn_scene import drawn_scene
 from flexmbd.visual.part import placed, reach
 
@@ -96,6 +97,9 @@ def test_pictures_and_films_have_them(tmp_path):
     assert (tmp_path / "bare.png").read_bytes() != (tmp_path / "arrows.png").read_bytes()
     run.animate(tmp_path / "arrows.gif", fps=2, slow_motion=10.0, size=SMALL, contacts=pairs)
     assert (tmp_path / "arrows.gif").stat().st_size > 0
+    for given in (3.0, lambda t: 3.0, lambda t: (np.zeros((1, 3)), np.zeros((1, 3))), lambda t: [np.zeros((1, 2, 3))]):
+        with pytest.raises(PictureError, match="forces must"):
+            show_machine(run, path=tmp_path / "no.png", forces=given)
     for given in ([3.0], 3.0, "ab"):
         with pytest.raises(SceneError, match="contacts must be a list"):
             run.show(path=tmp_path / "no.png", contacts=given)

@@ -237,7 +237,7 @@ class ForceSeries(MotionSeries):
     @checked("t")
     def contact_forces(
         self,
-        touching: AnyContact | Sequence[AnyContact],
+        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
         *,
         t: ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
