@@ -259,9 +259,9 @@ class _Curve(_Piece):
 
     def numbers(self) -> FloatArray:
         """As ``kernels.contact.planar_profile`` has them."""
-        a, b, c, d = self.control - self.start
+        a, b, c, d = self.control
         quartic = np.array([a, (a + 3.0 * b) / 4.0, (b + c) / 2.0, (3.0 * c + d) / 4.0, d])
-        return np.concatenate([self.start, np.hstack([quartic, np.zeros((5, 1))]).ravel()])
+        return np.hstack([quartic, np.zeros((5, 1))]).ravel()
 
     def reversed(self) -> _Curve:
         """The other way."""

@@ -6,7 +6,7 @@ start and one at its end (2, 2), each the sum of the two pieces' unit normals th
     LINE   start (2), unit tangent (2), length
     ARC    centre (2), radius, angle of its middle, half the angle that it sweeps, 1 anticlockwise or -1,
            start (2), end (2)
-    CURVE  start (2), and from there five control points (3) of a quartic Bezier curve (``curve``), z = 0
+    CURVE  five control points (3) of a quartic Bezier curve (``curve``), z = 0
 
 in m and rad.  What is nearest to a corner is signed by the normal there (Baerentzen & Aanaes 2005).
 """
@@ -53,12 +53,12 @@ def _arc_foot(data, o, x, y):
 
 @kernel
 def _curve_foot(data, o, x, y):
-    t = curve_foot(data, o + 2, (x - data[o], y - data[o + 1], 0.0))
-    point, first, second = curve_point(data, o + 2, t)
+    t = curve_foot(data, o, (x, y, 0.0))
+    point, first, second = curve_point(data, o, t)
     speed = math.sqrt(first[0] * first[0] + first[1] * first[1])
     bend = (first[0] * second[1] - first[1] * second[0]) / (speed * speed * speed)
     side = _AT_START if t == 0.0 else (_AT_END if t == 1.0 else _WITHIN)
-    return side, data[o] + point[0], data[o + 1] + point[1], first[1] / speed, -first[0] / speed, bend
+    return side, point[0], point[1], first[1] / speed, -first[0] / speed, bend
 
 
 @kernel
