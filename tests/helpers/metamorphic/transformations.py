@@ -194,13 +194,14 @@ def flying(machine):
 
 
 def rooted_elsewhere(draw, machine):
-    """A machine that is `flying`, its free joint on any other part that hangs on the first one, or another place."""
+    """A machine that is `flying`, its free joint on another part whose coordinates lead to the first one, or place."""
     first, *others = machine.links
     near = {first.child.part}
     for _ in others:
         for link in others:
             ends = {link.parent.part, link.child.part}
-            if "ground" not in ends and ends & near:
+            carries = link.joint.reversible and not link.name.startswith("loop")
+            if carries and "ground" not in ends and ends & near:
                 near |= ends
     chosen = draw(st.sampled_from(sorted(near, key=lambda name: (name == first.child.part, name))))
     parent, child = Mark("ground", draw(point), draw(rotation)), Mark(chosen, draw(point), draw(rotation))
