@@ -30,7 +30,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
 from flexmbd.multibody.kernels.forward_dynamics.articulated import solve_mass
-from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, normal_at, velocity_at
+from flexmbd.multibody.kernels.impulses.contact_rows import Contacts, enter, is_held, normal_at, velocity_at
 from flexmbd.multibody.kernels.impulses.free_spins import FreeSpins, to_end, to_middle, without_gyration
 from flexmbd.multibody.kernels.impulses.gauss_seidel import solve_impulses, solve_positions
 from flexmbd.multibody.kernels.impulses.group_points import ShapeGroups
@@ -252,9 +252,16 @@ def _touch(s, state, h):
     if n == 0:
         return kick
     _invert(plan, work, m.aw, m.loops, s.parts)
-    for i in range(n):
+    listed, n = n, 0
+    for i in range(listed):
         k = c.watched[i]
-        enter(plan, work, s.parts, c, i, s.watched.frames[k], s.watched.point[k], s.watched.normal[k])
+        enter(plan, work, s.parts, c, n, s.watched.frames[k], s.watched.point[k], s.watched.normal[k])
+        if is_held(c, n):
+            continue
+        c.watched[n], c.bound[n], c.friction[n] = k, c.bound[i], c.friction[i]
+        n += 1
+    c.count[0] = n
+    for i in range(n):
         if c.friction[i] > 0.0 and _is_painleve(s, state, i, 2.0 * kick):
             return -1.0
         _begin(s, i)

@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.impulses.parts import size_of
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame, propagate_wrench
+from flexmbd.round_off import EQUAL
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -172,6 +173,16 @@ def enter(plan, work, parts, contacts, i, frames, point, normal):
             for k in range(size):
                 total += contacts.jacobian[first + r * size + k] * contacts.response[first + s * size + k]
             contacts.own[i, 3 * r + s] = total
+
+
+@kernel
+def is_held(contacts, i):
+    """Whether joints let nothing move along the normal of contact i, beside its tangents: then no impulse acts.
+
+    What is left of the mobility is the square of round-off.
+    """
+    normal = contacts.own[i, 0]
+    return normal <= EQUAL * EQUAL * (normal + contacts.own[i, 4] + contacts.own[i, 8])
 
 
 @kernel
