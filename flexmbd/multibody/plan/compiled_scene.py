@@ -195,8 +195,8 @@ class CompiledScene:
 
     def failure(self, work: Work) -> tuple[str, BaseException] | None:
         """The failure of a user's function in an evaluation, in words, and its error; None if there was none."""
-        t = float(work.time[-1, 0])
-        return self.callbacks.failure(t, self.element_names, self.time_names, undefined_forces(self.plan))
+        undefined, t = undefined_forces(self.plan), float(work.time[-1, 0])
+        return self.callbacks.failure(t, self.element_names, self.time_names, undefined)
 
     def digest(self, *, functions: bool = True) -> str:
         """Tells compiled scenes of other numbers, other structure or other ``functions`` of the user apart.
@@ -279,10 +279,7 @@ def _compiled_anew(
     kept: tuple[IdentityMap[object, Any], IdentityMap[object, StatePlaces]],
     breaks: tuple[FloatArray, ...],
 ) -> CompiledScene:
-    """A scene of these parts with the numbers that it had and the addresses that its functions have now.
-
-    ``kept``: of its index the substitutes and the places of states.
-    """
+    """A scene of these parts with its numbers, its index' substitutes and states, and its functions' addresses now."""
     substitutes, states = kept
     whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team, parts.varied)
     if whole.velocity_names != numbers["velocity_names"] or len(whole.addresses) != len(addresses):
