@@ -31,6 +31,7 @@ from flexmbd.multibody.contact.shapes import Sphere as Sphere
 from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
 from flexmbd.multibody.contact.shapes import TouchShape as TouchShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
+from flexmbd.multibody.contact.touch import AnyContact as AnyContact
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface as TriangleSurface
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries

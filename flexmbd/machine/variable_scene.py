@@ -15,7 +15,7 @@ from flexmbd.errors import SceneError, StartWarning, warn
 from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.joint.connection import Connection
-from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.base.arrays import Work, new_work, open_horizon
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
@@ -129,6 +129,7 @@ class VariableScene:
         if self.team.is_root:
             announce_compilation(STARTING)
         work = new_work(scene.plan)
+        scene.plan.horizon[:] = open_horizon()  # whatever was asked of the machine before
         evaluate_inputs(scene, work, t)
         start, v, held = self._found_start(scene, work, t, about)
         mark_compiled(STARTING)

@@ -238,7 +238,12 @@ class SceneIndex:
         """
         found = self.states.get(states)
         if found is None:
-            raise SceneError(f"{getattr(states, 'what', repr(states))} are not in this scene: scene.add_states(...)")
+            what = getattr(states, "what", repr(states))
+            if states in self.forces:
+                raise SceneError(
+                    f"{what} has no states: a contact has them with friction alone, friction=fm.contact.Friction(...)"
+                )
+            raise SceneError(f"{what} are not in this scene: scene.add_states(...)")
         return found
 
     def is_modal(self, k: int) -> bool:

@@ -16,7 +16,7 @@ from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.functions.breaks import find_breaks
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
-from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.arrays import new_work, open_horizon
 from flexmbd.multibody.kernels.forward_dynamics.articulated import forward_dynamics
 from flexmbd.multibody.kernels.forward_dynamics.articulated_layout import new_articulated_work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
@@ -102,10 +102,7 @@ class Integration:
         refuse_other_memory(self._own, at.memory, method=method.name)
         recall(self._own, at.memory)
         self._stepper.drop_factors()
-        if self.state.counts[st.STEPS] == 0:
-            evaluate_inputs(scene, self.work, self.t)
-            self._begin()
-            on_every_rank(team, self._stepper.refuse_step)
+        self._set_out()
         declared = scene.declared_breaks()
         number = self.state.numbers
         h = float(number[st.STEP]) if self.state.counts[st.FIXED_STEP] == 1 else None
@@ -123,6 +120,15 @@ class Integration:
         self.departures: list[Departure] = []
         self._departed: list[Departure] = []
         self.keep_state()
+
+    def _set_out(self) -> None:
+        """Let the method begin, or go on: then what was about to touch at the start bounds no step."""
+        if self.state.counts[st.STEPS] > 0:
+            self.scene.plan.horizon[:] = open_horizon()
+            return
+        evaluate_inputs(self.scene, self.work, self.t)
+        self._begin()
+        on_every_rank(self._team, self._stepper.refuse_step)
 
     @property
     def t(self) -> float:

@@ -16,6 +16,7 @@ from flexmbd.files.tree_file import is_kind
 from flexmbd.given import checked, is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import WithStates
 from flexmbd.multibody.force.states import States
@@ -303,11 +304,13 @@ class Trajectory(ForceSeries):
         looks: Mapping[ContinuumBody, Look] | None = None,
         view: ArrayLike | None = None,
         frames: bool = False,
+        contacts: Sequence[AnyContact] = (),
         progress: bool = False,
     ) -> Path:
         """Film the machine off-screen to .mp4 or .gif; bodies with history as they were recorded.
 
-        See ``flexmbd.visual.animate`` for the arguments and the errors.
+        ``contacts``, as ``System.touch`` gave them, have arrows of their forces.  See ``flexmbd.visual.animate`` for
+        the other arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -324,10 +327,11 @@ class Trajectory(ForceSeries):
             looks=looks,
             view=view,
             frames=frames,
+            forces=self._forces_of(contacts),
             progress=progress,
         )
 
-    @checked("models", "looks", "frames")
+    @checked("models", "looks", "frames", "contacts")
     def show(
         self,
         *,
@@ -339,10 +343,11 @@ class Trajectory(ForceSeries):
         looks: Mapping[ContinuumBody, Look] | None = None,
         view: ArrayLike | None = None,
         frames: bool = False,
+        contacts: Sequence[AnyContact] = (),
     ) -> Path | None:
         """Show the machine in a window or a notebook, over all times or at ``t`` (s); or write it to ``path``, a .png.
 
-        See ``flexmbd.visual.show`` for the arguments and the errors.
+        ``contacts`` as of ``animate``.  See ``flexmbd.visual.show`` for the other arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -357,6 +362,7 @@ class Trajectory(ForceSeries):
             looks=looks,
             view=view,
             frames=frames,
+            forces=self._forces_of(contacts),
         )
 
     def to_pyvista(self, t: float, *, amplification: float = 1.0) -> Any:

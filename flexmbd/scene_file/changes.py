@@ -12,7 +12,7 @@ from flexmbd.toml_file import TomlSection, toml_path
 
 _PLURALS = {
     "bodies": "body", "joints": "joint", "forces": "force", "couplings": "coupling", "events": "event",
-    "controllers": "controller",
+    "controllers": "controller", "touches": "touch",
 }  # fmt: skip
 
 

@@ -1,4 +1,7 @@
-"""The kinds of joints, forces, couplings and integrators that a scene file may name, and the keys of each."""
+"""The kinds of joints, forces, couplings and integrators that a scene file may name, and the keys of each.
+
+Those of shapes that touch and of the laws of contacts are in `touching`.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from flexmbd.integrate.alpha.generalized_alpha import GeneralizedAlpha
 from flexmbd.integrate.discrete_gradient.energy_momentum import EnergyMomentum
 from flexmbd.integrate.explicit.central_difference import CentralDifference
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
+from flexmbd.integrate.moreau.moreau_jean import MoreauJean
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.scene_file import values as v
@@ -34,10 +38,29 @@ class Key:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of joint, force or coupling: its class, a frozen dataclass, and its keys."""
+    """A kind of joint, force, coupling, shape or law.
+
+    Attributes:
+        make: its class.
+        keys: that its table may have.
+        needs: those that it must have; None: those whose arguments have no default in the class, a frozen dataclass.
+    """
 
     make: Callable[..., Any]
     keys: Mapping[str, Key]
+    needs: tuple[str, ...] | None = None
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Keys that its table must have."""
+        if self.needs is not None:
+            return self.needs
+        called = {one.argument or key: key for key, one in self.keys.items()}
+        return tuple(
+            called.get(field.name, field.name)
+            for field in dataclasses.fields(self.make)  # type: ignore[arg-type]
+            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        )
 
 
 def _kind(make: Callable[..., Any], **keys: Callable[[TomlSection, str, Names], object] | Key) -> Kind:
@@ -142,6 +165,7 @@ INTEGRATORS: dict[str, Callable[[], Integrator]] = {
     "explicit_runge_kutta": ExplicitRungeKutta,
     "central_difference": CentralDifference,
     "energy_momentum": EnergyMomentum,
+    "moreau_jean": MoreauJean,
 }
 
 
@@ -160,14 +184,14 @@ def read_kind(section: TomlSection, kinds: Mapping[str, Kind], names: Names, *, 
     name = section.text("kind")
     if name not in kinds:
         section.fail("kind", f"{name!r} is not known; {nearest(name, kinds)}")
-    keys = kinds[name].keys
-    section.allow(("kind", *also, *keys))
-    for field in dataclasses.fields(kinds[name].make):  # type: ignore[arg-type]
-        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        called = next((key for key, one in keys.items() if (one.argument or key) == field.name), field.name)
-        if needed and called not in section.values:
-            section.fail("", f"has no {called!r}, which a {name} needs")
-    arguments = {
-        one.argument or key: one.read(section, key, names) for key, one in keys.items() if section.has(key)
-    }
-    return name, arguments
+    section.allow(("kind", *also, *kinds[name].keys))
+    return name, read_arguments(section, kinds[name], name, names)
+
+
+def read_arguments(section: TomlSection, kind: Kind, name: str, names: Names) -> dict[str, object]:
+    """The arguments of a kind in a table, by the names of its class."""
+    for key in kind.needed:
+        if not section.has(key):
+            section.fail("", f"has no {key!r}, which a {name} needs")
+    keys = kind.keys.items()
+    return {one.argument or key: one.read(section, key, names) for key, one in keys if section.has(key)}

@@ -27,11 +27,13 @@ from flexmbd.scene_file.scene_description import (
     ShapeEntry,
 )
 from flexmbd.scene_file.shapes import read_shapes
+from flexmbd.scene_file.touching import read_touch
 from flexmbd.scene_file.values import Names, nearest
 from flexmbd.toml_file import TomlSection, read_toml
 
 _TABLES = (
-    "gravity", "ground", "body", "joint", "force", "coupling", "event", "controller", "states", "simulate", "output",
+    "gravity", "ground", "body", "joint", "force", "coupling", "touch", "event", "controller", "states", "simulate",
+    "output",
 )  # fmt: skip
 _JOINT_KEYS = ("name", "parent", "child", "at", "position", "velocity", "motion")
 _POSE_KEYS = ("p", "R")
@@ -70,6 +72,11 @@ def read_scene(path: str | Path, *, changes: Mapping[str, object] | None = None)
         if [one.name for one in joints].count(joint.name) > 1:
             section.fail("name", f"{joint.name!r} is taken; give the joint a name of its own")
     names = Names(names.bodies, tuple(joint.name for joint in joints))
+    touches = tuple(read_touch(one, names, folder) for one in top.tables("touch"))
+    called = tuple(touch.name for touch in touches)
+    for section, touch in zip(top.tables("touch"), touches, strict=True):
+        if called.count(touch.name) > 1:
+            section.fail("name", f"{touch.name!r} is taken; give the contact a name of its own")
     run = _run(top.table("simulate"))
     output = top.table("output") if top.has("output") else TomlSection({}, "output", top.file, top.kind)
     return SceneFile(
@@ -81,10 +88,11 @@ def read_scene(path: str | Path, *, changes: Mapping[str, object] | None = None)
         tuple(Element(one.place, *read_kind(one, COUPLINGS, names)) for one in top.tables("coupling")),
         tuple(read_event(one, names) for one in top.tables("event")),
         run,
-        _output(output, names, run),
+        _output(output, names, run, called),
         _ground(top, folder),
         tuple(read_controller(one, names) for one in top.tables("controller")),
         tuple(read_states(one, names) for one in top.tables("states")),
+        touches,
     )
 
 
@@ -184,8 +192,8 @@ def _run(section: TomlSection) -> RunEntry:
     )
 
 
-def _output(section: TomlSection, names: Names, run: RunEntry) -> OutputEntry:
-    section.allow(("every", "joints", *FRAME_SERIES, "modal", "reactions", "energies", "formats", "film"))
+def _output(section: TomlSection, names: Names, run: RunEntry, touches: tuple[str, ...]) -> OutputEntry:
+    section.allow(("every", "joints", *FRAME_SERIES, "modal", "reactions", "contacts", "energies", "formats", "film"))
     every = section.number("every") if section.has("every") else None
     if every is not None and every <= 0.0:
         section.fail("every", f"must be above 0 s, got {every:g}")
@@ -194,6 +202,10 @@ def _output(section: TomlSection, names: Names, run: RunEntry) -> OutputEntry:
     reactions = v.joints(section, "reactions", names) if section.has("reactions") else ()
     if reactions and every is not None:
         section.fail("reactions", "are known at the ends of the steps alone; leave out 'every'")
+    contacts = section.texts("contacts") if section.has("contacts") else ()
+    for one in contacts:
+        if one not in touches:
+            section.fail("contacts", f"there is no [[touch]] named {one!r}; {nearest(one, touches)}")
     formats = section.texts("formats") if section.has("formats") else ("csv",)
     for one in formats:
         if one not in _FORMATS:
@@ -210,4 +222,5 @@ def _output(section: TomlSection, names: Names, run: RunEntry) -> OutputEntry:
         section.flag("energies") if section.has("energies") else True,
         formats,
         film,
+        contacts,
     )

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.force import PlasticJointSpring, PlasticSpring
 from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.run.series import columns as table
-from flexmbd.run.series.columns import ResultColumns
+from flexmbd.run.series.columns import Answers, ResultColumns
 from flexmbd.run.trajectory import Trajectory
 from flexmbd.scene_file.scene_builder import Built
 from flexmbd.scene_file.scene_description import OutputEntry
+
+FloatArray = NDArray[np.float64]
 
 
 def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]:
@@ -27,6 +34,7 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]
         *_of_frames(built, output),
         *_of_modes(built, output),
         *(table.reaction_columns(built.joints[name.name]) for name in output.reactions),
+        *_of_contacts(built, output),
         *_of_memories(built),
         *_of_states(built),
         *([table.energy_columns()] if output.energies else []),
@@ -76,6 +84,31 @@ def _of_modes(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
         body = built.bodies[name.name]
         if isinstance(body, FlexibleBody):
             yield table.modal_columns(body)
+
+
+def _of_contacts(built: Built, output: OutputEntry) -> Iterator[ResultColumns]:
+    """Of the contacts of tables [[touch]]; of several each has its number."""
+    for name in output.contacts:
+        contacts = built.touches[name]
+        for k, contact in enumerate(contacts):
+            yield _contact_columns(name if len(contacts) == 1 else f"{name} {k + 1}", contact)
+
+
+def _contact_columns(label: str, contact: AnyContact) -> ResultColumns:
+    """Gap, normal force and the force on the sphere, or on the point.
+
+    Raises:
+        SceneError: a group of hard contacts.
+    """
+    if isinstance(contact, HardGroup):
+        raise SceneError(f"{contact.what}: its points come and go, and fill no columns; ask run.contacts for them")
+
+    def values(run: Answers, t: FloatArray | None) -> FloatArray:
+        (found,) = run.contacts(contact, t=t)
+        return np.column_stack([found.gap, found.normal_force, found.force])
+
+    names = tuple(f"{label}.{ending}" for ending in ("gap", "normal_force", "fx", "fy", "fz"))
+    return ResultColumns(names, ("m", "N", "N", "N", "N"), values)
 
 
 def _of_memories(built: Built) -> Iterator[ResultColumns]:

@@ -16,6 +16,8 @@ from flexmbd.force import Force
 from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.point_mass import PointMass
+from flexmbd.multibody.contact.contact_laws import Friction
+from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.time_function import Piecewise
@@ -40,8 +42,10 @@ from flexmbd.scene_file.scene_description import (
     ShapedEntry,
     SignalName,
     StatesEntry,
+    TouchEntry,
 )
 from flexmbd.scene_file.shapes import make_shape
+from flexmbd.scene_file.touching import LAWS, SHAPES
 from flexmbd.scene_file.values import nearest
 
 
@@ -57,6 +61,7 @@ class Built:
         events: to look for while it moves, in the file's order.
         signals: by their names.
         states: the state equations, by their names.
+        touches: the contacts of each [[touch]], by its name.
     """
 
     system: System
@@ -66,6 +71,7 @@ class Built:
     events: list[Event] = field(default_factory=list, init=False)
     signals: dict[str, Signal] = field(default_factory=dict, init=False)
     states: dict[str, States] = field(default_factory=dict, init=False)
+    touches: dict[str, tuple[AnyContact, ...]] = field(default_factory=dict, init=False)
     _files: PythonFiles = field(default_factory=lambda: PythonFiles(SceneError), init=False)
 
     def frame(self, place: FramePlace) -> Frame:
@@ -150,6 +156,9 @@ def build(scene: SceneFile) -> Built:
     for element in scene.couplings:
         with _at(scene, element.place, element.kind):
             system.couple(COUPLINGS[element.kind].make(**_resolved(built, element.arguments)))
+    for touch in scene.touches:
+        with _at(scene, touch.place, touch.name):
+            built.touches[touch.name] = _touch(built, touch)
     for equations in scene.states:
         with _at(scene, equations.place, equations.name):
             built.states[equations.name] = _add_states(built, equations)
@@ -160,6 +169,29 @@ def build(scene: SceneFile) -> Built:
         with _at(scene, entry.place, entry.name):
             _add_controller(built, entry)
     return built
+
+
+def _touch(built: Built, entry: TouchEntry) -> tuple[AnyContact, ...]:
+    """Let shapes touch.
+
+    Raises:
+        SceneError: a shape, the law or friction is none, or as ``System.touch``; the message has the table.
+    """
+    one = [_told_from(shape.place, SHAPES[shape.kind].make, built, shape.arguments) for shape in entry.one]
+    other = one if entry.other is None else [
+        _told_from(shape.place, SHAPES[shape.kind].make, built, shape.arguments) for shape in entry.other
+    ]  # fmt: skip
+    law = _told_from(entry.law.place, LAWS[entry.law.kind].make, built, entry.law.arguments)
+    friction = None if entry.friction is None else Friction(**_resolved(built, entry.friction))
+    return built.system.touch(one, other, law, friction=friction)
+
+
+def _told_from(place: str, make: Callable[..., Any], built: Built, arguments: Mapping[str, object]) -> Any:
+    """What a table makes; errors say which."""
+    try:
+        return make(**_resolved(built, arguments))
+    except FlexmbdError as reason:
+        raise SceneError(f"{place}: {reason}") from reason
 
 
 def _event(built: Built, entry: EventEntry) -> Event:

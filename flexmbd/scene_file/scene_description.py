@@ -231,11 +231,31 @@ class StatesEntry:
 
 @dataclass(frozen=True)
 class Element:
-    """A force element or a coupling of joints: its kind's arguments, by the names that their class has."""
+    """A force element, a coupling, a shape that touches or a law: its kind's arguments by the names of their class."""
 
     place: str
     kind: str
     arguments: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class TouchEntry:
+    """Shapes that touch: one, or each of a list, another one or each of another list.
+
+    Attributes:
+        name: by which results call its contacts.
+        place: in the file.
+        one, other: shapes; without ``other`` the list touches within itself.
+        law: of the contact.
+        friction: its arguments; None: smooth.
+    """
+
+    name: str
+    place: str
+    one: tuple[Element, ...]
+    other: tuple[Element, ...] | None
+    law: Element
+    friction: Mapping[str, object] | None
 
 
 @dataclass(frozen=True)
@@ -266,6 +286,7 @@ class OutputEntry:
     energies: bool
     formats: tuple[str, ...]
     film: str | None
+    contacts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -284,3 +305,4 @@ class SceneFile:
     floor: tuple[ShapeEntry, ...] = ()
     controllers: tuple[ControllerEntry, ...] = ()
     states: tuple[StatesEntry, ...] = ()
+    touches: tuple[TouchEntry, ...] = ()

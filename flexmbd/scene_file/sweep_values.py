@@ -19,7 +19,7 @@ _MOST = 10**7  # variants
 _UNITS = {
     "mass": "kg", "inertia": "kg m^2", "density": "kg/m^3", "com": "m", "p": "m", "length": "m", "radius": "m",
     "pitch": "m/rad", "gravity": "m/s^2", "t_end": "s", "h": "s", "every": "s", "omega": "rad/s", "phase": "rad",
-    "ratio": "1", "rtol": "1", "coefficient": "1", "kinematic": "1", "t": "s",
+    "ratio": "1", "rtol": "1", "coefficient": "1", "kinematic": "1", "t": "s", "restitution": "1", "mu": "1",
 }  # fmt: skip
 
 

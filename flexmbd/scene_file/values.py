@@ -62,6 +62,23 @@ def rows(section: TomlSection, key: str, names: Names) -> tuple[object, ...]:
     return tuple(inner.numbers(one, count=len(value[0])) for one in inner.values)
 
 
+def whole_rows(section: TomlSection, key: str, names: Names) -> tuple[tuple[int, ...], ...]:
+    """A list of lists of whole numbers."""
+    value = section.need(key)
+    if not (isinstance(value, list) and value and all(isinstance(row, list) for row in value)):
+        section.fail(key, f"must be a list of lists of whole numbers, got {value!r:.60}")
+    for i, row in enumerate(value):
+        for one in row:
+            if isinstance(one, bool) or not isinstance(one, int):
+                section.fail(f"{key}[{i}]", f"must be a list of whole numbers, got {row!r:.60}")
+    return tuple(tuple(row) for row in value)
+
+
+def number_or_none(section: TomlSection, key: str, names: Names) -> float | None:
+    """A finite number, or "none"."""
+    return None if section.need(key) == "none" else section.number(key)
+
+
 def whole(section: TomlSection, key: str, names: Names) -> int:
     """A whole number."""
     return section.whole(key)

@@ -15,6 +15,7 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.camera import Camera, frame_all, oblique, viewing_axes
+from flexmbd.visual.force_arrows import ForceArrows, ForcesAt, forces_at
 from flexmbd.visual.library import load
 from flexmbd.visual.palette import GROUND, body_colours
 from flexmbd.visual.part import Part, RigidPart, placed, reach
@@ -27,6 +28,9 @@ FloatArray = NDArray[np.float64]
 
 # From bare steel: what is not stressed.
 BARE = "#b9c2cc"
+
+# Of an arrow's head over a stick's radius, and of the longest arrow over that: a quarter of the scene's extent.
+_THICK, _LONGEST = 2.0, 14.0
 
 # Shares of the picture's height that are left free: above for words.
 _ABOVE, _BELOW = 0.1, 0.04
@@ -106,6 +110,7 @@ def drawn_scene(
     recordings: Sequence[FieldSeries] = (),
     looks: Mapping[ContinuumBody, Look] | None = None,
     frames: bool = False,
+    forces: ForcesAt | None = None,
 ) -> DrawnScene:
     """The surfaces of a machine at ``times`` (nt,) s.  Collective over the communicators of ``models``, if any.
 
@@ -121,11 +126,13 @@ def drawn_scene(
         recordings: of bodies with history.
         looks: how these are shown.
         frames: whether the axes of all frames are drawn.
+        forces: drawn as arrows, the largest over all times a quarter of the scene's extent; None: none.
 
     Raises:
         PictureError: a bad choice.
     """
     refuse_bad_look(amplification=amplification)
+    acting = None if forces is None else forces_at(forces, times)
     refuse_unknown(looks or {}, recordings)
     bones = skeleton(motion, times)
     colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
@@ -145,12 +152,21 @@ def drawn_scene(
         )
     shown = [body for part in parts for body in part.covers]
     parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
+    if acting is not None:
+        parts += _arrows(*acting, places)
     notes = _with_reasons(notes, [name for name, body in motion.bodies.items() if _lacks_surface(body, shown)])
     bare = {body.name for body in valued}
     legend = {name: BARE if name in bare else _own_colour(motion, name) or colours[name] for name in motion.bodies}
     return DrawnScene(
         tuple(parts), _fixed(motion, len(times)), legend, bones.places, motion.scene.plan.gravity, tuple(notes)
     )
+
+
+def _arrows(tails: FloatArray, forces: FloatArray, places: FloatArray) -> list[Part]:
+    """Forces (nt, n, 3) N at places (nt, n, 3) m in a scene of this extent (k, 3); none where none ever acts."""
+    thick = _THICK * stick_radius(places)
+    arrows = ForceArrows(tails, forces, _LONGEST * thick, thick)
+    return [arrows] if arrows.largest > 0.0 else []
 
 
 def _lacks_surface(body: Body, shown: Sequence[Body]) -> bool:

@@ -15,6 +15,7 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
+from flexmbd.visual.force_arrows import ForcesAt
 from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
@@ -32,7 +33,7 @@ _MOST_PICTURES = 10**6  # of films, each kept in a file
 _SHORT, _SLOWED = 3.0, 8.0
 
 
-@checked(but=("path", "size", "amplification", "view"), error=PictureError)
+@checked(but=("path", "size", "amplification", "view", "forces"), error=PictureError)
 def animate(
     trajectory: RecordedMotion,
     path: str | Path,
@@ -47,6 +48,7 @@ def animate(
     looks: Mapping[ContinuumBody, Look] | None = None,
     view: ArrayLike | None = None,
     frames: bool = False,
+    forces: ForcesAt | None = None,
     progress: bool = False,
 ) -> Path:
     """Film the machine.
@@ -74,6 +76,8 @@ def animate(
         looks: how bodies with history are shown; by default coloured by von Mises stress.
         view: (3,) direction from the scene to the camera, instead of the natural one.
         frames: whether the axes of all frames are drawn: x red, y green, z blue.
+        forces: drawn as arrows, the largest over all times a quarter of the scene's extent: a function of times (k,) s
+            that gives places (k, n, 3) m and forces (k, n, 3) N; ``Trajectory.animate`` gives those of ``contacts``.
         progress: show a progress bar.
 
     Returns:
@@ -100,6 +104,7 @@ def animate(
         recordings=recordings,
         looks=looks,
         frames=frames,
+        forces=forces,
     )
     if trajectory.team.is_root:
         write_film(scene, target, fps=fps, size=size, view=eye, progress=progress)

@@ -20,6 +20,7 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
 from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
+from flexmbd.visual.force_arrows import ForcesAt
 from flexmbd.visual.library import load, require
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
@@ -47,6 +48,7 @@ def show(
     looks: Mapping[ContinuumBody, Look] | None = None,
     view: ArrayLike | None = None,
     frames: bool = False,
+    forces: ForcesAt | None = None,
 ) -> Path | None:
     """Show a machine: in a window or a notebook, to be turned by the mouse, or in a file.
 
@@ -64,6 +66,7 @@ def show(
         looks: how bodies with history are shown.
         view: (3,) direction from the scene to the camera, instead of the natural one.
         frames: whether the axes of all frames are drawn: x red, y green, z blue.
+        forces: drawn as arrows, as of ``animate``; ``Trajectory.show`` gives those of ``contacts``.
 
     Returns:
         The path, where one is given.
@@ -94,6 +97,7 @@ def show(
         recordings=recordings,
         looks=looks,
         frames=frames,
+        forces=forces,
     )
     if not motion.team.is_root:
         return target

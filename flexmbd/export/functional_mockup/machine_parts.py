@@ -93,7 +93,7 @@ class Parts:
 
 
 def refuse_functions(scene: CompiledScene) -> None:
-    """Refuse parts that no kernel computes: bodies with history, users' functions.
+    """Refuse what no kernel computes: bodies with history, users' functions; and what fixed steps leave out: contacts.
 
     Raises:
         ExportError: naming them.
@@ -110,9 +110,17 @@ def refuse_functions(scene: CompiledScene) -> None:
             "controllers and states cannot be exported in an FMU, nor can signals that they set "
             f"({', '.join(signals)}): give the loads numbers, make them inputs, and compute these outside"
         )
+    elements = force_elements(plan)
+    touching = zip(elements.number, elements.behaviour, strict=True)
+    contacts = [scene.element_names[k] for k, one in touching if one.lets_go]
+    if contacts:
+        raise ExportError(
+            f"bodies that touch cannot be exported in an FMU ({contacts[0]}{', ...' if len(contacts) > 1 else ''}), "
+            "whose fixed steps would pass impacts over: give a joint's end as a JointStop, or compute what touches "
+            "outside, with a FrameForce as input"
+        )
     given = time_kinds(plan)
     users = [scene.time_names[k] for k in np.flatnonzero((given == kinds.TIME_PYTHON) | (given == kinds.TIME_COMPILED))]
-    elements = force_elements(plan)
     users += [scene.element_names[k] for k in elements.number[elements.address != 0]]
     if users:
         raise ExportError(

@@ -17,6 +17,7 @@ from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_sc
 from flexmbd.integrate.explicit.step_growth import central_difference_growth
 from flexmbd.integrate.interior_support import refuse_interiors
 from flexmbd.integrate.moreau.shape_groups import new_groups
+from flexmbd.integrate.moreau.start_overlap import tell_overlap
 from flexmbd.integrate.moreau.step import N_TOLD, RULE, MoreauMemory, MoreauWorkspace, advance
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.contact.finding.find_contacts import make_room
@@ -63,7 +64,7 @@ class MoreauJean:
         if state.counts[st.FIXED_STEP] == 0:
             raise SceneError(f"{self.name}: give the step, simulate(..., h=1e-3); no error rules it, rtol its impulses")
         scratch = new_workspace(scene, work)
-        steps = _Steps(scratch, state, groups)
+        steps = _Steps(scene, scratch, state, groups)
 
         def begin() -> None:
             set_row_scales(scene, scratch.machine.loops, state, work)
@@ -77,14 +78,15 @@ class MoreauJean:
 class _Steps:
     """Steps in arrays that grow with the points of contact."""
 
-    def __init__(self, scratch: MoreauWorkspace, state: st.State, groups: st.Groups) -> None:
-        self._scratch, self._state, self._groups = scratch, state, groups
+    def __init__(self, scene: CompiledScene, scratch: MoreauWorkspace, state: st.State, groups: st.Groups) -> None:
+        self._scene, self._scratch, self._state, self._groups = scene, scratch, state, groups
 
     def advance(self, record: st.Record, knots: FloatArray) -> int:
         """See ``controller.Stepper``."""
         while True:
             code = int(advance(self._scratch, RULE, knots, self._state, self._groups, record))
             if code != st.NO_ROOM:
+                tell_overlap(self._scene, self._scratch.begun)
                 return code
             self._scratch = with_room(self._scratch)
             self._state.counts[st.REJECTED] -= 1
@@ -108,7 +110,7 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
         new_explicit_machine(scene, memory.loops, work), watched, groups, new_kept(n),
         spins, parts,
         new_contacts(n, int(parts.widest[0]), nv), memory, moves, np.array([not alone, True], np.int64),
-        np.array([scene.extent]), zeros((n, N_TOLD)),
+        np.array([scene.extent]), zeros(4), zeros((n, N_TOLD)),
         zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip
 

@@ -27,6 +27,7 @@ from flexmbd.integrate.explicit.explicit_machine import ExplicitMachine, accept,
 from flexmbd.integrate.explicit.loop_dynamics import LoopMemory, project_onto_tangent
 from flexmbd.integrate.moreau.smooth_forces import EVALUATIONS, drive_to_end, evaluate, halfway, smooth
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, load9, rotate, rotate_back, scale3, store3, sub3
+from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base.array_struct import ArrayStruct
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.contact.finding.find_contacts import TOO_SMALL
@@ -75,6 +76,8 @@ class MoreauWorkspace(ArrayStruct):
         moves: (nv,) whether each velocity is free.
         follows: (2,) whether smooth forces may follow velocities that impulses change, and whether they do in the step.
         extent: (1,) m, of the machine.
+        begun: (4,) of the deepest overlap with which a run begins the gap (m), the number of its element in the scene,
+            and its two shapes in their table, -1 of pairs.
         told: (k, N_TOLD) of each contact.
         x, u: the middle of the step, and a displacement.  end: its end.
         begin: the velocity at the step's begin, as of free spins in the middle.
@@ -93,6 +96,7 @@ class MoreauWorkspace(ArrayStruct):
     moves: IntArray
     follows: IntArray
     extent: FloatArray
+    begun: FloatArray
     told: FloatArray
     multipliers: FloatArray
     x: FloatArray
@@ -263,6 +267,11 @@ def _touch(s, state, groups, h):
     if found < 0:
         state.counts[st.OUTCOME] = st.NO_ROOM if found == TOO_SMALL else st.NOT_FINITE
         return -1.0
+    for i in range(s.watched.element.shape[0]):
+        if s.watched.gap[i] != s.watched.gap[i]:
+            plan.flag[0] = kinds.FLAG_ELEMENT + s.watched.number[i]
+            state.counts[st.OUTCOME] = st.CALLBACK_FAILED
+            return -1.0
     forward_kinematics(plan, work, s.x, s.free, m.aw.zeros)
     weight = load3(plan.gravity, 0)
     fall = h * math.sqrt(dot3(weight, weight))
@@ -299,7 +308,18 @@ def _touch(s, state, groups, h):
 
 
 @kernel
-def _overlap(s, h, kick):
+def _note_overlap(s, h, i):
+    """Keep how deep contact i of the first step was at the start, if it is the deepest."""
+    w, k, of_pairs = s.watched, s.contacts.watched[i], s.watched.number.shape[0]
+    gap = w.gap[k] - 0.5 * h * dot3(load3(w.normal[k], 0), load3(w.before[k], 0))
+    if gap < s.begun[0]:
+        s.begun[0] = gap
+        s.begun[1] = w.number[k] if k < of_pairs else s.groups.number[s.groups.out.law[k - of_pairs]]
+        s.begun[2], s.begun[3] = w.shapes[k, 0], w.shapes[k, 1]
+
+
+@kernel
+def _overlap(s, state, h, kick):
     """Write the gaps at the step's end, none of what flies apart by itself; whether there are overlaps."""
     c = s.contacts
     overlaps = False
@@ -308,6 +328,8 @@ def _overlap(s, h, kick):
         gap = s.watched.gap[c.watched[i]] + 0.5 * h * away
         c.shift[i] = max(gap, 0.0) if away > kick else gap
         overlaps = overlaps or c.shift[i] < -EQUAL * s.extent[0]
+        if state.counts[st.STEPS] == 0:
+            _note_overlap(s, h, i)
     return overlaps
 
 
@@ -344,7 +366,7 @@ def attempt(s, state, groups, h):
     kick = _touch(s, state, groups, h)
     if kick < 0.0:
         return
-    overlaps = _overlap(s, h, kick)
+    overlaps = _overlap(s, state, h, kick)
     _tell(s, h)
     if not to_end(s.spins, h, s.last):
         state.counts[st.OUTCOME] = st.NOT_CONVERGED

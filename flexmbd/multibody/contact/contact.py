@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.point_mass import refuse_turn
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.lowest_points import LowestPoint
@@ -46,6 +47,10 @@ class Contact(SphereContact, WithStates):
 
     def check(self) -> None:
         """Raise SceneError for a law that is none, or does not know the shapes; a point mass that would turn."""
+        wanted = "fm.contact.PowerLaw(...) or fm.contact.Hertz(...)"
+        refuse_other(self.law, NormalLaw, f"{self.what}: its law", wanted=wanted)
+        if self.friction is not None:
+            refuse_other(self.friction, Friction, f"{self.what}: its friction", wanted="fm.contact.Friction(...)")
         self.refuse_turns()
         if self.lowest is not None:
             refuse_turn(self.frame_G, f"{self.what}: it turns with its frame")

@@ -35,9 +35,12 @@ def corner_normals(facets: Facets, sharp: BoolArray) -> FloatArray:
 
 
 def control_points(facets: Facets, sharp: BoolArray, normals: FloatArray) -> FloatArray:
-    """Control points (t, 19, 3) of quartic patches (``kernels.contact.gregory_patch``) by normals at corners."""
+    """Control points (t, 19, 3) m of quartic patches (``kernels.contact.gregory_patch``) by normals at corners.
+
+    Each is seen from the first corner of its triangle.
+    """
     legs = np.stack([_edge(facets, sharp, normals, k) for k in range(3)], axis=1)  # (t, edge, 3, 3) of cubics
-    x = facets.corners
+    x = facets.arms
     quartic = np.empty((len(x), 3, 5, 3))  # the edges by degree elevation
     cubic = np.concatenate([x[:, :, None], x[:, :, None] + np.cumsum(legs, axis=2)], axis=2)
     cubic[:, :, 3] = np.roll(x, -1, axis=1)
@@ -61,7 +64,7 @@ def _edge(facets: Facets, sharp: BoolArray, normals: FloatArray, k: int) -> Floa
     two tangent planes meet; its outer legs are of the length at which it is next to a circle (Goldapp 1991).
     """
     after = (k + 1) % 3
-    chord = facets.corners[:, after] - facets.corners[:, k]
+    chord = facets.arms[:, after] - facets.arms[:, k]
     length = np.linalg.norm(chord, axis=1)[:, None]
     along = chord / length
     across = facets.across[:, k]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,11 @@ class Facets:
         angles = np.arctan2(np.linalg.norm(np.cross(edges, back), axis=2), np.einsum("tei,tei->te", edges, back))
         return cls(x, rows, _across(rows, places, what), normals, np.asarray(angles, dtype=np.float64))
 
+    @cached_property
+    def arms(self) -> FloatArray:
+        """(t, 3, 3) m, the corners as seen from the first one."""
+        return self.corners - self.corners[:, :1]
+
     def refuse_rim(self, what: str) -> None:
         """Raise SceneError if an edge has one triangle alone."""
         rim = np.argwhere(self.across < 0)
@@ -98,10 +104,10 @@ class Facets:
         return edges, np.where(creased[self.rows][..., None], weighed[self.rows], 0.0)
 
     def has_curved_edge(self, control: FloatArray) -> BoolArray:
-        """(t,) whether an edge of control points (t, 19, 3) is no straight line."""
+        """(t,) whether an edge of control points (t, 19, 3), seen from the first corner, is no straight line."""
         curved = np.zeros(len(self.rows), dtype=np.bool_)
         for k in range(3):
-            ends = self.corners[:, k], self.corners[:, (k + 1) % 3]
+            ends = self.arms[:, k], self.arms[:, (k + 1) % 3]
             chord = ends[1] - ends[0]
             size = np.einsum("ti,ti->t", chord, chord)
             for j in range(1, 4):

@@ -58,6 +58,7 @@ class HardContact(SphereContact):
 
     def check(self) -> None:
         """Raise SceneError for a law that is none, or a point mass that would turn."""
+        refuse_other(self.law, Hard, f"{self.what}: its law", wanted="fm.contact.Hard(...)")
         self.refuse_turns()
         self.law.check(self.what)
 

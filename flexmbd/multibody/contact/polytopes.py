@@ -10,7 +10,7 @@ import scipy  # its parts load when they are asked for
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers
+from flexmbd.given import is_list, numbers, shown
 from flexmbd.multibody.kernels.contact.finding.shape_table import FEATURE_BITS
 from flexmbd.round_off import SEVEN_DIGITS
 
@@ -108,20 +108,23 @@ def hull(vertices: ArrayLike, *, what: str = "a polytope") -> Polytope:
 def _checked_vertices(vertices: ArrayLike, what: str) -> FloatArray:
     points = numbers(vertices)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
-        raise SceneError(f"{what}: vertices are (v, 3) m, four or more, got {points.shape}")
+        found = points.shape or shown(vertices)
+        raise SceneError(f"{what}: vertices must be numbers (v, 3) m, four or more, got {found}")
     if not np.isfinite(points).all():
         raise SceneError(f"{what}: vertex {int(np.argmin(np.isfinite(points).all(axis=1)))} is not finite")
     return points
 
 
 def _checked_loops(faces: object, count: int, what: str) -> list[tuple[int, ...]]:
-    if isinstance(faces, str) or not isinstance(faces, Iterable):
-        raise SceneError(f"{what}: faces are lists of the numbers of vertices, got {faces!r:.100}")
+    if not is_list(faces) or not isinstance(faces, Iterable):
+        raise SceneError(f"{what}: faces must be lists of whole numbers, those of their vertices, got {shown(faces)}")
     loops: list[tuple[int, ...]] = []
     for loop in faces:
         values = numbers(loop)
         if values.ndim != 1 or not (np.isfinite(values).all() and (values == np.floor(values)).all()):
-            raise SceneError(f"{what}: face {len(loops)} is a list of the numbers of vertices, got {loop!r:.100}")
+            raise SceneError(
+                f"{what}: face {len(loops)} must be a list of whole numbers, those of its vertices, got {shown(loop)}"
+            )
         loops.append(tuple(int(i) for i in values))
     for number, loop in enumerate(loops):
         if len(loop) < 3 or len(set(loop)) < len(loop):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import numbers, refuse_no_truth, refuse_other
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.contact.table_shape import TableShape, tabulated
+from flexmbd.multibody.contact.table_shape import TableShape, finite_points, tabulated
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import planar_profile as at
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
@@ -85,9 +85,7 @@ class Profile(TableShape):
 
     def _given(self) -> tuple[FloatArray, FloatArray]:
         """The points, the first not again at the end, and the bulges."""
-        x = numbers(self.points)
-        if x.ndim != 2 or x.shape[1] != 2 or not np.isfinite(x).all():
-            raise SceneError(f"{self._what}: points must be finite numbers of shape (n, 2) (m), got shape {x.shape}")
+        x = finite_points(self.points, 2, self._what)
         if self.bulges is not None and self.spline:
             raise SceneError(f"{self._what}: bulges are of arcs, and a spline has none; leave one out")
         bulges = np.zeros(len(x)) if self.bulges is None else numbers(self.bulges)

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
+from flexmbd.multibody.contact.given_contact import refuse_wrong_arguments
 from flexmbd.multibody.contact.shapes import HollowSphere, Sphere, TouchedShape
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.multibody.force.protocol import BetweenFrames
@@ -32,6 +33,7 @@ class SphereContact(BetweenFrames, WithSharedNumbers):
     kind: ClassVar[str]
 
     def __post_init__(self) -> None:
+        refuse_wrong_arguments(self.shape, self.radius, self.centre)
         object.__setattr__(self, "frame_F", self.shape.frame)
 
     @property

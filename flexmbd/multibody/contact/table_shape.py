@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers
+from flexmbd.given import numbers, shown
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.force.protocol import ElementTable
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
@@ -63,9 +63,7 @@ class TableShape(LoneShape, ABC):
         Raises:
             SceneError: the points are not finite numbers of this shape.
         """
-        p = numbers(points)
-        if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():
-            raise SceneError(f"points must be finite numbers of shape (n, 3) (m), got shape {p.shape}")
+        p = finite_points(points, 3, f"signed_distance of {type(self).__name__} on {self.frame.label}")
         return self._distances(p, self.table)[:, 0]
 
     def _distances(self, points: FloatArray, table: SharedNumbers) -> FloatArray:
@@ -147,6 +145,25 @@ def _box_tree(low: FloatArray, high: FloatArray) -> FloatArray:
         place = np.concatenate([place + 1, place + 2 * half])
         count = np.concatenate([half, count - half])
     return nodes
+
+
+def finite_points(given: object, columns: int, what: str) -> FloatArray:
+    """Points (n, columns) m.
+
+    Raises:
+        SceneError: they are of another shape, or not finite: the message has the first that is not.
+    """
+    x = numbers(given)
+    if x.ndim != 2 or x.shape[1] != columns:
+        found = shown(given) if x.ndim == 0 else f"shape {x.shape}"
+        raise SceneError(f"{what}: points must be finite numbers of shape (n, {columns}) (m), got {found}")
+    wrong = np.flatnonzero(~np.isfinite(x).all(axis=1))
+    if len(wrong):
+        raise SceneError(
+            f"{what}: points must be finite, and {len(wrong)} of {len(x)} are not, the first of them number "
+            f"{wrong[0]}, ({', '.join(f'{value:g}' for value in x[wrong[0]])}) m"
+        )
+    return x
 
 
 def tables_of(shape: object) -> tuple[SharedNumbers, ...]:

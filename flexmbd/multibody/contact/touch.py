@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.files.memory import available_memory
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
@@ -33,6 +34,9 @@ from flexmbd.multibody.contact.shapes import (
 )
 
 FloatArray = NDArray[np.float64]
+
+_BYTES = 2500.0  # of a contact of lists, its names and numbers in a compiled scene included, about
+
 Touching = TouchShape | Sequence[TouchShape]
 AnyContact = Contact | HardContact | HardGroup
 
@@ -66,6 +70,7 @@ def contacts(
     if isinstance(law, Hard) and not any(shape.frame.modes is not None for shape in (*first, *second)):
         if not (single and _is_known(first[0], second[0])):
             return [HardGroup(tuple(first), tuple(second), law, tuple(joined))]
+    _refuse_too_many(first, second)
     found: list[AnyContact] = []
     known: set[frozenset[int]] = set()
     for a in first:
@@ -87,6 +92,17 @@ def contacts(
             "of them alone if they are to touch all the same"
         )
     return found
+
+
+def _refuse_too_many(first: Sequence[TouchShape], second: Sequence[TouchShape]) -> None:
+    """Raise SceneError where contacts of each shape of a list with each of another are beyond the memory there is."""
+    count, left = len(first) * len(second), available_memory()
+    if left is not None and count * _BYTES > left:
+        raise SceneError(
+            f"lists of {len(first)} and {len(second)} shapes make {count} contacts, each of which is watched in every "
+            f"evaluation: they need some {count * _BYTES / 1e9:.3g} GB, and there are {left / 1e9:.3g} GB; take "
+            "fm.contact.Hard(...), whose points are found in each step, or fm.PseudoRigidSwarm for stones"
+        )
 
 
 def shapes_of(given: Touching) -> list[TouchShape]:

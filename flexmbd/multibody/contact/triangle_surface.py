@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import is_number, numbers, refuse_no_truth, refuse_other
+from flexmbd.given import is_number, refuse_no_truth, refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.bodies.closed_surface import whole_rows
 from flexmbd.multibody.bodies.shape import Shape
 from flexmbd.multibody.contact.curved_triangles import control_points, corner_normals
 from flexmbd.multibody.contact.facets import Facets
-from flexmbd.multibody.contact.table_shape import TableShape, tabulated
+from flexmbd.multibody.contact.table_shape import TableShape, finite_points, tabulated
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.kernels.contact import signed_distance as kinds
 from flexmbd.multibody.kernels.contact import triangle_distance as at
@@ -83,9 +83,7 @@ class TriangleSurface(TableShape):
 
     @cached_property
     def _facets(self) -> Facets:
-        x, rows = numbers(self.points), whole_rows(self.triangles)
-        if x.ndim != 2 or x.shape[1] != 3 or not np.isfinite(x).all():
-            raise SceneError(f"{self._what}: points must be finite numbers of shape (n, 3) (m), got shape {x.shape}")
+        x, rows = finite_points(self.points, 3, self._what), whole_rows(self.triangles)
         if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0 or not np.issubdtype(rows.dtype, np.integer):
             raise SceneError(
                 f"{self._what}: triangles must be whole numbers of shape (t, 3), t > 0, got {rows.dtype} {rows.shape}"
@@ -108,22 +106,28 @@ class TriangleSurface(TableShape):
         normals = corner_normals(facets, sharp)
         control = control_points(facets, sharp, normals)
         x, n = facets.corners, facets.normals
+        places = x[:, :1] + control
         flat = (np.abs(normals - n[:, None]).max(axis=(1, 2)) <= EQUAL) & ~facets.has_curved_edge(control)
         edges, points = facets.signing_normals(sharp)
-        low = np.where(flat[:, None], x.min(axis=1), control.min(axis=1))
-        high = np.where(flat[:, None], x.max(axis=1), control.max(axis=1))
-        head = np.concatenate([x.reshape(-1, 9), n, edges.reshape(-1, 9), points.reshape(-1, 9)], axis=1)
-        curved = np.concatenate([head, _farthest(x, control)[:, None], control.reshape(len(x), -1)], axis=1)
+        low = np.where(flat[:, None], x.min(axis=1), places.min(axis=1))
+        high = np.where(flat[:, None], x.max(axis=1), places.max(axis=1))
+        head = np.concatenate([_placed(facets), n, edges.reshape(-1, 9), points.reshape(-1, 9)], axis=1)
+        curved = np.concatenate([head, _farthest(facets.arms, control)[:, None], control.reshape(len(x), -1)], axis=1)
         items = [_item(at.FLAT, head[k]) if flat[k] else _item(at.PATCH, curved[k]) for k in range(len(x))]
         return tabulated(low, high, items)
 
     def _behind(self) -> tuple[FloatArray, FloatArray, SharedNumbers]:
         """Of the flat triangles: the curved ones are as thick, and are far slower to search."""
         x, n = self._facets.corners, self._facets.normals
-        head = np.concatenate([x.reshape(-1, 9), n, np.zeros((len(x), 18))], axis=1)
+        head = np.concatenate([_placed(self._facets), n, np.zeros((len(x), 18))], axis=1)
         flat = tabulated(x.min(axis=1), x.max(axis=1), [_item(at.FLAT, one) for one in head])
         some = slice(0, 0) if self.open else slice(None)
         return x.mean(axis=1)[some], n[some], flat
+
+
+def _placed(facets: Facets) -> FloatArray:
+    """(t, 9) m, the first corner, and the two others as seen from it (``kernels.contact.triangle_distance``)."""
+    return np.concatenate([facets.corners[:, 0], facets.arms[:, 1:].reshape(-1, 6)], axis=1)
 
 
 def _item(kind: int, numbers: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ exception on to and hands it to ``sys.unraisablehook``, where it is fetched back
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -157,11 +157,12 @@ class Callbacks:
             self.flag[0] = kinds.FLAG_PYTHON
 
     def failure(
-        self, t: float, elements: Sequence[str], times: Sequence[str]
+        self, t: float, elements: Sequence[str], times: Sequence[str], undefined: Mapping[int, str]
     ) -> tuple[str, BaseException] | None:
         """The failure in words and the user's own error where ``flag`` is set, else None.
 
-        ``t`` is the time (s) of the evaluation; the rest names the rows of ``Plan.elements`` and ``Plan.times``.
+        ``t`` is the time (s) of the evaluation; the rest names the rows of ``Plan.elements`` and ``Plan.times``, and
+        says of elements that are no users' functions what it means where they give no number.
         """
         flag = int(self.flag[0])
         if flag == 0:
@@ -169,7 +170,8 @@ class Callbacks:
         if self.error is not None:
             return f"{self._where} failed: {described(self.error)}", self.error
         name = elements[flag - kinds.FLAG_ELEMENT] if flag >= kinds.FLAG_ELEMENT else times[kinds.FLAG_TIME - flag]
-        error = SceneError(f"{name} at t = {t:g} s: the compiled function gave no finite number")
+        why = undefined.get(flag - kinds.FLAG_ELEMENT, "the compiled function gave no finite number")
+        error = SceneError(f"{name} at t = {t:g} s: {why}")
         return str(error), error
 
     def _agreed(self, ask: Callable[[], FloatArray], size: int, where: Callable[[], str]) -> FloatArray:

@@ -15,6 +15,7 @@ from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
+from flexmbd.multibody.kernels.reading.force_tables import element_numbers, rough_contacts
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.derivatives import DERIVING
 from flexmbd.multibody.linear.downhill import most_lacking, stable_below
@@ -258,9 +259,20 @@ def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> 
         worst = int(np.flatnonzero(bodies)[np.argmax(beyond)])
         raise SceneError(
             f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, "
-            "N m, or modal) stays unbalanced, for neither a place nor a state resists it; friction that sticks bears "
-            "what the way there has built up: let the machine come to rest by simulate, or hold it otherwise"
+            f"N m, or modal) stays unbalanced, for neither a place nor a state resists it{_rubs(scene)}"
         )
+
+
+def _rubs(scene: CompiledScene) -> str:
+    """Of contacts with friction, that it is none of an equilibrium's forces; nothing without any."""
+    rough = [scene.element_names[k] for k in element_numbers(scene.plan, [*rough_contacts(scene.plan)])]
+    if not rough:
+        return "; hold it by a joint, a spring or a stop"
+    return (
+        f". Friction ({rough[0]}{', ...' if len(rough) > 1 else ''}) does not bear it here: how much it bears at rest "
+        "follows from the way there, and an equilibrium has none. Let the machine come to rest by simulate(...), where "
+        "it holds up to mu N, or hold it by a joint, a spring or a stop"
+    )
 
 
 def _full_newton_step(scene: CompiledScene, here: ForceBalance) -> FloatArray:

@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.base.row_blocks import RowBlock, blockwise_order
 from flexmbd.multibody.kernels.reading.constraint_tables import coupling_terms
-from flexmbd.multibody.kernels.reading.force_tables import without_forces
+from flexmbd.multibody.kernels.reading.force_tables import undefined_forces, without_forces
 from flexmbd.multibody.motion.machine import WrenchSource
 from flexmbd.multibody.plan.force_places import ElementNames
 from flexmbd.multibody.plan.forces import assemble_forces
@@ -34,7 +34,7 @@ from flexmbd.multibody.plan.point_reach import point_reach
 from flexmbd.multibody.plan.row_structure import RowStructure
 from flexmbd.multibody.plan.rows import assemble_penalties, assemble_rows
 from flexmbd.multibody.plan.sources import Sources, beam_reach, reaches
-from flexmbd.multibody.scene_index import IdentityMap, SceneIndex
+from flexmbd.multibody.scene_index import IdentityMap, SceneIndex, StatePlaces
 from flexmbd.multibody.team import Team
 from flexmbd.multibody.topology import Topology
 
@@ -196,7 +196,8 @@ class CompiledScene:
 
     def failure(self, work: Work) -> tuple[str, BaseException] | None:
         """The failure of a user's function in an evaluation, in words, and its error; None if there was none."""
-        return self.callbacks.failure(float(work.time[-1, 0]), self.element_names, self.time_names)
+        undefined, t = undefined_forces(self.plan), float(work.time[-1, 0])
+        return self.callbacks.failure(t, self.element_names, self.time_names, undefined)
 
     def digest(self, *, functions: bool = True) -> str:
         """Tells compiled scenes of other numbers, other structure or other ``functions`` of the user apart.
@@ -225,7 +226,8 @@ class CompiledScene:
             return with_signals, (self.unset, {k: row.data for k, row in enumerate(self.time_rows) if row.signal})
         numbers = {name: getattr(self, name) for name in _NUMBERS}
         breaks = tuple(row.breaks for row in self.time_rows)
-        return _compiled_anew, (self.parts, self.addresses, numbers, self.index.substitutes, breaks)
+        kept = self.index.substitutes, self.index.states
+        return _compiled_anew, (self.parts, self.addresses, numbers, kept, breaks)
 
     def refuse_other(self, scene: CompiledScene) -> None:
         """Raise SceneError unless ``scene`` has the coordinates of this one, so that a state of this is one of it."""
@@ -275,10 +277,11 @@ def _compiled_anew(
     parts: SceneParts,
     addresses: tuple[int, ...],
     numbers: dict[str, Any],
-    substitutes: IdentityMap[object, Any],
+    kept: tuple[IdentityMap[object, Any], IdentityMap[object, StatePlaces]],
     breaks: tuple[FloatArray, ...],
 ) -> CompiledScene:
-    """A scene of these parts with the numbers that it had and the addresses that its functions have now."""
+    """A scene of these parts with its numbers, its index' substitutes and states, and its functions' addresses now."""
+    substitutes, states = kept
     whole = build(parts.topology, parts.ground, parts.forces, parts.couplings, parts.gravity, parts.team, parts.varied)
     if whole.velocity_names != numbers["velocity_names"] or len(whole.addresses) != len(addresses):
         raise SceneError(
@@ -295,7 +298,8 @@ def _compiled_anew(
         replace(row, data=part[: row.data.size], breaks=known)
         for row, part, known in zip(whole.time_rows, data, breaks, strict=True)
     )
-    return replace(whole, plan=plan, index=replace(whole.index, substitutes=substitutes), time_rows=rows, **numbers)
+    index = replace(whole.index, substitutes=substitutes, states=states)
+    return replace(whole, plan=plan, index=index, time_rows=rows, **numbers)
 
 
 def build(
@@ -324,7 +328,7 @@ def build(
     """
     parts = SceneParts(topology, ground, tuple(forces), tuple(couplings), gravity, team, tuple(varied))
     masses = alike_rows(branch.outer.body for branch in topology.branches)
-    reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces))
+    reach, beams = reaches(topology, masses), max(beam_reach(forces), point_reach(topology, forces, gravity))
     extent = max([beams, *(one.size for one in reach)]) or 1.0
     b = Numbering(ground, extent, Callbacks(team), topology.joints)
     for branch, mass in zip(topology.branches, masses, strict=True):

@@ -30,7 +30,7 @@ from flexmbd.multibody.plan.force_places import ForceSpan
 from flexmbd.multibody.plan.forces import ForceTable
 from flexmbd.multibody.plan.numbering import Numbering, modal_sizes, rigid_row
 from flexmbd.multibody.plan.time_data import data_with_integrals
-from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex
+from flexmbd.multibody.scene_index import ForceRows, IdentityMap, SceneIndex, StatePlaces
 
 FloatArray = NDArray[np.float64]
 
@@ -59,6 +59,7 @@ class _Variation:
         self._index: SceneIndex = replace(scene.index, substitutes=known)
         self._new: dict[str, NDArray[Any]] = {}
         self._times: list[TimeRow] | None = None
+        self._states: list[tuple[object, StatePlaces]] = []
         self._extent = scene.extent
 
     def written(self) -> CompiledScene:
@@ -94,7 +95,7 @@ class _Variation:
             self._scene,
             plan=self._plan.replace(**self._new, flag=callbacks.flag, horizon=open_horizon()),
             callbacks=callbacks,
-            index=self._index,
+            index=replace(self._index, states=IdentityMap([*self._index.states.items(), *self._states])),
             extent=self._extent,
             time_rows=self._scene.time_rows if self._times is None else tuple(self._times),
             group_full=full,
@@ -192,6 +193,7 @@ class _Variation:
                 f"{what}: with these numbers other things are computed than in the compiled scene, or Python functions "
                 "take part; build the scene anew"
             )
+        self._states += [(force, places) for places in table.laid_states]
         if len(span.data):
             self._array("data")[span.data.start : span.data.stop] = np.concatenate(table.laid)
         for k, row in zip(span.times, table.laid_times, strict=True):
@@ -250,6 +252,7 @@ class _Replay(ForceTable):
         self._of_substitutes = IdentityMap((index.now(body), body) for body in index.modes)
         self._rows, self._places, self._start = iter(span.frames), iter(span.memories), scene.start
         self._old_links, self._known = iter(span.links), scene.index.states
+        self._markers, self.laid_states = scene.sources.markers, list[StatePlaces]()
         super().__init__(numbering, scene.parts.ground)
         self._may_vary = True  # else it would not be here
 
@@ -267,8 +270,17 @@ class _Replay(ForceTable):
         """They are there."""
 
     def frame(self, frame: Frame) -> int:
-        """The row that it got for this frame before."""
-        return next(self._rows, -1)
+        """The row that it got for this frame before; -1 where that lies elsewhere, for frames vary by themselves."""
+        row = next(self._rows, -1)
+        marker = self._markers[row] if row >= 0 else None
+        return row if marker is None or self._is_there(marker.frame, frame) else -1
+
+    def _is_there(self, known: Frame, frame: Frame) -> bool:
+        """Whether two frames are one, or lie at one place of one body."""
+        if known is frame or (known.interface is not None and known.interface == frame.interface):
+            return True
+        places = (known.p_BF_B, frame.p_BF_B), (known.R_BF, frame.R_BF)
+        return known.body is frame.body and all(np.array_equal(*both) for both in places)
 
     def ground(self) -> int:
         """The row that it got before."""
@@ -286,12 +298,12 @@ class _Replay(ForceTable):
         return next(self._places, -1) if names else -1
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
-        """The places that its states got before, if they have the same values at the start and the same sizes."""
+        """The places that its states got before, if they are as many; their start and sizes may be others."""
         first, link = next(self._old_links, (-1, -1))
-        same = (p for p in self._known.values() if p.v == slice(first, first + len(names)))
-        known = next(same, None)
-        if known is None or not (np.array_equal(known.initial, initial) and np.array_equal(known.scale, scale)):
+        known = next((p for p in self._known.values() if p.v == slice(first, first + len(names))), None)
+        if known is None:
             return -1, -1
+        self.laid_states.append(replace(known, scale=scale, initial=initial))
         return first, link
 
     def side(self, switched: Switched, value: SwitchValue, what: str) -> int:

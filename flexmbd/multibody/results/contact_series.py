@@ -65,7 +65,7 @@ def contact_rows(
     Raises:
         SceneError: it is no contact, or of another scene.
     """
-    refuse_other(contact, Contact, "what is asked for a contact's series", wanted="what System.touch returned")
+    refuse_other(contact, Contact, "what run.contacts is asked for", wanted="a contact, or all, as scene.touch gave")
     out = np.zeros((len(x), at.N_CONTACT))
     at.contact_series(scene.plan, new_work(scene.plan), _element(scene, contact), t, x, v, a, out)
     parts = np.split(out, [at.NORMAL, at.FORCE, at.SLIDING, at.POINT], axis=1)
@@ -140,6 +140,15 @@ class HardGroupSeries:
     def normal_force(self) -> FloatArray:
         """(k,) N along the normal."""
         return np.asarray(np.einsum("ij,ij->i", self.normal, self.force))
+
+    def at_rows(self, rows: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """Points (n, most, 3) m and forces (n, most, 3) N of rows (n,) of the trajectory; zeros where fewer are."""
+        first, last = (np.searchsorted(self.row, rows, side=side) for side in ("left", "right"))
+        most = int((last - first).max(initial=0))
+        place, force = np.zeros((2, len(rows), most, 3))
+        for k, (i, j) in enumerate(zip(first, last, strict=True)):
+            place[k, : j - i], force[k, : j - i] = self.point[i:j], self.force[i:j]
+        return place, force
 
     @property
     def friction(self) -> FloatArray:

@@ -38,10 +38,12 @@ class _Depths:
             return False
         row, which = beyond[0]
         what = self.contacts[which].what
+        remedy = "the law is too soft for what meets there, take a stiffer one, or shapes that are thicker"
+        if row == 0 and rows.before is None:
+            remedy = "the shapes overlap where the run begins: begin with them apart, or near where they rest"
         warn(
             f"{what}: at t = {rows.t[row]:.6g} s it is pressed in by {100.0 * shares[row, which]:.2g} % of the way to "
-            "the middle, from where it is pushed out on the other side: the law is too soft for what meets there, take "
-            "a stiffer one, or shapes that are thicker",
+            f"the middle, from where it is pushed out on the other side: {remedy}",
             RangeWarning,
             subject=f"depth of {what}",
         )

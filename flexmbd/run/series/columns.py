@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,6 +88,9 @@ class Answers(Protocol):
 
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
         """The memory of a force element, by name."""
+
+    def contacts(self, touching: Any, *, t: ArrayLike | None = None) -> tuple[Any, ...]:
+        """The series of contacts."""
 
 
 @dataclass(frozen=True)

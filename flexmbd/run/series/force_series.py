@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
 from flexmbd.multibody.force.protocol import Force
@@ -306,8 +307,40 @@ class ForceSeries(MotionSeries):
         kinds = (Contact, HardContact, HardGroup)
         some = [*touching] if isinstance(touching, Sequence) else [touching]
         for one in some:
-            refuse_other(one, kinds, "what is asked for a contact's series", wanted="what System.touch returned")
+            refuse_other(one, kinds, "what run.contacts is asked for", wanted="a contact, or all, as scene.touch gave")
         return tuple(self._contact(one, t, rtol) for one in some)
+
+    @checked("t")
+    def contact_forces(
+        self,
+        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        *,
+        t: ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where contacts push, (nt, n, 3) m, and their forces there, (nt, n, 3) N; or at times ``t`` (k,).
+
+        On the sphere, or on the first shape of a group's points; the other gets the opposite.  In inertial axes, zeros
+        where none touches.  Of groups n is the largest number of points, at times those of the step.
+
+        Raises:
+            SceneError: as ``contacts``.
+        """
+        times = self._instants(t)
+        rows = np.clip(np.searchsorted(self.t, times), 0, len(self.t) - 1)
+        nothing: FloatArray = np.zeros((len(times), 0, 3))
+        found: list[tuple[FloatArray, FloatArray]] = [(nothing, nothing)]
+        for one in touching if isinstance(touching, Sequence) else [touching]:
+            (series,) = self.contacts(one, t=None if isinstance(one, HardGroup) else times)
+            if isinstance(series, HardGroupSeries):
+                found.append(series.at_rows(rows))
+            else:
+                found.append((series.point[:, None], series.force[:, None]))
+        places, forces = zip(*found, strict=True)
+        return np.concatenate(places, axis=1), np.concatenate(forces, axis=1)
+
+    def _forces_of(self, contacts: Sequence[AnyContact]) -> Callable[[FloatArray], Any] | None:
+        """``contact_forces`` of these by times (k,) s, for pictures; None of none."""
+        return (lambda t: self.contact_forces(contacts, t=t)) if len(contacts) else None
 
     def _contact(
         self, one: Contact | HardContact | HardGroup, t: ArrayLike | None, rtol: float

@@ -176,6 +176,18 @@ def slid(joint, d):
     return np.zeros(3)
 
 
+def mirrored(joint, M):
+    """The same joint between frames that a mirror M (3, 3) shows, whose own axes are mirrored likewise."""
+    name = kind(joint)
+    if name in ("Spherical", "Fixed", "Free", "Distance", "RollingDisc"):  # of the disc's frames y alone is turned
+        return joint
+    axes = M @ np.asarray(joint.turn)
+    if name == "Universal":
+        return fm.joint.Universal(tuple(axes[:, 2]), tuple(axes[:, 0]))
+    axis = tuple(axes[:, 2])
+    return fm.joint.Screw(-joint.pitch, axis) if name == "Screw" else type(joint)(axis)
+
+
 def with_axes_turned(joint, S):
     """The same joint between frames turned by S (3, 3); None where a frame's own axes mean something."""
     name = kind(joint)

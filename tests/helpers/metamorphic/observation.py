@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from random_machine import Units
 
+#: The mirror: y becomes -y.
+MIRROR = np.diag([1.0, -1.0, 1.0])
+
 
 @dataclass(frozen=True, eq=False)
 class Moment:
@@ -25,6 +28,14 @@ class Moment:
     a: np.ndarray
     wrenches: np.ndarray
     energies: np.ndarray
+
+    def mirrored(self):
+        """Seen in the mirror of `transformations.mirrored`."""
+        p, v, a = (one @ MIRROR for one in (self.p, self.v, self.a))
+        forces, torques = self.wrenches[:, :3] @ MIRROR, -self.wrenches[:, 3:] @ MIRROR
+        return Moment(
+            p, MIRROR @ self.R @ MIRROR, v, -self.w @ MIRROR, a, np.hstack([forces, torques]), self.energies
+        )
 
     def in_units(self, u):
         """With all numbers in other units."""
@@ -45,9 +56,8 @@ def moment(machine, built, run, row):
     frames = [built.frame(machine.probes[name]) for name in sorted(machine.probes)]
     parts = [run.position, run.rotation, run.velocity, run.angular_velocity, run.acceleration]
     motion = [np.array([ask(frame)[row] for frame in frames]) for ask in parts]
-    wrenches = [
-        _wrench(built, run, link, row) for link in sorted(machine.links, key=lambda link: link.name) if compared(link)
-    ]
+    links = [] if machine.has_hard_contacts else machine.links  # beside impulses no reactions are told
+    wrenches = [_wrench(built, run, link, row) for link in sorted(links, key=lambda link: link.name) if compared(link)]
     energy = run.energy()
     energies = [part[row] for part in (energy.kinetic, energy.elastic, energy.gravitational, energy.spring)]
     return Moment(*motion, np.array(wrenches).reshape(-1, 6), np.array(energies))  # type: ignore[call-arg]

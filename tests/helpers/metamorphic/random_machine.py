@@ -250,6 +250,10 @@ class Machine:
     def deforms(self):
         return any(part.deforms for part in self.parts)
 
+    @property
+    def has_hard_contacts(self):
+        return any(touch.hard for touch in self.touches)
+
     def __str__(self):
         lines = [f"gravity {self.gravity}, {self.start} s and {self.duration} s from there"]
         lines += [f"  {part.name}: {part.body}" for part in self.parts]

@@ -82,7 +82,10 @@ _SHAPES = {
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Two shapes that touch; ``friction``: mu, stiffness (N/m), damping (N s/m) and load (N), or None."""
+    """Two shapes that touch; ``friction``: mu, stiffness (N/m), damping (N s/m) and load (N), or None.
+
+    ``hard``: by impulses, of the stiffness, the speed and friction's other numbers nothing is then known.
+    """
 
     first: Mark
     second: Mark
@@ -92,6 +95,7 @@ class Touch:
     restitution: float
     speed: float
     friction: tuple[float, float, float, float] | None
+    hard: bool = False
 
     links = ()
 
@@ -109,6 +113,9 @@ class Touch:
     def put(self, scene, frames):
         """Let them touch in a System."""
         one, other = (shape.build(frame) for shape, frame in zip(self.shapes, frames, strict=True))
+        if self.hard:
+            mu = 0.0 if self.friction is None else self.friction[0]
+            return scene.touch(one, other, contact.Hard(restitution=self.restitution, mu=mu))
         law = contact.PowerLaw(k=self.stiffness, p=self.exponent, restitution=self.restitution, speed=self.speed)
         rough = None if self.friction is None else contact.Friction(*self.friction)
         return scene.touch(one, other, law, friction=rough)

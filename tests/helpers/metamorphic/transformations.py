@@ -13,7 +13,8 @@ import numpy as np
 from drawing_parts import point, rotation
 from hypothesis import strategies as st
 from mesh_records import Meshed
-from random_machine import Link, Mark, Part, Rigid, Units
+from observation import MIRROR
+from random_machine import Link, Mark, Part, Pose, Rigid, Units
 
 import flexmbd as fm
 
@@ -159,6 +160,52 @@ def _remarked(machine, on):
         touches=tuple(touch.on(tuple(map(on, touch.marks)), touch.links) for touch in machine.touches),
         probes={name: on(mark) for name, mark in machine.probes.items()},
     )
+
+
+def mirrored(draw, machine):
+    """The machine in the mirror, without loads: rigid parts, joints of the other hand, shapes that are their own image.
+
+    Turns about an axis go the other way about its image.
+    """
+    def on(mark):
+        return replace(mark, p=MIRROR @ mark.p, R=MIRROR @ mark.R @ MIRROR)
+
+    parts = []
+    for part in machine.parts:
+        body, pose = part.body, part.pose
+        image = Rigid(body.mass, MIRROR @ body.com, MIRROR @ body.inertia @ MIRROR)
+        seen = Pose(MIRROR @ pose.p, MIRROR @ pose.R @ MIRROR, MIRROR @ pose.v, -MIRROR @ pose.w)
+        parts.append(Part(part.name, image, seen))
+    links = []
+    for link in machine.links:
+        back = link.motion is not None and link.turns[0]
+        motion = of_time.in_units(link.motion, -1.0, 1.0) if back else link.motion
+        links.append(replace(link, joint=jm.mirrored(link.joint, MIRROR), motion=motion))
+    gears = tuple(replace(gear, ratio=-gear.ratio) if gear.rack else gear for gear in machine.gears)
+    seen = replace(machine, parts=tuple(parts), links=tuple(links), gears=gears, gravity=MIRROR @ machine.gravity)
+    return _remarked(seen, on)
+
+
+def flying(machine):
+    """The machine with its first part set free of the ground; no motions, no gears."""
+    first, *others = (replace(link, motion=None) for link in machine.links)
+    first = replace(first, joint=fm.joint.Free(), way=None)
+    return replace(machine, links=(first, *others), gears=())
+
+
+def rooted_elsewhere(draw, machine):
+    """A machine that is `flying`, its free joint on another part whose coordinates lead to the first one, or place."""
+    first, *others = machine.links
+    near = {first.child.part}
+    for _ in others:
+        for link in others:
+            ends = {link.parent.part, link.child.part}
+            carries = link.joint.reversible and not link.name.startswith("loop")
+            if carries and "ground" not in ends and ends & near:
+                near |= ends
+    chosen = draw(st.sampled_from(sorted(near, key=lambda name: (name == first.child.part, name))))
+    parent, child = Mark("ground", draw(point), draw(rotation)), Mark(chosen, draw(point), draw(rotation))
+    return replace(machine, links=(replace(first, parent=parent, child=child), *others))
 
 
 def units(draw):

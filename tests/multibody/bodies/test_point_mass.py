@@ -8,6 +8,7 @@ import pytest
 from scipy.special import ellipk
 
 import flexmbd as fm
+from flexmbd import contact
 from flexmbd.errors import SceneError
 from flexmbd.scene_file.reading import read_scene
 from flexmbd.scene_file.scene_builder import build
@@ -263,3 +264,24 @@ def test_the_mass_of_a_solid_and_of_a_shape_stands_at_its_centre():
         assert point.shape is not None
         np.testing.assert_allclose(np.ptp(point.shape.points, axis=0), (0.2, 0.4, 0.6))
         np.testing.assert_allclose(point.shape.points.max(axis=0), (0.1, 0.2, 0.3))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+@pytest.mark.parametrize("anchor", [(0.0, 0.0, 0.0), (3.0, -4.0, 5.0)])
+@pytest.mark.parametrize("beside", [0.0, 7.0])
+def test_a_lone_point_takes_the_same_steps_in_all_units_and_wherever_it_is(unit, anchor, beside):
+    """Thrown above a floor: its flight tells its size, not where frames lie, nor the unit of length."""
+    steps = []
+    for length, p, x in ((1.0, np.zeros(3), 0.0), (unit, np.array(anchor), beside)):
+        scene = fm.System(gravity=(0.0, 0.0, -10.0 * length))
+        point = scene.add(fm.PointMass(1.0), name="point")
+        fly = scene.connect(fm.joint.Translation(), scene.ground.frame(tuple(length * p)), point.frame())
+        fly.position, fly.velocity = (0.0, 0.0, 1e-6 * length), (2.0 * length, 0.0, 1.0 * length)
+        floor = contact.HalfSpace(scene.ground.frame(tuple(length * (p + np.array([x, 0.0, 0.0])))))
+        law = contact.PowerLaw(k=1e4, restitution=0.5, speed=0.1 * length)
+        scene.touch(floor, contact.Vertex(point.frame()), law)
+        run = scene.simulate(1.0, rtol=1e-6, integrator=fm.ExplicitRungeKutta())
+        steps.append((run.stats.steps, scene.compile().scene.extent / length))
+    assert steps[1][1] == pytest.approx(steps[0][1], rel=1e-12) == pytest.approx(0.5)
+    assert steps[1][0] == pytest.approx(steps[0][0], rel=0.02)
+    assert steps[0][0] < 600

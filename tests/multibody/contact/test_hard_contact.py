@@ -262,3 +262,17 @@ def test_a_ball_rests_on_shapes_that_have_a_table(kind, size):
     run = scene.simulate(1.0, h=1e-3)
     assert run.position(ball.frame())[-1] == pytest.approx([0.0, 0.15 * size, 0.0], abs=1e-9 * size)
     assert run.contacts(pair)[0].normal_force[-1] == pytest.approx(2.0 * 9.81 * size, rel=1e-9)
+
+
+def test_a_contact_whose_normal_nothing_can_move_along_exerts_nothing():
+    """A wheel that touches a wall with a point beside its axle, along which it cannot move: it goes on turning."""
+    scene, _ = scene_of((0.0, 0.0, 0.0))
+    turn = np.array([[0.8, 0.0, 0.6], [0.36, 0.8, -0.48], [-0.48, 0.6, 0.64]])
+    wheel = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.2)), name="wheel")
+    axle = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(R=turn), wheel.frame())
+    axle.velocity = 3.0
+    wall = contact.HalfSpace(scene.ground.frame(p=tuple(turn @ (0.0, 0.0, 0.1)), R=turn))
+    pair = scene.touch(wall, contact.Vertex(wheel.frame(p=(0.3, 0.2, 0.1 - 1e-9))), contact.Hard(mu=0.3))
+    run = scene.simulate(0.5, h=1e-2)
+    assert run.beta_rate(axle) == pytest.approx(3.0, abs=1e-12)
+    assert np.abs(run.contacts(pair)[0].force).max() == 0.0

@@ -212,7 +212,7 @@ def test_curves_that_enclose_nothing_are_refused():
     refused("turns back on itself", [(0, 0), (2, 0), (2, 1), (1, 1), (1, 3), (1, 1), (0, 1)][:6])
     refused("turns back", [(0, 0), (1, 0), (2, 0)])
     refused("finite numbers of shape", [(0.0, 0.0, 0.0)])
-    refused("finite numbers of shape", [(0.0, np.nan), (1.0, 0.0), (1.0, 1.0)])
+    refused("points must be finite", [(0.0, np.nan), (1.0, 0.0), (1.0, 1.0)])
     refused("bulges must be 4", square, [0.0, 1.0])
     refused("a spline has none", square, [0.0] * 4, spline=True)
     refused("spline must be", square, spline="yes")

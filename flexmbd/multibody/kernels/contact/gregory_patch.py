@@ -21,6 +21,10 @@ from flexmbd.multibody.kernels.contact.curve import LAST_STEP, curve_foot
 #: Control points of a patch: 13 of the boundary, 6 within.
 BOUNDARY, WITHIN = 13, 6
 
+#: How Newton's iteration for a point within ends: there, beyond an edge, or within but before its steps are round-off,
+#: as of points far from the patch.
+FOUND, LEFT, ENDED = range(3)
+
 _BINOMIALS = (1.0, 4.0, 6.0, 4.0)
 _BY_V, _BY_W = (-1.0, 1.0, 0.0), (-1.0, 0.0, 1.0)  # of the shares u, v, w
 _MOST = 20  # Newton's iterations
@@ -112,7 +116,7 @@ def edge_shares(edge, t):
 
 @kernel
 def _inner_foot(data, c, p, v, w):
-    """v, w of the point within that is nearest to p, by Newton's method; whether it is within, or where it left it."""
+    """v, w of the point within that is nearest to p, by Newton's method, and how it ended: FOUND, LEFT or ENDED."""
     for _ in range(_MOST):
         x, xv, xw, xvv, xvw, xww = patch_point(data, c, v, w)
         d = sub3(x, p)
@@ -131,25 +135,30 @@ def _inner_foot(data, c, p, v, w):
         step = max(abs(to_v - v), abs(to_w - w))
         v, w = to_v, to_w
         if step <= LAST_STEP:
-            return v, w, within
-    return v, w, False
+            return v, w, FOUND if within else LEFT
+    return v, w, ENDED if v > 0.0 and w > 0.0 and v + w < 1.0 else LEFT
 
 
 @kernel
 def patch_foot(data, c, p, v, w):
     """The nearest point, sought from (v, w): v, w, and its part, 0 the inside, 1 to 3 an edge, 4 to 6 a corner."""
-    v, w, within = _inner_foot(data, c, p, v, w)
-    if within:
+    v, w, how = _inner_foot(data, c, p, v, w)
+    if how == FOUND:
         return v, w, 0
-    part, at, least = 0, 0.0, 0.0
+    part, at, least = 0, 0.0, math.inf
+    if how == ENDED:
+        d = sub3(patch_point(data, c, v, w)[0], p)
+        least = dot3(d, d)
     for edge in range(3):
         o = c + 12 * edge
         t = curve_foot(data, o, p)
         a, b = edge_shares(edge, t)
         d = sub3(patch_point(data, c, a, b)[0], p)
         square = dot3(d, d)
-        if part == 0 or square < least:
+        if square < least:
             part, at, least = edge + 1, t, square
+    if part == 0:
+        return v, w, 0
     v, w = edge_shares(part - 1, at)
     if at == 0.0:
         part = part + 3

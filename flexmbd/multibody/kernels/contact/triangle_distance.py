@@ -1,9 +1,11 @@
 """The signed distance of a point from a surface of triangles, flat ones and curved patches, by a tree of boxes.
 
-A triangle: its kind; three corners (3, 3); its unit normal (3); of its three edges and of its three corners the normal
-by which what is nearest to them is signed (3, 3 each; Baerentzen & Aanaes 2005: of an edge the sum of the two
+A triangle: its kind; its first corner (3), and from there the two others (2, 3), so that far from the origin no digits
+are lost between near places; its unit normal (3); of its three edges and of its three corners the
+normal by which what is nearest to them is signed (3, 3 each; Baerentzen & Aanaes 2005: of an edge the sum of the two
 triangles', of a corner that of all, weighed by their angles), or zeros where the surface is smooth there.  Of a patch
-follow how far it is from the flat triangle at most, and its control points (``gregory_patch``).  All in m.
+follow how far it is from the flat triangle at most, and its control points, from the first corner too
+(``gregory_patch``).  All in m.
 """
 
 from __future__ import annotations
@@ -31,11 +33,18 @@ CORNERS, NORMAL, EDGE_NORMALS, CORNER_NORMALS, BULGE, CONTROL = 1, 10, 13, 22, 3
 
 
 @kernel
-def _flat_foot(data, o, p):
-    """v, w of the nearest point of the flat triangle, and its part: 0, edges 1 to 3, corners 4 to 6 (Ericson 2005)."""
-    a = load3(data, o + CORNERS)
-    b, c = sub3(load3(data, o + CORNERS + 3), a), sub3(load3(data, o + CORNERS + 6), a)
-    q = sub3(p, a)
+def _corner(data, o, k):
+    """Corner k of the triangle, from its first one."""
+    return load3(data, o + CORNERS + 3 * k) if k > 0 else (0.0, 0.0, 0.0)
+
+
+@kernel
+def _flat_foot(data, o, q):
+    """v, w of the flat triangle's point nearest to q, which is seen from its first corner, and its part.
+
+    0, edges 1 to 3, corners 4 to 6 (Ericson 2005).
+    """
+    b, c = _corner(data, o, 1), _corner(data, o, 2)
     d1, d2 = dot3(b, q), dot3(c, q)
     if d1 <= 0.0 and d2 <= 0.0:
         return 0.0, 0.0, 4
@@ -62,35 +71,33 @@ def _flat_foot(data, o, p):
 
 @kernel
 def _flat_point(data, o, v, w):
-    a, b, c = load3(data, o + CORNERS), load3(data, o + CORNERS + 3), load3(data, o + CORNERS + 6)
-    return add3(scale3(1.0 - v - w, a), add3(scale3(v, b), scale3(w, c)))
+    return add3(scale3(v, _corner(data, o, 1)), scale3(w, _corner(data, o, 2)))
 
 
 @kernel
 def _nearest(data, table, p):
-    """The triangle, v, w and part of the nearest point, and the point."""
+    """The triangle, v, w and part of the nearest point, and the way from there to p."""
     node, least = first_leaf(data, table, p), math.inf
-    triangle, v, w, part, place = 0, 0.0, 0.0, 0, (0.0, 0.0, 0.0)
+    triangle, v, w, part, way = 0, 0.0, 0.0, 0, p  # no number where p is none
     begun = False
     while node >= 0:
         o = item_of(data, table, node)
-        a, b, k = _flat_foot(data, o, p)
-        x = _flat_point(data, o, a, b)
-        d = sub3(p, x)
+        q = sub3(p, load3(data, o + CORNERS))
+        a, b, k = _flat_foot(data, o, q)
+        d = sub3(q, _flat_point(data, o, a, b))
         square = dot3(d, d)
         if data[o] == PATCH:
             if max(math.sqrt(square) - data[o + BULGE], 0.0) ** 2 < least:
-                a, b, k = patch_foot(data, o + CONTROL, p, a, b)
-                x = patch_point(data, o + CONTROL, a, b)[0]
-                d = sub3(p, x)
+                a, b, k = patch_foot(data, o + CONTROL, q, a, b)
+                d = sub3(q, patch_point(data, o + CONTROL, a, b)[0])
                 square = dot3(d, d)
             else:
                 square = math.inf
         if square < least:
-            least, triangle, v, w, part, place = square, o, a, b, k, x
+            least, triangle, v, w, part, way = square, o, a, b, k, d
         node = next_leaf(data, table, node + 1 if begun else 0, p, least)
         begun = True
-    return triangle, v, w, part, place
+    return triangle, v, w, part, way
 
 
 @kernel
@@ -105,8 +112,7 @@ def _sharp_normal(data, o, part):
 @kernel
 def _distance(data, found, p):
     """Signed distance, gradient, and whether the nearest point is on a sharp edge or corner."""
-    o, v, w, part, x = found
-    q = sub3(p, x)
+    o, v, w, part, q = found
     m, sharp = _sharp_normal(data, o, part)
     if not sharp:
         n = load3(data, o + NORMAL)
@@ -133,7 +139,7 @@ def surface_variation(data, table, p, dp):
     """How much the gradient at p changes for p + dp."""
     found = _nearest(data, table, p)
     far, n, sharp = _distance(data, found, p)
-    o, v, w, part, _ = found
+    o, v, w, part, way = found
     curved = data[o] == PATCH
     if not sharp:
         return normal_variation(data, o + CONTROL, v, w, far, dp) if curved else (0.0, 0.0, 0.0)
@@ -142,11 +148,10 @@ def surface_variation(data, table, p, dp):
         if curved:
             edge = part - 1
             t = v if edge == 0 else (w if edge == 1 else 1.0 - w)
-            x, along, bend = curve_point(data, o + CONTROL + 12 * edge, t)
-            size = dot3(along, along) + dot3(sub3(x, p), bend)
+            _, along, bend = curve_point(data, o + CONTROL + 12 * edge, t)
+            size = dot3(along, along) - dot3(way, bend)
         else:
-            end = part % 3
-            along = sub3(load3(data, o + CORNERS + 3 * end), load3(data, o + CORNERS + 3 * (part - 1)))
+            along = sub3(_corner(data, o, part % 3), _corner(data, o, part - 1))
             size = dot3(along, along)
         if size > 0.0:
             moved = sub3(dp, scale3(dot3(along, dp) / size, along))

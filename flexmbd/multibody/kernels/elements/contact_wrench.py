@@ -25,6 +25,7 @@ from flexmbd.multibody.kernels.contact.normal_force import DISSIPATION, RADIUS
 from flexmbd.multibody.kernels.contact.resistance import remember_turn, resist, resist_variation, turn_energy
 from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.element import Behaviour, FloatArray, FrameElement, Stiffness
+from flexmbd.multibody.kernels.elements.hard_element import CENTRED
 
 HEAD = 3  #: Numbers before the scales.
 _WRENCH = 6
@@ -184,11 +185,12 @@ def _misplaced(numbers: FloatArray, memory: FloatArray) -> str:
 # without states and signals the law's numbers follow the head and their count
 _NAME = "contacts, which are stiffer than at the start"
 CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True), _wrench, _variation, _energy,
-    gap=_gap,
+    Behaviour(
+        _NAME, Stiffness.UNSEEN, damper=(HEAD + 1 + DISSIPATION, 1), lets_go=True, undefined=CENTRED
+    ), _wrench, _variation, _energy, gap=_gap,
 )  # fmt: skip
 #: One that remembers: with friction, whose bristle is no potential, or the speed at which the surfaces met.
 ROUGH_CONTACT = FrameElement(
-    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True), _wrench, _variation, _energy, _remember,
-    _misplaced, _gap,
+    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True, undefined=CENTRED), _wrench, _variation,
+    _energy, _remember, _misplaced, _gap,
 )  # fmt: skip

@@ -46,6 +46,7 @@ class Behaviour:
         lets_go: whether it is no spring that lasts, as a contact is, so that what swings fast on it is a blow and no
             vibration: all of its error counts.
         hard: whether it is no force but a contact that a method solves for by impulses.
+        undefined: where it gives no finite number what that means, and a remedy; empty of users' functions.
         remembers: whether it has a memory, so that what it stores hangs on the way and not on where it is alone.
     """
 
@@ -61,6 +62,7 @@ class Behaviour:
     remembers: bool = False
     lets_go: bool = False
     hard: bool = False
+    undefined: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,13 @@ def _wrench(plan, work, row, d, R, rate, spin):
     return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
-HARD_CONTACT = FrameElement(Behaviour("hard contacts", hard=True, lets_go=True), _wrench)
+#: What it means where a contact, smooth or hard, has no direction.
+CENTRED = (
+    "the centre of what touches is in the middle of the shape, from where no side is nearer than the others, so that "
+    "no force has a direction: begin with them apart, or take a stiffer law if they were pressed together"
+)
+
+HARD_CONTACT = FrameElement(Behaviour("hard contacts", hard=True, lets_go=True, undefined=CENTRED), _wrench)
 
 #: The same of groups of shapes, whose points are found in each step.  Numbers: its law, the row of ``Plan.frames``
 #: of each of its shapes, of which there are EL_COUNT, and what tells the shapes.

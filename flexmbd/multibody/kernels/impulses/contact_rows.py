@@ -115,6 +115,16 @@ def _store_basis(basis, n):
 
 
 @kernel
+def _is_held(contacts, i):
+    """Whether joints let nothing move along the normal of contact i, beside its tangents: then no impulse acts.
+
+    What is left of the mobility is the square of round-off.
+    """
+    normal = contacts.own[i, 0]
+    return normal <= EQUAL * EQUAL * (normal + contacts.own[i, 4] + contacts.own[i, 8])
+
+
+@kernel
 def enter(plan, work, parts, contacts, i, frames, point, normal):
     """Write what moves contact i of this step, and how it follows impulses there."""
     bf, bg = plan.frame_of[frames[0], at.FRAME_BODY], plan.frame_of[frames[1], at.FRAME_BODY]
@@ -133,6 +143,8 @@ def enter(plan, work, parts, contacts, i, frames, point, normal):
     contacts.first[i + 1] = contacts.first[i] + 3 * (n + m)
     if n + m > 0:
         _enter_rows(plan, work, parts, contacts, i, frames, point)
+    if _is_held(contacts, i):
+        own[0], own[1], own[2], own[3], own[6] = 0.0, 0.0, 0.0, 0.0, 0.0
     write_stick(load9(own, 0), contacts.stick[i])
 
 

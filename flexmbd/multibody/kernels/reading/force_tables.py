@@ -140,6 +140,12 @@ def element_numbers(plan: Plan, rows: Sequence[int]) -> IntArray:
     return np.ascontiguousarray(plan.elements[list(rows), at.EL_NUMBER])
 
 
+def undefined_forces(plan: Plan) -> dict[int, str]:
+    """What it means where an element gives no finite number, by its number in the scene; not of users' functions."""
+    told = zip(map(int, plan.elements[:, at.EL_NUMBER]), behaviours(plan), strict=True)
+    return {number: one.undefined for number, one in told if one.undefined}
+
+
 def refuse_hard_contacts(plan: Plan, what: str) -> None:
     """Raise SceneError where there are contacts that act by impulses, of which ``what`` knows nothing."""
     if has_hard_contacts(plan):
