@@ -193,8 +193,8 @@ def sizes(report: Report, cells: int, steps: int) -> None:
                 instant = sum(kept[name] - more[name] for name in ("shared", "bytes")) / recorded[0]["instants"]
                 report.say(
                     f"Rank {k} sends in a step {step['messages']:.1f} messages of {step['bytes'] / 1e3:.1f} kB in all, "
-                    f"and brings {step['shared'] / 1e3:.2f} kB to {step['collectives']:.1f} collectives; for a recorded "
-                    f"instant {instant / 1e6:.2f} MB."
+                    f"and brings {step['shared'] / 1e3:.2f} kB to {step['collectives']:.1f} collectives; for a "
+                    f"recorded instant {instant / 1e6:.2f} MB."
                 )
     report.picture("explicit_ranks.png", lambda path: draw(rows, path))
 

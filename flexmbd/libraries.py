@@ -93,8 +93,8 @@ def refuse_mpi_workers() -> None:
     if world.size > 1:
         raise FlexmbdError(
             f"PETSc would wait without end for all {world.size} ranks, for rank 0 alone runs the program and the "
-            "others are workers of mpi4py.futures: begin with `petsc4py.init(comm=MPI.COMM_SELF)`, before flexmbd, and give "
-            "meshes comm=MPI.COMM_SELF, or load a record from a file (docs/ensembles.md)"
+            "others are workers of mpi4py.futures: begin with `petsc4py.init(comm=MPI.COMM_SELF)`, before flexmbd, and "
+            "give meshes comm=MPI.COMM_SELF, or load a record from a file (docs/ensembles.md)"
         )
 
 

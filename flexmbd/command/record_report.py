@@ -245,8 +245,8 @@ def _draw_mac(mac: FloatArray, other: str) -> Callable[[Figure], None]:
 
 def _other_record(beside: RecordComparison) -> list[Content]:
     """Places of common interfaces, and modes by MAC."""
-    apart = [(at.name, *beside.apart(at.name)) for at in beside.common]
-    way, turn = (max(one[k] for one in apart) for k in (1, 2))
+    ways, turns = zip(*(beside.apart(at.name) for at in beside.common), strict=True)
+    apart = tuple(zip((at.name for at in beside.common), ways, turns, strict=True))
     where = (
         "Each lies where the coordinates of its mesh have it"
         if beside.by_meshes
@@ -259,12 +259,12 @@ def _other_record(beside: RecordComparison) -> list[Content]:
     ]
     contents: list[Content] = [
         Paragraph(
-            f"{where}: common interfaces are up to {number_text(way)} m and {number_text(turn)} rad apart. "
+            f"{where}: common interfaces are up to {number_text(max(ways))} m and {number_text(max(turns))} rad apart. "
             "What is compared of the other one is at the places and in the axes of the record's, faces carried rigidly."
             + (f" Not compared: {'; '.join(alone)}." if alone else "")
         ),
         ReportTable(
-            "places", "How far common interfaces are apart", ("interface", "way [m]", "turn [rad]"), tuple(apart)
+            "places", "How far common interfaces are apart", ("interface", "way [m]", "turn [rad]"), apart
         ),
     ]
     if beside.one.body.n_modes == 0 or beside.other.body.n_modes == 0:
