@@ -24,7 +24,7 @@ from flexmbd.integrate.discrete_gradient import workspace as step
 from flexmbd.integrate.discrete_gradient.momentum_end import accelerate_end
 from flexmbd.integrate.discrete_gradient.momentum_predictors import remember
 from flexmbd.integrate.discrete_gradient.newton import bind, solve_factored, solve_step
-from flexmbd.integrate.discrete_gradient.sparse_masses import is_sparse, multiply_end_mass, solve_iteration
+from flexmbd.integrate.discrete_gradient.sparse_matrices import is_sparse, multiply_end_mass, solve_iteration
 from flexmbd.integrate.discrete_gradient.step import kinetic_energy
 from flexmbd.integrate.discrete_gradient.workspace import EnergyMomentumWorkspace
 from flexmbd.integrate.explicit.loop_dynamics import Loops, new_loops, set_row_scales, update_row_scales

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmbd.integrate.discrete_gradient.sparse_masses import factor_sparse_mass, is_sparse, solve_sparse_mass
+from flexmbd.integrate.discrete_gradient.sparse_matrices import factor_sparse_mass, is_sparse, solve_sparse_mass
 from flexmbd.integrate.discrete_gradient.workspace import CONSTRAINTS, RESIDUAL, SINGULAR, TANGENT
 from flexmbd.integrate.explicit.loop_dynamics import NO_REACTION
 from flexmbd.multibody.kernels.algebra.rank_revealing import factor_block, solve_block

@@ -13,7 +13,7 @@ from flexmbd.integrate.discrete_gradient.momentum_balance import conserve_moment
 from flexmbd.integrate.discrete_gradient.momentum_end import close_velocities, factor_end_mass
 from flexmbd.integrate.discrete_gradient.momentum_predictors import first_guess
 from flexmbd.integrate.discrete_gradient.polynomial_average import vary_average_polynomials
-from flexmbd.integrate.discrete_gradient.sparse_masses import (
+from flexmbd.integrate.discrete_gradient.sparse_matrices import (
     add_stiff_forces,
     end_mass_of,
     factor_iteration,
