@@ -143,11 +143,11 @@ def _change_block(plan, scratch, c):
 @kernel
 def solve_factored(plan, scratch):
     """Solve with the factors of the iteration matrix for ``s.correction``, in place."""
-    if is_sparse(scratch):
-        solve_iteration(scratch)
-        return
     if scratch.bounds.shape[0] == 2:
         solve(plan.lapack, scratch.matrix, scratch.pivot, scratch.sizes, scratch.correction)
+        return
+    if is_sparse(scratch):
+        solve_iteration(scratch)
         return
     blocks, bounds, sizes = scratch.tangent.blocks, scratch.bounds, scratch.sizes
     rhs, sorted_rhs = scratch.correction, scratch.sorted_rhs

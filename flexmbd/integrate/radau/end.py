@@ -14,7 +14,7 @@ from flexmbd.integrate.newton_control import CONVERGED, NOT_FINITE, judge
 from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.matrix import derive
 from flexmbd.integrate.radau.sparse_end import balance_sparse, close_sparse, factor_sparse_end
-from flexmbd.integrate.radau.sparse_matrices import is_sparse
+from flexmbd.integrate.radau.sparse_stages import is_sparse
 from flexmbd.integrate.radau.stages import evaluate_stage
 from flexmbd.multibody.kernels.algebra.rank_revealing import solve_block
 from flexmbd.multibody.kernels.base.compiling import kernel

@@ -14,7 +14,7 @@ from flexmbd.integrate.radau.recursion_matrices import (
     solve_real_recursion,
     take_parts,
 )
-from flexmbd.integrate.radau.sparse_matrices import (
+from flexmbd.integrate.radau.sparse_stages import (
     factor_both,
     is_sparse,
     put_block_imbalance,

@@ -17,7 +17,7 @@ from flexmbd.integrate.radau.coefficients import STAGES
 from flexmbd.integrate.radau.end import close_end, place_end
 from flexmbd.integrate.radau.matrix import correct_stages, factor_step, take_tangent
 from flexmbd.integrate.radau.row_transforms import choose_stage, transform_stage_rows
-from flexmbd.integrate.radau.sparse_matrices import is_sparse
+from flexmbd.integrate.radau.sparse_stages import is_sparse
 from flexmbd.integrate.radau.stages import (
     evaluate_stage,
     place_stages,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexmbd.integrate import state as st
 from flexmbd.integrate.radau.coefficients import STAGES
-from flexmbd.integrate.radau.sparse_matrices import assemble, put_slopes
+from flexmbd.integrate.radau.sparse_stages import assemble, put_slopes
 from flexmbd.integrate.sparse_rows import least_row_pivot, tell_worthless
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import FLAG, NUMBER, TUPLE2, deferred_kernel

@@ -351,7 +351,8 @@ def assemble_sparse(plan, work, tw, to, x, v, a, multipliers, per_x, per_v, per_
             values[to.diagonal[block, 0] + to.diagonal[block, 1] * k + k] += per_a * plan.shafts[i, at.SHAFT_INERTIA]
     if plan.rows.shape[0] > 0:
         _add_sparse_rows(plan, work, tw, to, x, v, a, multipliers, per_x, per_v, per_a, values)
-    if plan.elements.shape[0] > 0 and (per_x != 0.0 or per_v != 0.0):  # which no acceleration changes
+    # no acceleration changes them; motions of cut bodies do, whose unknowns have their weights already
+    if plan.elements.shape[0] > 0 and (per_x != 0.0 or per_v != 0.0 or to.starts[2] > to.starts[1]):
         _add_sparse_elements(plan, work, tw, to, x, v, a, per_x, per_v, per_a, values)
     _couple_bodies(tw, to, values)
     if to.carrying.shape[0] > 0:
