@@ -15,7 +15,7 @@ from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
 from flexmbd.multibody.contact.impact_law import ImpactLaw as ImpactLaw
 from flexmbd.multibody.contact.lowest_points import LowestPoint as LowestPoint
-from flexmbd.multibody.contact.lowest_points import Outline as Outline
+from flexmbd.multibody.contact.lowest_points import ProfileOutline as ProfileOutline
 from flexmbd.multibody.contact.lowest_points import Rim as Rim
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.profile import Profile as Profile

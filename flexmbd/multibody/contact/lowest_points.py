@@ -58,7 +58,7 @@ class Rim:
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class ProfileOutline:
     """The point of a profile that is nearest to a half space.
 
     Attributes:

@@ -16,7 +16,7 @@ from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.lowest_points import LowestPoint, Outline, Rim
+from flexmbd.multibody.contact.lowest_points import LowestPoint, ProfileOutline, Rim
 from flexmbd.multibody.contact.profile import Profile
 from flexmbd.multibody.contact.shapes import (
     SHAPES,
@@ -190,7 +190,7 @@ def _spheres(touching: TouchShape, touched: TouchedShape) -> list[_Sphere] | Non
             heights = (crown - half, half - crown) if half > 0.0 else (0.0,)
             return [_Sphere(touching.rounding, (0.0, 0.0, z), Rim(radius, crown)) for z in heights]
         if isinstance(touching, Profile):
-            return [_Sphere(0.0, lowest=Outline(touching))]
+            return [_Sphere(0.0, lowest=ProfileOutline(touching))]
     return None
 
 

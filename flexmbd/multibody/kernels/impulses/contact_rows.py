@@ -95,8 +95,8 @@ def new_contacts(count: int, widest: int, nv: int) -> Contacts:
     return Contacts(
         zeros(1, whole), zeros(count, whole), zeros((count, 2), whole), zeros((count, 2), whole), zeros((count, 6)),
         zeros(count + 1, whole), zeros(entries), zeros(entries), zeros((count, 9)), zeros((count, 9)),
-        zeros((count, 6)), *(zeros(count) for _ in range(4)), *(zeros((count, 3)) for _ in range(3)),
-        zeros(count), zeros(count), *(zeros(nv) for _ in range(3)),
+        zeros((count, 6)), zeros(count), zeros(count), zeros(count), zeros(count), zeros((count, 3)), zeros((count, 3)),
+        zeros((count, 3)), zeros(count), zeros(count), zeros(nv), zeros(nv), zeros(nv),
     )  # fmt: skip
 
 
