@@ -13,7 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.scene_file import build, plan_columns, read_scene, tabulate
 from flexmbd.scene_file.touching import LAWS, SHAPES
 
-PAGE = Path(__file__).parents[2] / "docs" / "contact.md"
+PAGE = Path(__file__).parents[2] / "docs" / "command_line.md"
 
 SCENE = """\
 gravity = [0, 0, -9.81]
@@ -48,7 +48,7 @@ t_end = 0.05
 
 
 def example():
-    return re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)[0]
+    return re.findall(r"```toml\n(\[\[touch\]\].*?)```", PAGE.read_text(encoding="utf-8"), flags=re.S)[0]
 
 
 def written(folder, text, scene=SCENE):
