@@ -247,7 +247,7 @@ class MachineAssembly:
             one: a shape of ``flexmbd.contact``, or a list of them.
             other: likewise.
             law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...); or fm.contact.Hard(...), which
-                nothing enters, with friction and impacts of its own (``fm.MoreauJean`` alone).
+                nothing enters, with friction and impacts of its own.
             friction: fm.contact.Friction(...); None: smooth.
 
         Returns:

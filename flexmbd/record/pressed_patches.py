@@ -56,10 +56,11 @@ def press(body: ReducedBody, *, gap: ArrayLike, normal: ArrayLike) -> PressedPat
     Args:
         body: with contact patches, and a frame on an interface.
         gap: (p,) m between each patch's centroid and the obstacle along its normal; negative where they overlap.
-        normal: (3,) or (p, 3) in B, in which the obstacle pushes the patches; of any length but zero.
+        normal: (3,) or (p, 3) in B, in which the obstacle pushes the patches, against their outward normals; of any
+            length but zero.
 
     Raises:
-        RecordError: there are no contact patches, the body floats, or an argument does not fit.
+        RecordError: there are no contact patches, the body floats, an argument does not fit, or a patch would be pulled.
         ConvergenceError: the patches that touch are not found.
     """
     patches = contact_patches(body)
@@ -80,6 +81,14 @@ def press(body: ReducedBody, *, gap: ArrayLike, normal: ArrayLike) -> PressedPat
     modal = np.einsum("pa,pan->pn", across, patches.phi)
     residual = np.einsum("pa,paqb,qb->pq", across, patches.G.reshape(count, 3, count, 3), across)
     force, left = _complementary((modal / body.stiffness) @ modal.T + residual, gaps)
+    pulled = np.flatnonzero((force > 0.0) & (across[:, 0] > -EQUAL))
+    if len(pulled):
+        k = int(pulled[0])
+        raise RecordError(
+            f"the obstacle would pull patch {k}, of {patches.names[patches.surface[k]]!r}, along {units[k]}: it pushes "
+            f"against the patch's outward normal {patches.axes[k, :, 0]}; turn `normal` round, or give what the obstacle "
+            "does not meet a large gap"
+        )
     return PressedPatches(force, force / patches.area, left, (modal.T @ force) / body.stiffness)
 
 

@@ -53,7 +53,10 @@ def test_a_pressed_block_is_the_unreduced_one(modes):
     """Forces by least squares without negative ones, of a flexibility that knows nothing of modes; in any direction."""
     body = pressed_block(modes)
     rng, count = np.random.default_rng(5), len(body.contact.area)
-    for normals in (body.R_MB.T @ [0, 0, -3.0], rng.normal(size=3), rng.normal(size=(count, 3)), rng.normal(size=3)):
+    drawn = [body.R_MB.T @ [0, 0, -3.0], rng.normal(size=3), rng.normal(size=(count, 3)), rng.normal(size=3)]
+    for pushes in drawn:
+        outward = np.sign(np.einsum("pb,pb->p", body.contact.axes[:, :, 0], np.broadcast_to(pushes, (count, 3))))
+        normals = -outward[:, None] * pushes  # an obstacle pushes against the surface
         gap = rng.normal(size=count) * 1e-5
         units = np.broadcast_to(normals / np.linalg.norm(normals, axis=-1, keepdims=True), (count, 3))
         across = np.zeros((3 * count, count))
@@ -203,5 +206,8 @@ def test_what_cannot_be_pressed():
         contact.press(body, gap=[0.0], normal=(0, 0, 1))
     with pytest.raises(RecordError, match=r"normal must be \(3,\) or \(16, 3\)"):
         contact.press(body, gap=flat, normal=(0, 0, 0))
+    for normal in (body.contact.axes[0, :, 0], body.contact.axes[0, :, 1]):
+        with pytest.raises(RecordError, match=r"would pull patch \d+, of .*: it pushes against the patch's outward normal"):
+            contact.press(body, gap=flat - 1e-6, normal=normal)
     with pytest.raises(RecordError, match="body must be a ReducedBody"):
         contact.press("rod", gap=flat, normal=(0, 0, 1))

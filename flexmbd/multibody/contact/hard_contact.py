@@ -17,7 +17,9 @@ from flexmbd.multibody.force.protocol import ElementTable, check_numbers
 
 @dataclass(frozen=True, kw_only=True)
 class Hard:
-    """A contact that nothing enters, 0 <= N, 0 <= gap, one of both zero: for ``fm.MoreauJean`` alone, at fixed steps.
+    """A contact that nothing enters, 0 <= N, 0 <= gap, one of both zero.
+
+    By ``fm.MoreauJean`` at fixed steps; by error control where single contacts meet and part, impacts as events.
 
     Attributes:
         restitution: e between 0 and 1: the share of its normal speed that an impact leaves, at each contact by itself

@@ -32,6 +32,7 @@ from flexmbd.multibody.contact.shapes import (
     corners,
     ends,
 )
+from flexmbd.multibody.contact.touched_pairs import ShapeKey, shape_key
 
 FloatArray = NDArray[np.float64]
 
@@ -72,10 +73,11 @@ def contacts(
             return [HardGroup(tuple(first), tuple(second), law, tuple(joined))]
     _refuse_too_many(first, second)
     found: list[AnyContact] = []
-    known: set[frozenset[int]] = set()
+    known: set[frozenset[ShapeKey]] = set()
+    keys = {id(shape): shape_key(shape) for shape in (*first, *second)}
     for a in first:
         for b in second:
-            pair = frozenset((id(a), id(b)))
+            pair = frozenset((keys[id(a)], keys[id(b)]))
             if pair in known or len(pair) == 1:
                 continue
             known.add(pair)

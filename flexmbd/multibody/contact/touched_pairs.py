@@ -15,7 +15,7 @@ from flexmbd.multibody.contact.shapes import ConvexPolytope, HalfSpace, HollowSp
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.rotation import z_onto
 
-_Key: TypeAlias = tuple[str, str, bytes]  # the body's name, and what tells a shape on it
+ShapeKey: TypeAlias = tuple[str, str, bytes]  # the body's name, and what tells a shape on it
 _Joined: TypeAlias = frozenset[frozenset[str]]
 _NONE_JOINED: _Joined = frozenset()
 
@@ -24,11 +24,11 @@ _NONE_JOINED: _Joined = frozenset()
 class _Call:
     """The shapes of both sides of one call of ``System.touch``, and the pairs of bodies that it left out."""
 
-    one: dict[_Key, TouchShape]
-    other: dict[_Key, TouchShape]
+    one: dict[ShapeKey, TouchShape]
+    other: dict[ShapeKey, TouchShape]
     joined: _Joined
 
-    def holds(self, a: _Key, b: _Key) -> bool:
+    def holds(self, a: ShapeKey, b: ShapeKey) -> bool:
         """Whether both touch by it."""
         among = (a in self.one and b in self.other) or (b in self.one and a in self.other)
         return among and a != b and a[0] != b[0] and frozenset((a[0], b[0])) not in self.joined
@@ -38,7 +38,7 @@ class TouchedPairs:
     """Those of a scene, whose bodies have names, call by call."""
 
     def __init__(self) -> None:
-        self._single: dict[frozenset[_Key], _Call] = {}
+        self._single: dict[frozenset[ShapeKey], _Call] = {}
         self._lists: list[_Call] = []
 
     def add(
@@ -83,21 +83,22 @@ def _told(shape: TouchShape) -> str:
     return f"{type(shape).__name__} on {shape.frame.label}"
 
 
-def _by_key(shapes: Sequence[TouchShape]) -> dict[_Key, TouchShape]:
+def _by_key(shapes: Sequence[TouchShape]) -> dict[ShapeKey, TouchShape]:
     """The shapes by what tells them.
 
     Raises:
         SceneError: two are alike.
     """
-    found: dict[_Key, TouchShape] = {}
+    found: dict[ShapeKey, TouchShape] = {}
     for shape in shapes:
-        known = found.setdefault(_key(shape), shape)
+        known = found.setdefault(shape_key(shape), shape)
         if known is not shape:
             raise SceneError(f"{_told(shape)} is twice in a list of shapes, with one place and size; leave one out")
     return found
 
 
-def _key(shape: TouchShape) -> _Key:
+def shape_key(shape: TouchShape) -> ShapeKey:
+    """What tells a shape from all others: its body, place and size; equal of copies."""
     frame = shape.frame
     place, turn = frame.p_BF_B, frame.R_BF
     told: list[object] = [frame.interface]

@@ -217,3 +217,20 @@ def test_reactions_and_drives_are_known_between_impacts():
     run = scene.simulate(1.0, rtol=1e-9, integrator=fm.ExplicitRungeKutta())
     hit = run.events[0].row
     assert run.reaction(hinge)[hit, 1] == pytest.approx(2.0 * G * (1.0 + 2.0 * (1.0 - np.cos(0.5))), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("radius", [0.02, 0.002])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-8])
+def test_an_arm_does_not_pass_through_a_peg(method, radius, rtol):
+    """Its tip turns on a circle of 1 m at 3 rad/s and comes back from a peg whose middle it would cross."""
+    scene = fm.System()
+    arm = scene.add(fm.RigidBody(1.0, (0.1, 0.1, 0.1)), name="arm")
+    hinge = scene.connect(fm.joint.Revolute("z"), scene.ground.frame(), arm.frame())
+    hinge.position, hinge.velocity = 0.0, 3.0
+    peg = contact.Sphere(scene.ground.frame(p=(np.cos(1.5), np.sin(1.5), 0.0)), radius)
+    scene.touch(peg, contact.Vertex(arm.frame(p=(1.0, 0.0, 0.0))), contact.Hard(restitution=1.0))
+    run = scene.simulate(0.9, rtol=rtol, integrator=method)
+    (hit,) = run.events
+    assert 3.0 * hit.t == pytest.approx(1.5 - 2.0 * np.arcsin(0.5 * radius), abs=10.0 * rtol)
+    assert run.beta_rate(hinge)[-1] == pytest.approx(-3.0, rel=1e-6)

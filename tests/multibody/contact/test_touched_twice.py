@@ -78,3 +78,10 @@ def test_a_call_that_was_refused_leaves_nothing_behind():
     with pytest.raises(SceneError, match="k = -1"):
         scene.touch(a, b, contact.PowerLaw(k=-1.0))
     assert len(scene.touch(a, b, contact.PowerLaw(k=1.0))) == 1
+
+
+def test_equal_lists_touch_within_themselves_once():
+    """Copies of a list's shapes are the list: a pair is no second pair the other way round."""
+    scene, made = bodies(3)
+    one, other = ([contact.Sphere(body.frame(), 0.5) for body in made] for _ in range(2))
+    assert len(scene.touch(one, other, contact.PowerLaw(k=1e4))) == 3
