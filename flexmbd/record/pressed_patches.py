@@ -60,7 +60,8 @@ def press(body: ReducedBody, *, gap: ArrayLike, normal: ArrayLike) -> PressedPat
             length but zero.
 
     Raises:
-        RecordError: there are no contact patches, the body floats, an argument does not fit, or a patch would be pulled.
+        RecordError: there are no contact patches, the body floats, an argument does not fit, or the obstacle would
+            pull a patch.
         ConvergenceError: the patches that touch are not found.
     """
     patches = contact_patches(body)
@@ -86,8 +87,8 @@ def press(body: ReducedBody, *, gap: ArrayLike, normal: ArrayLike) -> PressedPat
         k = int(pulled[0])
         raise RecordError(
             f"the obstacle would pull patch {k}, of {patches.names[patches.surface[k]]!r}, along {units[k]}: it pushes "
-            f"against the patch's outward normal {patches.axes[k, :, 0]}; turn `normal` round, or give what the obstacle "
-            "does not meet a large gap"
+            f"against the patch's outward normal {patches.axes[k, :, 0]}; turn `normal` round, or give what the "
+            "obstacle does not meet a large gap"
         )
     return PressedPatches(force, force / patches.area, left, (modal.T @ force) / body.stiffness)
 
