@@ -119,7 +119,7 @@ class Checkpoint:
             groups = st.Groups(
                 *(_part(file, f"groups.{name}", 2 if name in _TABLES else 1) for name in names_of(st.Groups))
             )
-            t_start, first_step = file["times"]
+            t_start, first_step = _part(file, "times", 1)
             own = _memory(file, "method.")
             memories = tuple(_memory(file, f"body {k}.") for k in range(int(file["bodies"].item())))
             kept = InteriorSnapshot(_part(file, "wrenches", 2), memories)

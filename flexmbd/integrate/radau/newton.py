@@ -96,8 +96,11 @@ def _is_believed(plan, work, state, scratch, attempt, known):
 
 
 @kernel
-def _iterate(plan, work, state, scratch, h, tolerance):
-    """Iterate with the factors at hand; whether the stages converged."""
+def _iterate(plan, work, state, scratch, h, tolerance, last):
+    """Iterate with the factors at hand; whether the stages converged.
+
+    ``last``: no other attempt follows, and what stalls at round-off of velocities has converged.
+    """
     before = 0.0
     contraction = expected_contraction(scratch.memory.contraction[0])
     if scratch.tangent_stiffness.shape[0] > 0:
@@ -105,7 +108,7 @@ def _iterate(plan, work, state, scratch, h, tolerance):
     # transformed rows depend on where the stages were: only later corrections show the contraction
     shows = 3 if scratch.uses_transform[0] == 1 else 1
     most = _MAX_FIXED if state.counts[st.FIXED_STEP] == 1 else MAX_ITERATIONS
-    noise = max(_ROUND_OFF, _noise_of_velocities(plan, scratch, h))
+    noise = max(_ROUND_OFF, _noise_of_velocities(plan, scratch, h)) if last else _ROUND_OFF
     for iteration in range(most):
         for i in range(STAGES):
             evaluate_stage(plan, work, state, scratch, i)
@@ -134,7 +137,8 @@ def solve_step(plan, work, state, scratch, h, tolerance):
     known = scratch.memory.polynomial_known[0] == 1
     renew = scratch.memory.renewals[0] > 0
     transforms = plan.rows.shape[0] > 0 and not is_sparse(scratch)
-    for attempt in range(_TRANSFORMED + 2 if transforms else _TRANSFORMED):
+    attempts = _TRANSFORMED + 2 if transforms else _TRANSFORMED
+    for attempt in range(attempts):
         new_factors = scratch.memory.step_factored[0] != h
         if attempt == 0 and (scratch.memory.tangent_serves[0] == 0 or (new_factors and renew)):
             continue
@@ -158,7 +162,8 @@ def solve_step(plan, work, state, scratch, h, tolerance):
             state.counts[st.OUTCOME] = st.RANK_LOST
             continue
         scratch.uses_transform[0] = 1 if attempt >= _TRANSFORMED else 0
-        solved = _iterate(plan, work, state, scratch, h, tolerance)
+        last = attempt == (attempts - 1 if known else attempts - 2)
+        solved = _iterate(plan, work, state, scratch, h, tolerance, last)
         if not (solved and _is_believed(plan, work, state, scratch, attempt, known)):
             if attempt == 0:
                 give_up_old_factors(scratch.memory, _RENEWALS)
