@@ -5,7 +5,8 @@
 # example of Zienkiewicz, Taylor and Fox (2014, The Finite Element Method for Solid and Structural Mechanics, section
 # 8.2), who name the contacts as what is hard about it.
 #
-# `./run python demos/rock_slide.py`, a quarter of an hour; `--short` takes forty stones. A film goes to `out_rock_slide`.
+# `./run python demos/rock_slide.py`, a quarter of an hour; `--short` takes forty stones. A film goes to
+# `out_rock_slide`.
 
 import argparse
 import time
