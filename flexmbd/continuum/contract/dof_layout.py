@@ -212,9 +212,9 @@ def dof_layout(space: fem.FunctionSpace, rigid_motion: RigidDisplacement) -> Dof
         nodes, places = _nodes_of_blocks(space)
         return DofLayout(space, nodes, dofs.reshape(-1, size)[places, :3], (whole,), rigid_motion)
     fields, first = [], 0
-    for i, part in enumerate(element.sub_elements):
+    for i in range(len(element.sub_elements)):
         own, of_part = compat.collapse(space.sub(i))
-        size = int(np.prod(part.reference_value_shape, dtype=int))
+        size = int(np.prod(own.value_shape, dtype=int))  # a symmetric tensor has more components than dofs
         fields.append(Field(own, of_part, slice(first, first + size)))
         first += size
     return DofLayout(space, fields[0].space, fields[0].dofs.reshape(-1, 3), tuple(fields), rigid_motion)
