@@ -10,12 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from petsc4py import PETSc
+
 import numpy as np
 import ufl
 from dolfinx import fem
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.held_surface import held_dofs
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.surface_group import surface_work
@@ -278,12 +281,20 @@ def _viscous_damping(
     if not isinstance(damping.tau, Mapping) and model.state is None and not model.has_surface_energy:
         return np.diag(damping.tau * stiffness)
     # of a loaded body, or with springs on facets, the stiffness has a part that is no stress times a strain
+    if model.condensed is not None:
+        times = [_time(damping.tau, group) for group in model.groups]
+        return _projection(model, model.condensed.stiffness(factors=times), modes=modes)
     return _projected(model, "viscosity", _viscosity(model, damping.tau), modes=modes)
 
 
 def _projected(model: LinearModel, name: str, forms: list[fem.Form], *, modes: FloatArray) -> FloatArray:
     """(n, n) of a matrix given by its bilinear forms. Collective."""
     (matrix,) = assembly.assemble({name: forms}, model.groups, model.space)
+    return _projection(model, matrix, modes=modes)
+
+
+def _projection(model: LinearModel, matrix: PETSc.Mat, *, modes: FloatArray) -> FloatArray:
+    """(n, n) of a matrix, which is destroyed. Collective."""
     viscous: FloatArray = symmetric(inner(model.comm, modes, multiply(matrix, modes)))
     matrix.destroy()
     return viscous
@@ -293,11 +304,15 @@ def _viscosity(model: LinearModel, tau: float | Mapping[str, float]) -> list[fem
     """The stiffness at rest with the part of each cell group times its tau. Collective."""
     u, v = fem.Function(model.space), ufl.TestFunction(model.space)
     terms = [
-        fem.Constant(model.mesh.mesh, float(tau[str(group.name)] if isinstance(tau, Mapping) else tau)) * form
+        fem.Constant(model.mesh.mesh, _time(tau, group)) * form
         for group in model.groups
         for form in assembly.internal_work([group], u, v)
     ]
     return assembly.derivatives_at_rest(terms, u)
+
+
+def _time(tau: float | Mapping[str, float], group: CellGroup) -> float:
+    return float(tau[str(group.name)] if isinstance(tau, Mapping) else tau)
 
 
 def _names(held: Any) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ def kinetic_energy(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.For
     return [
         integral(term, group, mesh)
         for group in groups
-        for term in group.formulation.kinetic_energy(v, group.symbols)
+        for term in group.kinetic_energy(v)
     ]
 
 
@@ -57,8 +57,7 @@ def dissipation(groups: Sequence[CellGroup], v: fem.Function) -> list[ufl.Form]:
     return [
         integral(term, group, mesh)
         for group in groups
-        if group.optional.dissipation is not None
-        for term in group.optional.dissipation(v, group.symbols)
+        for term in group.dissipation(v)
     ]
 
 
@@ -76,8 +75,7 @@ def gyroscopic(groups: Sequence[CellGroup], space: fem.FunctionSpace) -> list[fe
     terms = [
         integral(term, group, space.mesh)
         for group in groups
-        if group.optional.gyroscopic is not None
-        for term in group.optional.gyroscopic(u, v, group.symbols)
+        for term in group.gyroscopic(u, v)
     ]
     return _compiled(energy(term, w, d) - energy(term, d, w) for term in terms)
 
@@ -143,9 +141,18 @@ def assemble(
         for form in forms:
             fem.assemble_matrix(blocks, form)
         blocks.scatter_reverse()
-        _check_finite(blocks, groups, name=name, comm=space.mesh.comm)
-        matrices.append(_to_petsc(space.mesh.comm, blocks))
+        matrices.append(finished(blocks, groups, name=name, comm=space.mesh.comm))
     return matrices
+
+
+def finished(blocks: la.MatrixCSR, groups: Sequence[CellGroup], *, name: str, comm: MPI.Comm) -> PETSc.Mat:
+    """A summed block matrix as a PETSc AIJ matrix, symmetric. Collective.
+
+    Raises:
+        FormulationError: on all ranks: it has entries that are not finite.
+    """
+    _check_finite(blocks, groups, name=name, comm=comm)
+    return _to_petsc(comm, blocks)
 
 
 def _derivative(term: ufl.Form, u: fem.Function) -> ufl.Form:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.contract.cell_fields import CellFields
 from flexmbd.continuum.contract.dissipation import check_values
 from flexmbd.continuum.contract.dof_layout import check_element
 from flexmbd.continuum.contract.entries import OptionalEntries, optional_entries
-from flexmbd.continuum.contract.formulation import Formulation, load_form, orders, symbols
+from flexmbd.continuum.contract.formulation import Formulation, IntegralTerm, load_form, orders, symbols
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FlexmbdError, FormulationError, MeshError
 
@@ -36,6 +37,7 @@ class CellGroup:
         parameters: an instance of its `Parameters`.
         symbols: the parameters as constants on the mesh (`formulation.symbols`).
         cells: (k,) the cells of the group that this rank owns, ascending.
+        fields: of one cell, which are condensed there; None: the unknown is that of the formulation.
     """
 
     name: str | None
@@ -43,6 +45,7 @@ class CellGroup:
     parameters: Any
     symbols: Any
     cells: NDArray[np.int32]
+    fields: CellFields | None = None
 
     @property
     def form_name(self) -> str:
@@ -53,6 +56,23 @@ class CellGroup:
     def optional(self) -> OptionalEntries:
         """The formulation's optional functions of the contract."""
         return optional_entries(self.formulation)
+
+    def kinetic_energy(self, v: Any) -> list[IntegralTerm]:
+        """Terms of the kinetic energy of rates v, of the shared unknown where there are fields of one cell."""
+        return self._shared(self.formulation.kinetic_energy, v)
+
+    def dissipation(self, v: Any) -> list[IntegralTerm]:
+        """The same of Rayleigh's function; none where there is none."""
+        return [] if self.optional.dissipation is None else self._shared(self.optional.dissipation, v)
+
+    def gyroscopic(self, u: Any, v: Any) -> list[IntegralTerm]:
+        """The same of the kinetic energy linear in the rates v."""
+        return [] if self.optional.gyroscopic is None else self._shared(self.optional.gyroscopic, u, v)
+
+    def _shared(self, function: Callable[..., Sequence[IntegralTerm]], *unknowns: Any) -> list[IntegralTerm]:
+        if self.fields is None:
+            return list(function(*unknowns, self.symbols))
+        return self.fields.shared_terms(lambda *whole: function(*whole, self.symbols), *unknowns)
 
     @property
     def has_local_unknowns(self) -> bool:

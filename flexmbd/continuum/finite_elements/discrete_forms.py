@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,8 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
+from flexmbd.continuum.contract.cell_fields import CellFields, common_cell_fields, find_cell_fields
+from flexmbd.continuum.contract.dof_layout import DofLayout, RigidDisplacement, dof_layout
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
 from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
@@ -35,10 +36,12 @@ class DiscreteForms:
         groups: the cell groups, each with its formulation and parameters; one group with the name
             None where the whole body has the same.
         degree: of the elements.
-        space: the unknown's function space.
+        space: the unknown's function space: of what cells share.
         layout: of the displacement and the other parts of the unknown.
         interfaces: the frames found on the mesh.
         surfaces: facet groups with springs or mass.
+        fields: of one cell, which are condensed there and are no part of `space`; None: there are none.
+        whole: the space of the formulations' own unknown where there are such fields; else `space`.
     """
 
     mesh: TaggedMesh
@@ -47,7 +50,9 @@ class DiscreteForms:
     space: fem.FunctionSpace
     layout: DofLayout
     interfaces: tuple[FoundInterface, ...]
-    surfaces: tuple[SurfaceGroup, ...] = ()
+    surfaces: tuple[SurfaceGroup, ...]
+    fields: CellFields | None
+    whole: fem.FunctionSpace
 
     @property
     def formulation(self) -> Formulation:
@@ -119,6 +124,11 @@ class DiscretisedBody:
         return self.forms.space
 
     @property
+    def fields(self) -> CellFields | None:
+        """The fields of one cell, which are condensed there and are no part of `space`; None: there are none."""
+        return self.forms.fields
+
+    @property
     def comm(self) -> MPI.Comm:
         """The communicator the body is spread over."""
         return self.mesh.comm
@@ -153,6 +163,7 @@ def discretise(
     interfaces: Sequence[Interface],
     surfaces: Surfaces | None = None,
     with_history: bool = False,
+    condense: bool = True,
 ) -> DiscreteForms:
     """Check everything that both kinds of bodies are made of. Collective over the mesh's communicator.
 
@@ -165,6 +176,7 @@ def discretise(
         interfaces: groups of the mesh that carry frames.
         surfaces: formulations and parameters by facet group (`pair_facets`).
         with_history: whether formulations may keep a history.
+        condense: whether fields of one cell are condensed there, and are no unknowns of the body.
 
     Raises:
         FormulationError: a form file breaks its contract, or does not fit its parameters, the
@@ -180,16 +192,29 @@ def discretise(
     PETSc.garbage_cleanup(mesh.comm)
     groups = pair_cells(mesh, formulation, parameters, degree=degree, with_history=with_history)
     facets = pair_facets(mesh, groups, surfaces, degree=degree)
-    form = groups[0].formulation
-    space = fem.functionspace(mesh.mesh, form.element(mesh.mesh.topology.cell_name(), 3, degree))
-    layout = dof_layout(space, form.rigid_motion)
+    form, cell = groups[0].formulation, mesh.mesh.topology.cell_name()
+    whole = space = fem.functionspace(mesh.mesh, form.element(cell, 3, degree))
+    fields = None
+    if condense:
+        fields = common_cell_fields(
+            [find_cell_fields(one.formulation, one.parameters, cell=cell, degree=degree) for one in (*groups, *facets)]
+        )
+    if fields is not None:
+        space = fem.functionspace(mesh.mesh, fields.shared_element)
+        groups = tuple(replace(one, fields=fields) for one in groups)
+        facets = tuple(replace(one, fields=fields) for one in facets)
+    layout = dof_layout(space, _rigid_motion(form, fields))
     _check_rigid_motions(groups, space, layout)
     check_mass(facets, space)
     parallel.check_same(mesh.comm, InterfaceError, interfaces=interfaces)
     if not is_list(interfaces):
         raise InterfaceError(f"interfaces must be a list, as interfaces=[Interface('root')], got {interfaces!r:.100}")
     found = tuple(find_interfaces(interfaces, mesh=mesh, layout=layout))
-    return DiscreteForms(mesh, groups, degree, space, layout, found, facets)
+    return DiscreteForms(mesh, groups, degree, space, layout, found, facets, fields, whole)
+
+
+def _rigid_motion(form: Formulation, fields: CellFields | None) -> RigidDisplacement:
+    return form.rigid_motion if fields is None else fields.shared_rigid_motion(form.rigid_motion)
 
 
 def _check_rigid_motions(groups: tuple[CellGroup, ...], space: fem.FunctionSpace, layout: DofLayout) -> None:
@@ -198,7 +223,8 @@ def _check_rigid_motions(groups: tuple[CellGroup, ...], space: fem.FunctionSpace
     del others[groups[0].form_name]
     for name, other in others.items():
         own = layout.rigid_columns(np.zeros(3), np.eye(3))
-        off = dof_layout(space, other.rigid_motion).rigid_columns(np.zeros(3), np.eye(3)) - own
+        motion = _rigid_motion(other, groups[0].fields)
+        off = dof_layout(space, motion).rigid_columns(np.zeros(3), np.eye(3)) - own
         largest = np.array([abs(off).max(initial=0.0), abs(own).max(initial=0.0)])
         space.mesh.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         if not largest[0] <= EQUAL * largest[1]:

@@ -17,6 +17,7 @@ from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import FoundInterface
@@ -76,6 +77,7 @@ class LinearModel(PicturedModel):
         state: the loaded static state, or None at rest.
         supports: facets that are held in the axes of the body frame.
         nodal: groups whose nodes keep all their dofs in a reduction.
+        condensed: matrices of the fields of one cell; None: there are none.
     """
 
     def __init__(
@@ -90,12 +92,13 @@ class LinearModel(PicturedModel):
         state: StaticState | None,
         supports: tuple[HeldSurface, ...] = (),
         nodal: tuple[NodalGroup, ...] = (),
+        condensed: CondensedStiffness | None = None,
     ) -> None:
         """Keep the parts; not collective."""
         super().__init__(forms, layout=layout, interfaces=interfaces)
         self.parameters = parameters
         self.K, self.M, self.state = K, M, state
-        self.supports, self.nodal = supports, nodal
+        self.supports, self.nodal, self.condensed = supports, nodal, condensed
 
     @property
     def n_owned_nodes(self) -> int:
@@ -176,7 +179,11 @@ class LinearModel(PicturedModel):
         Args:
             u: on `space`.
             v: a test function or a function on `space`.
+
+        Raises:
+            FormulationError: there are fields of one cell, which are condensed.
         """
+        self._refuse_fields()
         return [*assembly.internal_work(self.groups, u, v), *surface_work(self.surfaces, u, v)]
 
     @checked(error=FormulationError)
@@ -197,7 +204,8 @@ class LinearModel(PicturedModel):
             A new matrix with the layout of `K`; the caller destroys it.
 
         Raises:
-            FormulationError: on all ranks: u does not fit, or an entry is not finite.
+            FormulationError: on all ranks: u does not fit, an entry is not finite, or there are fields of one cell,
+                which are condensed.
         """
         at, forms = self._tangent
         if np.shape(u) != (self.n_owned,):
@@ -218,6 +226,33 @@ class LinearModel(PicturedModel):
             RecordError: on all ranks: the modes are not there, or `q` does not fit.
         """
         return self._stress.field(body, q)
+
+    @property
+    def unknown_space(self) -> fem.FunctionSpace:
+        """Of the formulations' own unknown: `space`, and the fields of one cell where there are some."""
+        return self.forms.whole if self.condensed is not None else self.space
+
+    def unknown_columns(self, columns: FloatArray) -> FloatArray:
+        """Small motions as fields of the formulations' own unknown; not collective.
+
+        Args:
+            columns: (local dofs including ghosts, k).
+
+        Returns:
+            (local dofs of `unknown_space` including ghosts, k).
+        """
+        return columns if self.condensed is None else self.condensed.whole_columns(columns)
+
+    def coupled(self) -> LinearModel:
+        """The same body with its fields of one cell as unknowns of the body; itself where there are none. Collective."""
+        return self
+
+    def _refuse_fields(self) -> None:
+        if self.condensed is not None:
+            raise FormulationError(
+                f"{self.form_name} has fields of one cell, which are condensed at rest, so that its forces at a "
+                "displacement are no form of it: take ContinuumModel(..., condense=False), or a NonlinearModel"
+            )
 
     @cached_property
     def _stress(self) -> StressRecovery:

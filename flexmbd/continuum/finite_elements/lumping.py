@@ -104,7 +104,7 @@ def _terms(model: Discretisation, group: CellGroup) -> list[_Term]:
     measure = abs(ufl.JacobianDeterminant(mesh))
     n = int(np.prod(u.ufl_shape))
     found = []
-    for density, rule in group.formulation.kinetic_energy(u, group.symbols):
+    for density, rule in group.kinetic_energy(u):
         units = [shaped([float(i == k) for i in range(n)], u.ufl_shape) for k in range(n)]
         # the energy of a unit velocity is half the density
         values = ufl.as_vector([2 * measure * ufl.replace(density, {u: unit}) for unit in units])

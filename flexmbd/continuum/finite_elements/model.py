@@ -5,7 +5,7 @@ The matrices are the derivatives of internal forces and momentum at rest; see `a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import ufl
@@ -13,6 +13,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums, tell_units
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
@@ -38,6 +39,7 @@ class ContinuumModel(LinearModel):
         interfaces: Sequence[Interface | NodalInterface] = (),
         surfaces: Surfaces | None = None,
         supports: Sequence[SurfaceSupport] = (),
+        condense: bool = True,
     ) -> None:
         """Check everything, then assemble. Collective over the mesh's communicator.
 
@@ -51,11 +53,14 @@ class ContinuumModel(LinearModel):
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken.
             supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.
+            condense: whether fields of one cell, as enhanced strains, are condensed there; else they are unknowns of the
+                body. What is reduced is the same but for round-off.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
-                entries that are not finite; terms on facets without `surfaces`.
+                entries that are not finite; terms on facets without `surfaces`; a field of one cell that its own equations
+                do not determine.
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
@@ -66,7 +71,9 @@ class ContinuumModel(LinearModel):
         if is_list(interfaces):  # of what is none all ranks are told below
             framed = [one for one in interfaces if not isinstance(one, NodalInterface)]
             nodes = [one for one in interfaces if isinstance(one, NodalInterface)]
-        forms = discretise(mesh, formulation, parameters, degree=degree, interfaces=framed, surfaces=surfaces)
+        forms = discretise(
+            mesh, formulation, parameters, degree=degree, interfaces=framed, surfaces=surfaces, condense=condense
+        )
         held = find_supports(supports, mesh=mesh, layout=forms.layout)
         nodal = find_nodal_groups(
             nodes,
@@ -80,12 +87,17 @@ class ContinuumModel(LinearModel):
         u, v = fem.Function(forms.space), ufl.TestFunction(forms.space)
         kinetic = [*assembly.kinetic_energy(forms.groups, u), *surface_kinetic_energy(forms.surfaces, u)]
         momentum = [ufl.derivative(term, u, v) for term in kinetic]
-        work = [*assembly.internal_work(forms.groups, u, v), *surface_work(forms.surfaces, u, v)]
-        integrals = {
-            "stiffness": assembly.derivatives_at_rest(work, u),
-            "mass": assembly.derivatives_at_rest(momentum, u),
-        }
-        stiffness, mass = assembly.assemble(integrals, forms.groups, forms.space)
+        springs = surface_work(forms.surfaces, u, v)
+        integrals = {"mass": assembly.derivatives_at_rest(momentum, u)}
+        condensed = None
+        if forms.fields is None:
+            work = [*assembly.internal_work(forms.groups, u, v), *springs]
+            integrals = {"stiffness": assembly.derivatives_at_rest(work, u), **integrals}
+            stiffness, mass = assembly.assemble(integrals, forms.groups, forms.space)
+        else:
+            condensed = CondensedStiffness(forms, forms.fields)
+            stiffness = condensed.stiffness(assembly.derivatives_at_rest(springs, u))
+            (mass,) = assembly.assemble(integrals, forms.groups, forms.space)
         if not forms.surfaces:
             tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
         super().__init__(
@@ -98,4 +110,16 @@ class ContinuumModel(LinearModel):
             state=None,
             supports=held,
             nodal=nodal,
+            condensed=condensed,
         )
+        self._given = {
+            "degree": degree, "interfaces": interfaces, "surfaces": surfaces, "supports": supports, "condense": False,
+        }  # fmt: skip
+        self._formulation = formulation
+
+    def coupled(self) -> LinearModel:
+        """See `LinearModel.coupled`."""
+        if self.condensed is None:
+            return self
+        parameters = None if isinstance(self._formulation, Mapping) else self.parameters
+        return ContinuumModel(self.mesh, self._formulation, parameters, **self._given)

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
@@ -39,6 +40,13 @@ class ReductionModel(Discretisation, Protocol):
     @property
     def M(self) -> PETSc.Mat:
         """Consistent mass, the same layout."""
+
+    @property
+    def unknown_space(self) -> fem.FunctionSpace:
+        """The space of the formulations' own unknown, with the fields of one cell."""
+
+    def unknown_columns(self, columns: FloatArray) -> FloatArray:
+        """Small motions (local dofs including ghosts, k) as fields on `unknown_space`."""
 
     @property
     def form_name(self) -> str:

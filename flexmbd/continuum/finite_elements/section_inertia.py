@@ -72,9 +72,10 @@ class _Sections:
                 f"for solids, got {inertia.ufl_shape}"
             )
         points_of_section = np.vstack([np.zeros(m - 1), np.eye(m - 1)]).tolist()
-        at = [form.motion(u, ufl.as_vector(xi), group.symbols) for xi in points_of_section]
+        unknown = u if group.fields is None else group.fields.padded(u)
+        at = [form.motion(unknown, ufl.as_vector(xi), group.symbols) for xi in points_of_section]
         parts = [at[0], *(moved - at[0] for moved in at[1:])]
-        terms = group.formulation.kinetic_energy(u, group.symbols)
+        terms = group.kinetic_energy(u)
         cell = basix.CellType[self._mesh.topology.cell_name()]
         points, self.weights = basix.make_quadrature(cell, max(rule.degree for _, rule in terms))
         x, measure = ufl.SpatialCoordinate(self._mesh), abs(ufl.JacobianDeterminant(self._mesh))

@@ -39,7 +39,7 @@ class StressRecovery:
         """
         self._model = model
         self._rest = np.zeros(model.layout.n_local) if rest is None else rest
-        self._u = fem.Function(model.space)
+        self._u = fem.Function(model.unknown_space)
         points = compat.interpolation_points(model.layout.node_space)
         self._sigma = [
             (group.cells, fem.Expression(_tensor(group, self._u), points)) for group in model.groups
@@ -72,7 +72,7 @@ class StressRecovery:
             )
         nodes, model = self._nodes, self._model
         displacement = self._modes_of(body) @ modal
-        self._u.x.array[:] = displacement + self._rest
+        self._set(displacement + self._rest)
         sigma = self._stresses()
         largest, at_largest = nodes.largest(von_mises(sigma))
         u = displacement[model.displacement_dofs[nodes.places]]
@@ -109,16 +109,19 @@ class StressRecovery:
         Returns:
             (k, 3, 3) Pa, in the order of `node`, the same on every rank.
         """
-        self._u.x.array[:] = u
+        self._set(u)
         return self._nodes.average(self._stresses()).reshape(-1, 3, 3)
 
     @cached_property
     def _is_linear(self) -> bool:
         """Whether all stresses are linear in the displacement; not collective."""
-        along = fem.Function(self._model.space)
+        along = fem.Function(self._model.unknown_space)
         slopes = (ufl.derivative(_tensor(group, self._u), self._u, along) for group in self._model.groups)
         expanded = map(ufl.algorithms.expand_derivatives, slopes)
         return not any(self._u in ufl.algorithms.extract_coefficients(slope) for slope in expanded)
+
+    def _set(self, u: FloatArray) -> None:
+        self._u.x.array[:] = self._model.unknown_columns(u[:, None])[:, 0]
 
     def _modes_of(self, body: ReducedBody) -> FloatArray:
         """`nodal_modes`, kept for the body that was asked for last: a film asks for its instants one by one."""

@@ -13,8 +13,9 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.cell_fields import CellFields
 from flexmbd.continuum.contract.dof_layout import shaped
-from flexmbd.continuum.contract.entries import ON_FACETS, OptionalEntries, optional_entries
+from flexmbd.continuum.contract.entries import ON_FACETS, Entry, OptionalEntries, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, IntegralTerm, load_form, symbols
 from flexmbd.continuum.contract.surface_terms import check_values
 from flexmbd.continuum.finite_elements.cell_group import CellGroup, Source, check_formulation, form_name
@@ -35,6 +36,7 @@ class SurfaceGroup:
         parameters: an instance of its `Parameters`.
         symbols: the parameters as constants on the mesh (`formulation.symbols`).
         mesh: with the group.
+        fields: of one cell, of which no term on facets is a part; None: there are none.
     """
 
     name: str
@@ -42,6 +44,7 @@ class SurfaceGroup:
     parameters: Any
     symbols: Any
     mesh: TaggedMesh
+    fields: CellFields | None = None
 
     @property
     def form_name(self) -> str:
@@ -55,25 +58,33 @@ class SurfaceGroup:
 
     def energy(self, u: ufl.core.expr.Expr) -> list[ufl.Form]:
         """Energy of the springs at u, J, one form a term; not collective."""
-        terms = self.optional.surface_energy
-        return [] if terms is None else [self._integral(term) for term in terms(u, self.symbols)]
+        return self._integrals(self.optional.surface_energy, u)
 
     def kinetic_energy(self, v: ufl.core.expr.Expr) -> list[ufl.Form]:
         """Kinetic energy of the mass on the facets, J, one form a term; not collective."""
-        terms = self.optional.surface_kinetic_energy
-        return [] if terms is None else [self._integral(term) for term in terms(v, self.symbols)]
+        return self._integrals(self.optional.surface_kinetic_energy, v)
 
     def negative_area(self, space: fem.FunctionSpace) -> float:
         """Area, m^2, on which the mass is negative or no number, where it depends on the place. Collective."""
-        terms, area = self.optional.surface_kinetic_energy, 0.0
+        area = 0.0
         v = fem.Function(space)
         unit = shaped([1.0, *np.zeros(int(np.prod(v.ufl_shape)) - 1)], v.ufl_shape)
-        for density, rule in () if terms is None else terms(v, self.symbols):
+        for density, rule in self._terms(self.optional.surface_kinetic_energy, v):
             mass = ufl.algorithms.expand_derivatives(2 * ufl.replace(density, {v: unit}))
             if any(isinstance(part, ufl.classes.GeometricQuantity) for part in _parts(mass)):
                 bad = ufl.conditional(ufl.ge(mass, 0.0), 0.0, 1.0)
                 area += fem.assemble_scalar(fem.form(self._integral((bad, rule))))
         return float(self.mesh.comm.allreduce(area))
+
+    def _integrals(self, function: Entry, unknown: Any) -> list[ufl.Form]:
+        return [self._integral(term) for term in self._terms(function, unknown)]
+
+    def _terms(self, function: Entry, unknown: Any) -> list[IntegralTerm]:
+        if function is None:
+            return []
+        if self.fields is None:
+            return list(function(unknown, self.symbols))
+        return self.fields.shared_terms(lambda whole: function(whole, self.symbols), unknown)
 
     def _integral(self, term: IntegralTerm) -> ufl.Form:
         density, rule = term

@@ -89,7 +89,7 @@ class BulkForces:
         moving, of_cell = fem.Function(self._body.space), ufl.TestFunction(masses.function_space)
         moving.x.array.reshape(-1, 3)[:, 0] = 1.0
         for group in self._body.groups:
-            for density, rule in group.formulation.kinetic_energy(moving, group.symbols):
+            for density, rule in group.kinetic_energy(moving):
                 form = fem.form(assembly.integral((2 * density * of_cell, rule), group, domain))
                 fem.assemble_vector(masses.x.array, form)
         masses.x.scatter_forward()

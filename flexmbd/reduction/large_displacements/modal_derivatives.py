@@ -73,6 +73,7 @@ def check_nonlinear(model: LinearModel) -> None:
         (model.state is not None, "prestressed bodies"),
         (any(group.has_sections for group in model.groups), f"rotations of cross-sections, as of {model.form_name}"),
         (int(model.layout.kinematic.sum()) != model.layout.n_local, f"further unknowns, as of {model.form_name}"),
+        (model.condensed is not None, f"fields of one cell, as of {model.form_name}"),
     ):
         if there:
             raise ReductionError(f"nonlinear=ModalDerivatives(...) is for solids at rest with interfaces, no {what}")

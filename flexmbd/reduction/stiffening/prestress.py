@@ -101,6 +101,7 @@ def prestressed(
     spin = _numbers("angular_velocity", angular_velocity, 3)
     wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     sizes = _check(model, frame=frame, loads=loads, forces=wrenches)
+    model = model.coupled()  # fields of one cell are in no linear relation to a loaded state
     named = [load for load, _ in loads]
     texts = (
         *(f"{load}: {size:g}" for load, size in zip(named, sizes, strict=True)),

@@ -76,10 +76,11 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
         known of the second-order strain: all third derivatives of the energy vanish identically, or a beam or shell
         does not mark its strains.
     """
-    u = fem.Function(model.space)
+    u = fem.Function(model.unknown_space)
     total = np.zeros((fields.shape[1], modes.shape[1], modes.shape[1]))
     if total.size == 0:
         return total
+    fields, modes = model.unknown_columns(fields), model.unknown_columns(modes)
     known = False
     for group in model.groups:
         for term in group.formulation.strain_energy(u, group.symbols):
@@ -89,7 +90,7 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
             tensor = gradient_tensor(term, u)
             if tensor is None:
                 form, field = _directional(term, group, u)
-                total += _assembled(form, field, fields=fields, modes=modes)
+                total += _assembled(fem.form(form), field, fields=fields, modes=modes)
             else:
                 points = RulePoints(model, group.cells, term[1])
                 total += _contracted(points, tensor, fields=fields, modes=modes)
@@ -110,18 +111,23 @@ def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat 
     Returns:
         A new symmetric AIJ matrix with the layout of `K`, N/m, which the caller destroys; None as `stress_stiffness`.
     """
-    u = fem.Function(model.space)
-    forms = []
-    for group in model.groups:
+    u = fem.Function(model.unknown_space)
+    forms: dict[int, list[ufl.Form]] = {}
+    whole = model.unknown_columns(field[:, None])[:, 0]
+    for k, group in enumerate(model.groups):
         for term in group.formulation.strain_energy(u, group.symbols):
             if _is_quadratic(term, u) or (group.has_sections and not _strains(term)):
                 continue
             form, at = _directional(term, group, u)
-            at.x.array[:] = field
-            forms.append(form)
+            at.x.array[:] = whole
+            forms.setdefault(k, []).append(form)
     if not forms:
         return None
-    half = assemble({"geometric stiffness": forms}, model.groups, model.space)[0]
+    if model.condensed is not None:
+        half = model.condensed.matrix(forms, name="geometric stiffness")
+    else:
+        compiled = [fem.form(form) for some in forms.values() for form in some]
+        half = assemble({"geometric stiffness": compiled}, model.groups, model.space)[0]
     other = half.copy()
     other.transpose()
     half.axpy(1.0, other, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
@@ -249,14 +255,14 @@ def _assembled(
     return total
 
 
-def _directional(term: IntegralTerm, group: CellGroup, u: fem.Function) -> tuple[fem.Form, fem.Function]:
-    """P(a; ., .) of one term as a bilinear form, and the field a. Collective."""
+def _directional(term: IntegralTerm, group: CellGroup, u: fem.Function) -> tuple[ufl.Form, fem.Function]:
+    """P(a; ., .) of one term as a bilinear form, and the field a; not collective."""
     density, rule = term
     a = fem.Function(u.function_space)
     # a solid's variables are its own affair: F = variable(I + grad u), say, has no second-order part
     strains = _strains(term) if group.has_sections else []
     integrand = _by_strains(density, strains, u, a) if strains else _by_gradient(density, u, a)
-    return fem.form(integral((integrand, rule), group, u.function_space.mesh)), a
+    return integral((integrand, rule), group, u.function_space.mesh), a
 
 
 def _strains(term: IntegralTerm) -> list[ufl.core.expr.Expr]:
