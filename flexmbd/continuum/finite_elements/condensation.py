@@ -97,15 +97,17 @@ def _equilibrated(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     return d, scaled
 
 
-def fill_whole(whole: fem.Function, fields: CellFields, shared: FloatArray, own: FloatArray) -> None:
-    """Set the whole unknown, on the cells of this rank.
+def fill_whole(
+    whole: fem.Function, fields: CellFields, dofs: NDArray[np.int32], shared: FloatArray, own: FloatArray
+) -> None:
+    """Set the whole unknown on k cells of this rank.
 
     Args:
         whole: to be set.
         fields: of it.
-        shared: (cells, n) the shared dofs of each cell.
-        own: (cells, m) those of the fields of one cell.
+        dofs: (k, n + m) of the cells.
+        shared: (k, n) values of the shared dofs of each cell.
+        own: (k, m) those of the fields of one cell.
     """
-    dofs = whole.function_space.dofmap.list
     whole.x.array[dofs[:, fields.shared_places]] = shared
     whole.x.array[dofs[:, fields.cell_places]] = own

@@ -105,7 +105,8 @@ class CondensedStiffness:
     def fill(self, function: fem.Function, shared: FloatArray) -> None:
         """Set a function on `whole` to a small motion (local shared dofs including ghosts,); not collective."""
         own = shared[cell_dofs(self._forms.space)]
-        fill_whole(function, self.fields, own, -np.einsum("cmn,cn->cm", self.lift, own))
+        lists = self.whole.dofmap.list
+        fill_whole(function, self.fields, lists, own, -np.einsum("cmn,cn->cm", self.lift, own))
 
     def _derivatives(self) -> list[ufl.Form]:
         u, v = fem.Function(self.whole), ufl.TestFunction(self.whole)

@@ -52,7 +52,7 @@ def tell_locking(model: LinearModel) -> None:
             the volume or more, or whose material has a Poisson's ratio above 0.45.
     """
     element = model.layout.node_space.element.basix_element
-    alone = model.layout.displacement_dofs.size == model.layout.n_local
+    alone = model.layout.displacement_dofs.size == model.layout.n_local and model.condensed is None
     cell = model.mesh.mesh.topology.cell_name()
     if not (alone and cell in _TOO_HIGH and element.family == basix.ElementFamily.P and element.degree == 1):
         return

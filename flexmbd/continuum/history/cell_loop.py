@@ -1,6 +1,10 @@
 """The compiled loop over cells that calls, cell by cell, the kernels FFCx made of a body's forms.
 
-The values of a cell lie in one row: displacement, history, local unknowns, mean.  Each kernel takes pieces of it.
+The values of a cell lie in one row: unknown, history, local unknowns, mean.  Each kernel takes pieces of it.
+
+Fields of one cell are solved for cell by cell, by Newton's method with a kept inverse of their own part of the tangent:
+of what their equations lack follows their change, and of it that of the cell's forces; where this is small it is added,
+and the cell is done.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.base.tabulate import call_tabulate
-from flexmbd.round_off import STALLED
+from flexmbd.round_off import ROUND_OFF, STALLED
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +30,10 @@ LEAST = 1e-3
 
 #: The least part of a Newton step of local unknowns that is tried where the whole does not lessen what they lack.
 SHORTEST = 2.0**-10
+
+#: Fields of one cell: most steps with one inverse, and the part of the change before above which a new one is asked for,
+#: which costs some ten evaluations of a cell's forces.
+CELL_SWEEPS, CONTRACTION = 8, 0.1
 
 
 class Kernels(NamedTuple):
@@ -64,6 +72,34 @@ class Fields(NamedTuple):
     slopes: FloatArray
     mean: FloatArray
     trial: FloatArray
+
+
+class CellUnknowns(NamedTuple):
+    """Fields of one cell, m in a cell of n shared unknowns; arrays of no size where there are none.
+
+    Attributes:
+        shared: (n,) places of the shared unknowns in the cell's unknown.
+        places: (m,) those of the fields.
+        values: (cells, m) of the fields, to begin with, and solved.
+        before: (dofs,) shared unknown for which they were solved last.
+        inverse: (cells, m * m) of their part of a tangent.
+        coupling: (cells, n * m) derivatives of the shared unknowns' forces by the fields.
+        known: (cells,) whether there is such a tangent.
+        solved: (cells,) whether they are solved for the trial.
+        force: (n + m,) room for what a cell's terms make.
+        change: (m,) room for a Newton step.
+    """
+
+    shared: NDArray[np.int64]
+    places: NDArray[np.int64]
+    values: FloatArray
+    before: FloatArray
+    inverse: FloatArray
+    coupling: FloatArray
+    known: NDArray[np.int64]
+    solved: NDArray[np.int64]
+    force: FloatArray
+    change: FloatArray
 
 
 class Room(NamedTuple):
@@ -267,6 +303,29 @@ def _gather(cell, nodes, x, blocks, width, fields, room):  # type: ignore[no-unt
 
 
 @kernel
+def _gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: ignore[no-untyped-def]
+    """Collect a cell's shared unknowns and fields in their places; ``predicts``: these as they follow those linearly."""
+    n, m = inner.shared.shape[0], inner.places.shape[0]
+    for k in range(m):
+        inner.change[k] = 0.0
+    for i in range(blocks.shape[1]):
+        for d in range(width):
+            dof = width * blocks[cell, i] + d
+            room.row[inner.shared[width * i + d]] = fields.u[dof]
+            if predicts:
+                moved = fields.u[dof] - inner.before[dof]
+                for k in range(m):
+                    inner.change[k] += inner.coupling[cell, m * (width * i + d) + k] * moved
+    for i in range(m):
+        if predicts:
+            for k in range(m):
+                inner.values[cell, i] -= inner.inverse[cell, m * i + k] * inner.change[k]
+        room.row[inner.places[i]] = inner.values[cell, i]
+    for i in range(fields.state.shape[1]):
+        room.row[n + m + i] = fields.state[cell, i]
+
+
+@kernel
 def _keep(cell, first, fields, kernels, room):  # type: ignore[no-untyped-def]
     """Keep a cell's history at the step's end, which stands in the tensor from ``first`` on."""
     points = kernels.weights.shape[0]
@@ -276,11 +335,108 @@ def _keep(cell, first, fields, kernels, room):  # type: ignore[no-untyped-def]
             fields.trial[cell, i] = room.tensor[first + i] / kernels.weights[point]
 
 
+@kernel
+def _solve_points(cell, begin, states, fields, kernels, room, sweeps, tolerance):  # type: ignore[no-untyped-def]
+    """Solve for the local unknowns of a cell, which are kept; the change, or what a law says, where they are not."""
+    locals_ = fields.local.shape[1]
+    for i in range(locals_):
+        room.row[begin + i] = fields.local[cell, i]
+    if kernels.addresses[LAW] != 0:
+        change = _apply_law(kernels, room, begin - states, begin, fields.slopes[cell])
+    else:
+        change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[0], tolerance, False)
+    if change != 0.0 and kernels.addresses[LAW] == 0:
+        for i in range(locals_):
+            room.row[begin + i] = fields.local[cell, i]
+        change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[1], tolerance, True)
+    if change != 0.0:
+        room.where[0] = cell
+        return change
+    for i in range(locals_):
+        fields.local[cell, i] = room.row[begin + i]
+    return 0.0
+
+
+@kernel
+def _newton_step(cell, room, inner):  # type: ignore[no-untyped-def]
+    """A step of the fields of a cell by what their equations lack.
+
+    Returns:
+        The largest change of the shared unknowns' forces by it; the largest of these; whether the step is round-off.
+    """
+    n, m, force, change = inner.shared.shape[0], inner.places.shape[0], inner.force, inner.change
+    inverse, coupling = inner.inverse[cell], inner.coupling[cell]
+    least = True
+    for i in range(m):
+        step, size = 0.0, 0.0
+        for k in range(m):
+            step -= inverse[m * i + k] * force[inner.places[k]]
+            rounded = 0.0
+            for j in range(n):
+                rounded += abs(coupling[m * j + k] * room.row[inner.shared[j]])
+            size += abs(inverse[m * i + k]) * rounded
+        change[i] = step
+        least = least and abs(step) <= ROUND_OFF * (size + abs(inner.values[cell, i]))
+    moved, largest = 0.0, 0.0
+    for j in range(n):
+        add = 0.0
+        for k in range(m):
+            add += coupling[m * j + k] * change[k]
+        moved = max(moved, abs(add))
+        largest = max(largest, abs(force[inner.shared[j]] + add))
+        if not abs(add) < np.inf:
+            return np.inf, largest, least
+    return moved, largest, least
+
+
+@kernel
+def _solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy):  # type: ignore[no-untyped-def]
+    """Forces of a cell whose fields are solved for, in ``inner.force``; ``inner.solved`` tells whether they are.
+
+    Returns:
+        As `_solve_points`.
+    """
+    n, m = inner.shared.shape[0], inner.places.shape[0]
+    before = np.inf
+    for _ in range(CELL_SWEEPS):
+        if fields.local.shape[1] > 0:
+            change = _solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
+            if change != 0.0:
+                return change
+        for i in range(n + m):
+            inner.force[i] = 0.0
+        for k in range(FORCES, kernels.addresses.shape[0]):
+            _tabulate(kernels, k, room, begin)
+            for i in range(n + m):
+                inner.force[i] += room.tensor[i]
+        moved, largest, least = _newton_step(cell, room, inner)
+        done = least or moved <= accuracy * largest
+        # forces that are no numbers are told by whoever sums them
+        if done or not moved < np.inf:
+            for j in range(n):
+                for k in range(m):
+                    inner.force[inner.shared[j]] += inner.coupling[cell, m * j + k] * inner.change[k]
+            for i in range(m):
+                inner.values[cell, i] += inner.change[i]
+            inner.solved[cell] = 1
+            return 0.0
+        if moved > CONTRACTION * before:
+            return 0.0
+        before = moved
+        for i in range(m):
+            inner.values[cell, i] += inner.change[i]
+            room.row[inner.places[i]] = inner.values[cell, i]
+    return 0.0
+
+
 @entry_kernel
-def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sweeps, tolerance):  # type: ignore[no-untyped-def]
+def pass_cells(  # type: ignore[no-untyped-def]
+    cells, nodes, x, blocks, width, fields, kernels, room, inner, forces, sweeps, tolerance, accuracy, predicts
+):
     """Means, local unknowns, internal forces and the history at the step's end, cell by cell.
 
-    Of a table that ends before the kernels of forces, and of fields without local unknowns, the means alone.
+    Of a table that ends before the kernels of forces, and of fields without local unknowns, the means alone.  Cells
+    whose own fields are not solved for add nothing; they are told by ``inner.solved``.
 
     Args:
         cells: (k,) the group's.
@@ -291,39 +447,52 @@ def pass_cells(cells, nodes, x, blocks, width, fields, kernels, room, forces, sw
         fields: what is read and written.
         kernels: of the group.
         room: to work in.
+        inner: fields of one cell.
         forces: (dofs,) N, to which they are added.
         sweeps: the most local Newton steps: whole ones, and shortened ones where these fail.
         tolerance: change of the local unknowns over their sizes at which they end.
+        accuracy: change of a cell's forces over these at which its own fields end.
+        predicts: whether these begin as they follow the shared unknowns linearly from ``inner.before``.
 
     Returns:
         The last change of the local unknowns of the first cell where they were not solved, or what its law says is
         wrong; or 0.
     """
-    dofs, states, locals_ = width * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
+    states, locals_, own = fields.state.shape[1], fields.local.shape[1], inner.places.shape[0]
+    dofs = width * blocks.shape[1] + own
     begin = dofs + states
     for c in range(cells.shape[0]):
         cell = cells[c]
         _gather(cell, nodes, x, blocks, width, fields, room)
+        if own > 0:
+            inner.solved[cell] = 0
+            _gather_whole(cell, blocks, width, fields, inner, room, predicts)
+            if inner.known[cell] == 0:
+                change = 0.0
+                if locals_ > 0:  # which its tangent wants
+                    change = _solve_points(cell, begin, states, fields, kernels, room, sweeps, tolerance)
+                if change != 0.0:
+                    return change
+                continue
+            change = _solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy)
+            if change != 0.0:
+                return change
+            if inner.solved[cell] == 0:
+                continue
+            for i in range(blocks.shape[1]):
+                for d in range(width):
+                    forces[width * blocks[cell, i] + d] += inner.force[inner.shared[width * i + d]]
+            if states > 0:
+                _keep(cell, dofs, fields, kernels, room)
+            continue
         if kernels.addresses[MEAN] != 0:
             _tabulate(kernels, MEAN, room, 2)
             fields.mean[cell] = room.tensor[0] / room.tensor[1]
             room.row[begin + locals_] = fields.mean[cell]
         if locals_ > 0:
-            for i in range(locals_):
-                room.row[begin + i] = fields.local[cell, i]
-            if kernels.addresses[LAW] != 0:
-                change = _apply_law(kernels, room, dofs, begin, fields.slopes[cell])
-            else:
-                change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[0], tolerance, False)
-            if change != 0.0 and kernels.addresses[LAW] == 0:
-                for i in range(locals_):
-                    room.row[begin + i] = fields.local[cell, i]
-                change = _solve_local(kernels, room, begin, fields.slopes[cell], sweeps[1], tolerance, True)
+            change = _solve_points(cell, begin, states, fields, kernels, room, sweeps, tolerance)
             if change != 0.0:
-                room.where[0] = cell
                 return change
-            for i in range(locals_):
-                fields.local[cell, i] = room.row[begin + i]
         for k in range(FORCES, kernels.addresses.shape[0]):
             _tabulate(kernels, k, room, begin)
             for i in range(blocks.shape[1]):

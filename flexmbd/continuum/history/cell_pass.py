@@ -22,6 +22,7 @@ from flexmbd.continuum import compat
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.point_law import FAULTS, WRITING_FAULTS, PointLaw
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved, no_cell_fields
 from flexmbd.continuum.history.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import ConvergenceError, FormulationError
@@ -32,6 +33,13 @@ FloatArray = NDArray[np.float64]
 # the change of the local unknowns, over their size in the cell, at which they end.
 _SWEEPS = (30, 1000)
 _LOCAL = 1e-10
+
+#: Fields of one cell: change of a cell's forces by their last step, over these, where it ends.  Explicit steps take what
+#: is left into the next one, and it does not add up.
+IMPLICIT, EXPLICIT = 1e-12, 1e-5
+
+# How often tangents of fields of one cell are renewed for one trial.
+_RENEWALS = 12
 
 _NONE = np.zeros(0)
 
@@ -45,7 +53,8 @@ class Unknowns:
     """The functions that a group's forms read; None for what the formulation does not have.
 
     Attributes:
-        u: trial displacement.
+        u: trial unknown of the formulation.
+        shared: what of it cells share; `u` itself where there are no fields of one cell.
         state: history at the step's begin.
         local: local unknowns, n at each point.
         slopes: at each point the inverse (n, n) of the derivative of their equations.
@@ -53,6 +62,7 @@ class Unknowns:
     """
 
     u: fem.Function
+    shared: fem.Function
     state: fem.Function | None
     local: fem.Function | None
     slopes: fem.Function | None
@@ -107,6 +117,7 @@ class CellPass:
         rule: Quadrature,
         weights: FloatArray,
         law: LawCall | None = None,
+        solved: CellFieldsSolved | None = None,
     ) -> None:
         """Compile.
 
@@ -117,6 +128,7 @@ class CellPass:
             rule: at whose points history and local unknowns lie.
             weights: of its points.
             law: that makes the local unknowns; None: their equations do.
+            solved: fields of one cell; None: there are none.
         """
         self._group, self._unknowns, self._rule = group, unknowns, rule
         self._law: _CellKernel | None = None
@@ -130,6 +142,8 @@ class CellPass:
             *self._step(forms.work, forms.update),
         ]
         n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
+        self._solved = solved
+        self._inner = no_cell_fields() if solved is None else solved.unknowns
         none = np.zeros((n_cells, 0))
         state, local, slopes = (
             # the number of columns is said: of a rank without cells it could not be found
@@ -139,7 +153,7 @@ class CellPass:
         mean = np.zeros(0) if unknowns.mean is None else unknowns.mean.x.array
         #: (points of all cells of this rank, components) flat, history at the step's end
         self.trial: FloatArray = state.flatten()
-        self._fields = Fields(unknowns.u.x.array, state, local, slopes, mean, self.trial.reshape(state.shape))
+        self._fields = Fields(unknowns.shared.x.array, state, local, slopes, mean, self.trial.reshape(state.shape))
         self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
         self._kernels = self._tables(weights)
         row, n = sum(self._sizes), local.shape[1] // len(weights)
@@ -158,17 +172,52 @@ class CellPass:
             made_by_law=np.zeros(each + 37),
         )
 
-    def run(self, forces: FloatArray) -> None:
+    def run(self, forces: FloatArray, *, accuracy: float) -> None:
         """Evaluate for the trial displacement, and add this rank's internal forces; not collective.
 
         Args:
             forces: (local dofs including ghosts,) N, to which they are added.
+            accuracy: of a cell's forces, to which its own fields are solved for.
 
         Raises:
-            ConvergenceError: at a point Newton's method does not end, or a law returns what is not finite.
+            ConvergenceError: at a point, or for the fields of one cell, Newton's method does not end; or a law returns
+                what is not finite.
             FormulationError: a law returns other shapes than at rest, or raises an error.
         """
-        change = self._pass(self._fields, self._kernels, forces)
+        self._check(self._pass(self._fields, self._kernels, forces, accuracy=accuracy))
+        if self._solved is not None:
+            self._solve_cells(self._solved, forces, accuracy)
+
+    def singular_fields(self) -> FormulationError | None:
+        """What is wrong at rest with fields of one cell that their own equations do not determine; not collective."""
+        if self._solved is None:
+            return None
+        self._check(self._pass(self._fields, self._kernels, _NONE))  # local unknowns alone, for the tangents
+        singular = self._group.cells[self._solved.renew(self._group.cells)]
+        return self._solved.singular_error(int(singular[0])) if len(singular) else None
+
+    def _solve_cells(self, solved: CellFieldsSolved, forces: FloatArray, accuracy: float) -> None:
+        """Solve for the fields of those cells whose tangent is too old, with new ones."""
+        cells = solved.unsolved()
+        for _ in range(_RENEWALS):
+            if not len(cells):
+                solved.end_pass()
+                return
+            singular = solved.renew(cells)
+            if singular.any():
+                cells = cells[singular]
+                break
+            self._check(
+                self._pass(self._fields, self._kernels, forces, accuracy=accuracy, cells=cells, predicts=False)
+            )
+            cells = solved.unsolved()
+        raise LocalEquationError(
+            f"{self._group.form_name}: the {solved.open_names(cells[0])}, fields of one cell, were not solved for in "
+            f"{_RENEWALS} tangents of the cell around ({self._place(cells[0])}) m; take a smaller step"
+        )
+
+    def _check(self, change: float) -> None:
+        """Raise where local unknowns were not found."""
         if change != 0.0 and self._law is not None:
             fault = int(change)
             if fault <= WRITING_FAULTS:
@@ -186,15 +235,17 @@ class CellPass:
     def _where(self) -> str:
         """Point, cell and history where the local unknowns were not found."""
         cell, point = map(int, self._room.where)
-        centre = self._domain.geometry.x[compat.cell_nodes(self._domain)[cell]].mean(axis=0)
-        place = ", ".join(f"{x:.4g}" for x in centre)
         state = self._fields.state[cell].reshape(len(self._kernels.weights), -1)[point]
         names = self._group.optional.state_names
         counts = {"": len(state)} if names is None else names(self._group.parameters)
         parts = np.split(state, np.cumsum([*counts.values()])[:-1])
         values = [", ".join(f"{value:.4g}" for value in part) for part in parts]
         history = ", ".join(f"{name} [{part}]".strip() for name, part in zip(counts, values, strict=True))
-        return f"point {point} of the cell around ({place}) m, whose history is {history}"
+        return f"point {point} of the cell around ({self._place(cell)}) m, whose history is {history}"
+
+    def _place(self, cell: int) -> str:
+        centre = self._domain.geometry.x[compat.cell_nodes(self._domain)[cell]].mean(axis=0)
+        return ", ".join(f"{x:.4g}" for x in centre)
 
     def renew_constants(self) -> None:
         """Take the values that the forms' constants have now; not collective."""
@@ -209,11 +260,21 @@ class CellPass:
             kernels = self._kernels._replace(addresses=self._kernels.addresses[:FORCES])
             self._pass(fields, kernels, _NONE)
 
-    def _pass(self, fields: Fields, kernels: Kernels, forces: FloatArray) -> float:
-        dofmap = self._unknowns.u.function_space.dofmap
+    def _pass(
+        self,
+        fields: Fields,
+        kernels: Kernels,
+        forces: FloatArray,
+        *,
+        accuracy: float = 0.0,
+        cells: NDArray[np.int32] | None = None,
+        predicts: bool = True,
+    ) -> float:
+        dofmap = self._unknowns.shared.function_space.dofmap
         return float(pass_cells(
-            self._group.cells, compat.cell_nodes(self._domain), self._domain.geometry.x, dofmap.list, dofmap.bs,
-            fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
+            self._group.cells if cells is None else cells, compat.cell_nodes(self._domain), self._domain.geometry.x,
+            dofmap.list, dofmap.bs, fields, kernels, self._room, self._inner, forces, _SWEEPS, _LOCAL, accuracy,
+            int(predicts),
         ))  # fmt: skip
 
     def _mean(self, averaged: ufl.core.expr.Expr | None) -> _CellKernel | None:

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.cell_matrices import add_to, chunks
+from flexmbd.continuum.finite_elements.condensed_stiffness import shared_pattern
 from flexmbd.continuum.history.point_history import History
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 
@@ -70,9 +72,13 @@ class MeanTangent:
         """
         self._space = u.function_space
         v = ufl.TestFunction(self._space)
-        terms = [term for history in histories for term in history.terms]
+        terms = [term for history in histories if history.solved is None for term in history.terms]
         self._forms = [*assembly.derivatives(terms, u), *further]
-        self._blocks = assembly.empty_matrix(self._forms, groups, self._space)
+        self._condensed = [(one.solved, one.group.cells) for one in histories if one.solved is not None]
+        self._blocks = (
+            shared_pattern(self._space) if self._condensed
+            else assembly.empty_matrix(self._forms, groups, self._space)
+        )  # fmt: skip
         self._couplings = [_coupling(history, u, v) for history in histories if history.mean is not None]
         self._petsc = assembly.PetscCopy(self._space.mesh.comm, self._blocks)
 
@@ -84,6 +90,9 @@ class MeanTangent:
             fem.assemble_matrix(blocks, form)
         for coupling in self._couplings:
             self._add(coupling)
+        for solved, cells in self._condensed:
+            for some in chunks(cells):
+                add_to(blocks, self._space, some, solved.condensed(some).matrices)
         blocks.scatter_reverse()
         return self._petsc.refill(blocks)
 

@@ -268,7 +268,7 @@ class NonlinearModel(TrialBody):
         self._refuse(dt, increment=increment)
         self._set_trial(increment, self._length(dt))
         with self.present_mesh():
-            self._run(increment)
+            self._run(increment, explicit=True)
         force = self._summed()
         finite = bool(np.isfinite(force).all()) and all(history.trial_is_finite for history in self._histories)
         if not self.comm.allreduce(finite, op=MPI.LAND):
@@ -300,6 +300,7 @@ class NonlinearModel(TrialBody):
         self._evaluated = None
         self.displacement[:] = snapshot.displacement
         self._viscous_work = snapshot.viscous_work
+        self._set_trial(np.zeros(self.layout.n_local), 0.0)
         for history, kept in zip(self._histories, snapshot.history, strict=True):
             history.restore(kept)
 

@@ -24,7 +24,8 @@ from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.results import keywords, solved
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
-from flexmbd.continuum.history.cell_pass import CellForms, CellPass, LawCall, Unknowns
+from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved
+from flexmbd.continuum.history.cell_pass import EXPLICIT, IMPLICIT, CellForms, CellPass, LawCall, Unknowns
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import FormulationError
 
@@ -43,19 +44,25 @@ class History:
         points: (points, 3) of the rule, in reference coordinates.
     """
 
-    def __init__(self, group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr, *, means: bool) -> None:
+    def __init__(
+        self, group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr, *, means: bool, shared: fem.Function | None = None
+    ) -> None:
         """Not collective but for compilation.
 
         Args:
             group: of cells, with a checked formulation.
-            u: trial displacement, which the forms read.
+            u: trial unknown, which the forms read.
             v: test function on its space.
             means: whether cell means are taken where the formulation has them.
+            shared: what of u cells share; None: there are no fields of one cell, and it is u.
 
         Raises:
-            FormulationError: terms with history have rules of their own each.
+            FormulationError: terms with history have rules of their own each; cell means beside fields of one cell.
         """
         self.group, self._u = group, u
+        self.solved: CellFieldsSolved | None = None
+        if shared is not None and group.fields is not None:
+            self.solved = CellFieldsSolved(group, group.fields, shared, u)
         self._mesh = u.function_space.mesh
         form: Any = group.formulation
         p = group.symbols
@@ -74,6 +81,7 @@ class History:
         cell_mean = group.optional.cell_mean if means else None
         self.mean: Any = None
         if cell_mean is not None:
+            refuse_means_of_fields(group)
             self.mean = fem.Function(fem.functionspace(self._mesh, ("DG", 0)))
             self._averaged = cell_mean(u, self._state, p)
         self._z, self._slopes, equations, following = self._local_unknowns(u)
@@ -91,16 +99,19 @@ class History:
 
         self._pass = CellPass(
             group,
-            Unknowns(u, self._state, self._z, self._slopes, self.mean),
+            Unknowns(u, u if shared is None else shared, self._state, self._z, self._slopes, self.mean),
             CellForms(
                 lambda v: work(v, self._z), update, equations, None if self.mean is None else self._averaged
             ),
             rule=self.rule,
             weights=self._weights,
             law=self._law(p),
+            solved=self.solved,
         )
         self._begin_locally()
         self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
+        if self.solved is not None:
+            self.solved.compile_tangent(self.terms)
         self._energies = self._energy_forms(u, p)
         self._increment_size: ufl.core.expr.Expr | None = None
         self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
@@ -119,16 +130,21 @@ class History:
         averaged = assembly.integral((self._averaged * w, rule), self.group, self._mesh)
         return averaged, assembly.integral((ufl.as_ufl(1.0) * w, rule), self.group, self._mesh)
 
-    def run(self, forces: FloatArray) -> None:
+    def run(self, forces: FloatArray, *, explicit: bool = False) -> None:
         """Means, local unknowns and history at the step's end, for the trial displacement; not collective.
 
         Args:
             forces: (local dofs including ghosts,) N, to which this rank's internal forces are added.
+            explicit: whether nothing is solved for with them, so that fields of one cell may be less exact.
 
         Raises:
-            LocalEquationError: at a point Newton's method does not end.
+            LocalEquationError: at a point, or in a cell, Newton's method does not end.
         """
-        self._pass.run(forces)
+        self._pass.run(forces, accuracy=EXPLICIT if explicit else IMPLICIT)
+
+    def singular_fields(self) -> FormulationError | None:
+        """What is wrong at rest with fields of one cell that their own equations do not determine; not collective."""
+        return self._pass.singular_fields()
 
     def set_step(self, dt: float) -> None:
         """Make the trial a step of that length, s; not collective."""
@@ -153,26 +169,41 @@ class History:
         """Accept the history at the step's end."""
         if self._state is not None:
             self._state.x.array[:] = self._pass.trial
+        if self.solved is not None:
+            self.solved.commit()
         self._begin_locally()
 
     def revert(self) -> None:
         """Forget the trial."""
         if self._state is not None:
             self._pass.trial[:] = self._state.x.array
+        if self.solved is not None:
+            self.solved.revert()
         self._begin_locally()
 
     def snapshot(self) -> FloatArray:
-        """A copy of the accepted history, flat."""
-        return np.zeros(0) if self._state is None else self._state.x.array.copy()
+        """A copy of the accepted history, flat, cell by cell, and of the fields of one cell after it."""
+        state = np.zeros(0) if self._state is None else self._state.x.array
+        if self.solved is None:
+            return state.copy()
+        accepted = self.solved.accepted
+        return np.hstack([state.reshape(len(accepted), -1), accepted]).reshape(-1)
 
     def restore(self, kept: FloatArray) -> None:
-        """Go back to a snapshot."""
+        """Go back to a snapshot, of the shared unknown that is on trial."""
+        if self.solved is not None:
+            rows = kept.reshape(len(self.solved.accepted), -1)
+            count = rows.shape[1] - self.solved.accepted.shape[1]
+            kept = rows[:, :count].reshape(-1)
+            self.solved.restore(rows[:, count:])
         if self._state is not None:
             self._state.x.array[:] = kept
         self.revert()
 
     def energies(self) -> dict[str, float]:
         """This rank's energies, J, of the accepted history at the present displacement, by name."""
+        if self.solved is not None:
+            self.solved.fill(accepted=True)
         return {name: float(fem.assemble_scalar(form)) for name, form in self._energies.items()}
 
     def evaluate(self, expression: ufl.core.expr.Expr) -> FloatArray:
@@ -189,10 +220,14 @@ class History:
             return np.zeros((0, 0))
         if self._increment_size is None:
             self._increment_size = form.increment_size(self._u, self._state, self.group.symbols)
+        if self.solved is not None:
+            self.solved.fill()
         return self.evaluate(self._increment_size)
 
     def stress(self) -> FloatArray:
         """(cells, points, 3, 3) Pa, Cauchy stress of the trial displacement and the accepted history."""
+        if self.solved is not None:
+            self.solved.fill()
         return self.evaluate(self._stress)
 
     @cached_property
@@ -276,6 +311,19 @@ class History:
             name: fem.form(assembly.integral(term, self.group, self._mesh))
             for name, term in form.energies(u, self._state, p, **given).items()
         }
+
+
+def refuse_means_of_fields(group: CellGroup) -> None:
+    """Refuse a cell mean beside fields of one cell, which would have to know of each other.
+
+    Raises:
+        FormulationError: there are both.
+    """
+    if group.fields is not None:
+        raise FormulationError(
+            f"{group.form_name} has a cell_mean and the {group.fields.names(range(len(group.fields.cell_places)))}, fields of "
+            "one cell, which are both against locking: take away one of them, or say cell_means=False"
+        )
 
 
 def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -> Quadrature:

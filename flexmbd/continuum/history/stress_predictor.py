@@ -72,7 +72,7 @@ def can_be_predicted(history: History) -> bool:
     """Whether a group's stress is a function of its displacement from the initial shape alone."""
     group = history.group
     of_displacement = group.optional.state is None and not group.has_local_unknowns and history.mean is None
-    return of_displacement and group.formulation.REFERENCE == "INITIAL"
+    return of_displacement and history.solved is None and group.formulation.REFERENCE == "INITIAL"
 
 
 class StressPredictor:

@@ -64,8 +64,11 @@ class TrialBody(DiscretisedBody):
         refuse_gyroscopic(forms.groups, by="a body with history")
         check_references(forms, has_rotations=self.has_rotations)
         self._u = fem.Function(self.space)
-        v = ufl.TestFunction(self.space)
-        self._histories = [History(group, self._u, v, means=means) for group in self.groups]
+        unknown, shared = self._u, None
+        if self.fields is not None:
+            unknown, shared = fem.Function(forms.whole), self._u
+        v = ufl.TestFunction(unknown.function_space)
+        self._histories = [History(group, unknown, v, means=means, shared=shared) for group in self.groups]
         self.viscous_forces = None
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
@@ -76,6 +79,9 @@ class TrialBody(DiscretisedBody):
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
         self._sum = fem.Function(self.space).x
         self.check_cells()
+        if self.fields is not None:
+            faults = [history.singular_fields() for history in self._histories]
+            parallel.raise_collectively(self.comm, next((fault for fault in faults if fault is not None), None))
 
     @property
     def is_updated(self) -> bool:
@@ -179,7 +185,7 @@ class TrialBody(DiscretisedBody):
         if not self.comm.allreduce(same, op=MPI.LAND):
             self._evaluate(increment, dt)
 
-    def _run(self, increment: FloatArray) -> None:
+    def _run(self, increment: FloatArray, *, explicit: bool = False) -> None:
         """All that the trial displacement makes of the cells, this rank's part of the forces in the sum. Collective.
 
         Raises:
@@ -189,10 +195,10 @@ class TrialBody(DiscretisedBody):
         error: FlexmbdError | None = None
         try:
             for history in self._histories:
-                history.run(self._sum.array)
+                history.run(self._sum.array, explicit=explicit)
         except FlexmbdError as caught:
             error = caught
-        if any(group.has_local_unknowns for group in self.groups):
+        if self.fields is not None or any(group.has_local_unknowns for group in self.groups):
             parallel.raise_collectively(self.comm, error)
         if self.viscous_forces is not None:
             self.viscous_forces.add(self._sum.array, increment, dt=self._dt)

@@ -1,0 +1,150 @@
+"""Fields of one cell in a body with history: their values, accepted and on trial, and the tangent of their cells.
+
+For a trial of the shared unknown u the fields a of each cell are those that make their own equations zero, a(u).  So the
+forces of a cell are functions of u alone, and their derivative is the condensed one,
+
+    r_u(u, a(u)),    K_uu - K_ua K_aa^-1 K_au.
+
+What solves for them (`cell_loop`) keeps K_aa^-1 and K_ua of a tangent that was taken before, in each cell its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from flexmbd.continuum.contract.cell_fields import CellFields
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.cell_matrices import CellMatrices, cell_dofs, cell_values, chunks
+from flexmbd.continuum.finite_elements.condensation import CondensedCells, condense, fill_whole, undetermined
+from flexmbd.continuum.finite_elements.condensed_stiffness import singular_error
+from flexmbd.continuum.history.cell_loop import CellUnknowns
+from flexmbd.errors import FormulationError
+
+FloatArray = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+class CellFieldsSolved:
+    """The fields of one cell of one group of cells. Constructing one is not collective.
+
+    Attributes:
+        unknowns: as the compiled loop takes them.
+        accepted: (cells of this rank, m) those of the last accepted step.
+    """
+
+    def __init__(self, group: CellGroup, fields: CellFields, u: fem.Function, whole: fem.Function) -> None:
+        """At rest, zero.
+
+        Args:
+            group: of cells.
+            fields: of it.
+            u: shared unknown on trial.
+            whole: the formulation's own unknown, which its forms read; set by `fill` alone.
+        """
+        self._group, self._fields, self._u, self._whole = group, fields, u, whole
+        self._is_updated = group.formulation.REFERENCE == "UPDATED"
+        self._dofs = cell_dofs(u.function_space)
+        cells, n, m = len(self._dofs), len(fields.shared_places), len(fields.cell_places)
+        self.accepted: FloatArray = np.zeros((cells, m))
+        self._accepted_u: FloatArray = np.zeros_like(u.x.array)
+        self._tangent: CellMatrices | None = None
+        self.unknowns = CellUnknowns(
+            shared=fields.shared_places.astype(np.int64),
+            places=fields.cell_places.astype(np.int64),
+            values=np.zeros((cells, m)),
+            before=np.zeros_like(u.x.array),
+            inverse=np.zeros((cells, m * m)),
+            coupling=np.zeros((cells, n * m)),
+            known=np.zeros(cells, dtype=np.int64),
+            solved=np.ones(cells, dtype=np.int64),
+            force=np.zeros(n + m),
+            change=np.zeros(m),
+        )
+
+    def compile_tangent(self, terms: Sequence[ufl.Form]) -> None:
+        """Take the internal forces' virtual work, linear in test functions on the whole space. Collective, compiles."""
+        self._tangent = CellMatrices([ufl.derivative(term, self._whole) for term in terms], self._whole.function_space)
+
+    def unsolved(self) -> Indices:
+        """The cells of the group whose fields the last pass did not solve for."""
+        return self._group.cells[self.unknowns.solved[self._group.cells] == 0]
+
+    def condensed(self, cells: Indices) -> CondensedCells:
+        """Tangents of some cells on trial, condensed and kept for the steps that come; not collective."""
+        assert self._tangent is not None  # noqa: S101  (compiled as the history is made)
+        found = condense(self._tangent.of_cells(cells, self._values), self._fields)
+        usable = cells[~found.singular]
+        for kept, new in ((self.unknowns.inverse, found.inverse), (self.unknowns.coupling, found.coupling)):
+            kept[usable] = new[~found.singular].reshape(len(usable), -1)
+        self.unknowns.known[usable] = 1
+        return found
+
+    def renew(self, cells: Indices) -> NDArray[np.bool_]:
+        """Keep the tangents of some cells on trial; which of them have a singular part of the fields."""
+        parts = [self.condensed(some).singular for some in chunks(cells)]
+        return np.concatenate([np.zeros(0, dtype=bool), *parts])
+
+    def singular_error(self, cell: int) -> FormulationError:
+        """What is wrong with a form whose equations do not determine its fields of one cell at rest."""
+        assert self._tangent is not None  # noqa: S101
+        return singular_error(self._group, self._fields, self._tangent.of_cells(np.array([cell]), self._values)[0])
+
+    def open_names(self, cell: int) -> str:
+        """What a message calls the fields of a cell that the equations on trial leave open."""
+        assert self._tangent is not None  # noqa: S101
+        own, matrix = self._fields.cell_places, self._tangent.of_cells(np.array([cell]), self._values)[0]
+        return self._fields.names(undetermined(matrix[np.ix_(own, own)]))
+
+    def end_pass(self) -> None:
+        """Note for which shared unknown they are solved."""
+        self.unknowns.before[:] = self._u.x.array
+
+    def fill(self, *, accepted: bool = False) -> None:
+        """Set the formulation's own unknown to the trial, or to it with the accepted fields; not collective."""
+        values = self.accepted if accepted else self.unknowns.values
+        cells = self._group.cells
+        dofs, shared = self._whole.function_space.dofmap.list[cells], self._u.x.array[self._dofs[cells]]
+        fill_whole(self._whole, self._fields, dofs, shared, values[cells])
+
+    def commit(self) -> None:
+        """Accept the trial; where the unknown is that since the last accepted step, it begins at zero again."""
+        if self._is_updated:
+            self.unknowns.values[:] = 0.0
+            self._accepted_u[:] = 0.0
+        else:
+            self._accepted_u[:] = self._u.x.array
+        self.accepted[:] = self.unknowns.values
+        self.unknowns.before[:] = self._accepted_u
+
+    def revert(self) -> None:
+        """Forget the trial."""
+        self.unknowns.values[:] = self.accepted
+        self.unknowns.before[:] = self._accepted_u
+
+    def restore(self, accepted: FloatArray) -> None:
+        """Go back to accepted fields (cells, m) of the shared unknown that is on trial, and forget tangents."""
+        self.accepted[:] = accepted
+        self._accepted_u[:] = self._u.x.array
+        self.unknowns.known[:] = 0
+        self.revert()
+
+    def _values(self, field: fem.Function, cells: Indices) -> FloatArray:
+        """The values of a function that the forms read, on some cells."""
+        if field is not self._whole:
+            return cell_values(field, cells)
+        whole = np.empty((len(cells), len(self.unknowns.force)))
+        whole[:, self._fields.shared_places] = self._u.x.array[self._dofs[cells]]
+        whole[:, self._fields.cell_places] = self.unknowns.values[cells]
+        return whole
+
+
+def no_cell_fields() -> CellUnknowns:
+    """As the compiled loop takes them where there are none."""
+    none, numbers = np.zeros(0), np.zeros(0, dtype=np.int64)
+    return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0)), np.zeros((0, 0)), numbers, numbers,
+                        none, none)  # fmt: skip
