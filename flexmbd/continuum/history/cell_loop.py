@@ -33,7 +33,14 @@ SHORTEST = 2.0**-10
 
 #: Fields of one cell: most steps with one inverse, and the part of the change before above which a new one is asked for,
 #: which costs some ten evaluations of a cell's forces.
-CELL_SWEEPS, CONTRACTION = 8, 0.1
+CELL_SWEEPS, CONTRACTION = 24, 0.1
+
+#: A step of theirs is halved, so often at most, while the work that it does on what their equations lack does not fall to
+#: this part.
+HALVINGS, WORK_RATIO = 8, 0.8
+
+#: Smaller numbers have fewer digits.
+UNDERFLOW = 1e-290
 
 
 class Kernels(NamedTuple):
@@ -415,7 +422,7 @@ def _solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, ac
         As `_solve_points`.
     """
     n, m = inner.shared.shape[0], inner.places.shape[0]
-    before = np.inf
+    before, work, halved = np.inf, 0.0, 0
     for _ in range(CELL_SWEEPS):
         if fields.local.shape[1] > 0:
             change = _solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
@@ -427,13 +434,25 @@ def _solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, ac
             _tabulate(kernels, k, room, begin)
             for i in range(n + m):
                 inner.force[i] += room.tensor[i]
+        left = 0.0
+        for i in range(m):
+            left += inner.force[inner.places[i]] * inner.change[i]
+        if work != 0.0 and halved < HALVINGS and not abs(left) <= WORK_RATIO * abs(work):
+            # too far: the step does no less work on what is lacking at its end than at its begin
+            work, halved = 0.5 * work, halved + 1
+            for i in range(m):
+                inner.change[i] *= 0.5
+                inner.values[cell, i] -= inner.change[i]
+                room.row[inner.places[i]] = inner.values[cell, i]
+            continue
         moved, largest = _newton_step(cell, inner)
         # forces that are no numbers are told by whoever sums them
-        done = moved <= accuracy * largest or not moved < np.inf or _is_round_off(cell, room, inner)
+        done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
         if not done and moved > CONTRACTION * before:
             return 0.0
-        before = moved
+        before, work, halved = moved, 0.0, 0
         for i in range(m):
+            work += inner.force[inner.places[i]] * inner.change[i]
             inner.values[cell, i] += inner.change[i]
             room.row[inner.places[i]] = inner.values[cell, i]
         if done:

@@ -39,7 +39,7 @@ _LOCAL = 1e-10
 IMPLICIT, EXPLICIT = 1e-12, 1e-3
 
 # How often tangents of fields of one cell are renewed for one trial.
-_RENEWALS = 12
+_RENEWALS = 30
 
 _NONE = np.zeros(0)
 
