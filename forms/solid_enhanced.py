@@ -117,12 +117,12 @@ def cell_frame(u: Expr) -> CellFrame:
     """That of the cells of a field's mesh."""
     domain = ufl.domain.extract_unique_domain(u)
     vertices = ufl.geometry.CellVertices(domain)
-    corners = [ufl.as_vector([vertices[i, j] for j in range(3)]) for i in range(8)]
     # vertex i has the reference coordinates (i & 1, i >> 1 & 1, i >> 2), from 0 to 1
-    edges = [sum((1 if i >> k & 1 else -1) * corners[i] for i in range(8)) / 8 for k in range(3)]
-    j0 = ufl.as_matrix([[edges[k][i] for k in range(3)] for i in range(3)])
+    signs = ufl.as_matrix([[(1 if i >> k & 1 else -1) / 8 for i in range(8)] for k in range(3)])
+    j0 = ufl.transpose(signs * vertices)
+    centre = ufl.dot(ufl.as_vector([1 / 8] * 8), vertices)
     back = ufl.inv(j0)
-    return CellFrame(j0, back, back * (ufl.SpatialCoordinate(domain) - sum(corners) / 8))
+    return CellFrame(j0, back, back * (ufl.SpatialCoordinate(domain) - centre))
 
 
 def enhanced_strain(alpha: Expr, frame: CellFrame) -> Expr:
