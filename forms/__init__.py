@@ -16,6 +16,7 @@ from flexmbd.forms import j2_plasticity as j2_plasticity
 from flexmbd.forms import neo_hookean as neo_hookean
 from flexmbd.forms import plane_stress as plane_stress
 from flexmbd.forms import plate_mitc as plate_mitc
+from flexmbd.forms import solid_enhanced as solid_enhanced
 from flexmbd.forms import solid_linear as solid_linear
 from flexmbd.forms import solid_micropolar as solid_micropolar
 from flexmbd.forms import solid_mixed as solid_mixed

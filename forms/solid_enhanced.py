@@ -1,24 +1,25 @@
 """Elastic brick that bends without locking: trilinear displacement and twelve enhanced strains in each cell.
 
-Unknowns: displacement u (m) of a three-dimensional body, and twelve numbers alpha (dimensionless) in each hexahedron, which
-make strains beside those of u.  Functional in the initial configuration:
+Unknowns: displacement u (m) of a three-dimensional body, and twelve numbers alpha (dimensionless) in each hexahedron,
+which make strains beside those of u.  Functional in the initial configuration:
 
     W = lambda/2 tr(E)^2 + mu E : E,   E = (H + H^T + H^T H)/2 + e(alpha),   H = Grad u,
     e = det(J0)/det(J) size J0^-T e_xi J0^-1,   e_xi linear in alpha,   size = det(J0)^(2/3)
 
 with J the Jacobian of the cell, J0 that at its centre, and xi its coordinates from -1 to 1, taken as those of the
-parallelepiped of J0.  Nine of them are linear in xi, of Simo & Rifai; three, which change volume by xi eta, eta zeta and
-zeta xi, are for nu near 1/2, after Simo, Armero & Taylor.  The enhanced strains vanish in the mean over the cell against
-constant stresses, so that the patch test is passed in cells of any shape.  W is least in alpha, which is condensed in the
-cell: a body has the unknowns of a plain trilinear one, bends as one of quadratic cells through one cell of thickness, and
-does not lock where volume is kept.  Isotropic, homogeneous; rotations of any size, strains of some per cent.  Strongly
-compressed cells of this kind have modes without stiffness (Wriggers & Reese 1996): beyond some tens of per cent take
-quadratic ones.
+parallelepiped of J0.  Nine of them are linear in xi, of Simo & Rifai; three, which change volume by xi eta, eta zeta
+and zeta xi, are for nu near 1/2, after Simo, Armero & Taylor.  The enhanced strains vanish in the mean over the cell
+against constant stresses, so that the patch test is passed in cells of any shape.  W is least in alpha, which is
+condensed in the cell: a body has the unknowns of a plain trilinear one, bends as one of quadratic cells through one
+cell of thickness, and does not lock where volume is kept.  Isotropic, homogeneous; rotations of any size, strains of
+some per cent.  Strongly compressed cells of this kind have modes without stiffness (Wriggers & Reese 1996): beyond some
+tens of per cent take quadratic ones.
 
 References: Simo & Rifai 1990, A class of mixed assumed strain methods and the method of incompatible modes,
 doi:10.1002/nme.1620290802; Simo, Armero & Taylor 1993, Improved versions of assumed enhanced strain tri-linear elements
-for 3D finite deformation problems, doi:10.1016/0045-7825(93)90215-J; Klinkel & Wagner 1997, A geometrical non-linear brick element based on the EAS-method,
-doi:10.1002/(SICI)1097-0207(19971230)40:24<4529::AID-NME271>3.0.CO;2-I (the Green-Lagrange strain).
+for 3D finite deformation problems, doi:10.1016/0045-7825(93)90215-J; Klinkel & Wagner 1997, A geometrical non-linear
+brick element based on the EAS-method, International Journal for Numerical Methods in Engineering 40 (the
+Green-Lagrange strain).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Bodies with fields of one cell in machines, implicit and explicit, yielding too; restarts, several ranks, pictures."""
+"""Bodies with fields of one cell in machines, implicit and explicit; they yield, restart, are watched."""
 
 from pathlib import Path
 
@@ -106,10 +106,12 @@ def test_a_restart_goes_on_to_the_bit(kind):
 
 def test_explicit_steps_keep_the_account_of_a_bar_that_yields():
     """A bar hits a wall, in twenty steps: its account closes as that of plain bricks, and as with exact fields."""
-    (form, p), exact = yielding(), False
-    plain = j2_plasticity.Parameters(p.E, p.nu, p.rho, p.yield_stress, p.hardening)
+    bricks, material = yielding()
+    plain = j2_plasticity.Parameters(
+        material.E, material.nu, material.rho, material.yield_stress, material.hardening
+    )
     found, errors = [], []
-    for form, p, exact in ((j2_plasticity, plain, False), (form, p, False), (form, p, True)):
+    for form, p, exact in ((j2_plasticity, plain, False), (bricks, material, False), (bricks, material, True)):
         mesh = meshes.block(0.3, 0.1, 0.1, divisions=(6, 2, 2), comm=SELF)
         body = NonlinearModel(mesh, form, p, degree=1)
         if exact:
@@ -136,9 +138,8 @@ def _exact(body):
 
 def test_stresses_and_series_have_the_fields(tmp_path):
     """Uniform tension of a bar of distorted bricks: the stress is that of the load everywhere, also over time."""
-    body = NonlinearModel(
-        arm_mesh(divisions=(3, 2, 2)), solid_enhanced, SOFT, degree=1, interfaces=[Interface("x_min"), Interface("x_max")]
-    )
+    mesh, ends = arm_mesh(divisions=(3, 2, 2)), [Interface("x_min"), Interface("x_max")]
+    body = NonlinearModel(mesh, solid_enhanced, SOFT, degree=1, interfaces=ends)
     u = np.zeros((body.layout.n_owned_nodes, 3))
     u[:, 0], u[:, 1:] = 1e-4 * body.layout.node_x[:, 0], -0.3e-4 * body.layout.node_x[:, 1:]
     u[:, 2] += 1e-3 * body.layout.node_x[:, 0] * body.layout.node_x[:, 2]  # bends nothing that bricks cannot
@@ -177,12 +178,12 @@ def test_the_same_motion_on_any_number_of_ranks():
     found = []
     for comm in (SELF, WORLD):
         for kind, method in ((ImplicitContinuum, fm.GeneralizedAlpha()), (ExplicitContinuum, fm.CentralDifference())):
-            scene, body, frame = pendulum(
-                fm.ContinuumBody(kind(arm(form, p, comm=comm, divisions=(4, 2, 1)))), comm=comm, gravity=(0.0, 0.0, -300.0)
-            )
+            part = fm.ContinuumBody(kind(arm(form, p, comm=comm, divisions=(4, 2, 1))))
+            scene, body, frame = pendulum(part, comm=comm, gravity=(0.0, 0.0, -300.0))
             steps = {"h": 1e-3} if kind is ImplicitContinuum else {}
             run = scene.simulate(0.02, integrator=method, **steps)
-            found.append([*run.rotation(frame)[-1].ravel(), *(run.energies(body)[k][-1] for k in ("elastic", "plastic"))])
+            energies = (run.energies(body)[name][-1] for name in ("elastic", "plastic"))
+            found.append([*run.rotation(frame)[-1].ravel(), *energies])
     n = len(found) // 2
     assert found[0][-1] > 0.0
     for alone, together in zip(found[:n], found[n:], strict=True):

@@ -1,7 +1,7 @@
 """A solid by displacement and a stress that is discontinuous (Hellinger & Reissner): the stress minimises nothing.
 
-On tetrahedra of degree 2 with a stress of degree 1 in each cell the stress is that of the displacement's strain, and the
-body is that of `solid_linear`.
+On tetrahedra of degree 2 with a stress of degree 1 in each cell the stress is that of the displacement's strain, and
+the body is that of `solid_linear`.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,6 @@ ORDER = {2: 3}
 REFERENCE = "INITIAL"
 
 Quadrature = solid_linear.Quadrature
-reference = solid_linear.reference
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ state = j2.state
 state_names = j2.state_names
 scaled_yield = j2.scaled_yield
 local_unknowns = j2.local_unknowns
-reference = j2.reference
 
 
 @dataclass(frozen=True)

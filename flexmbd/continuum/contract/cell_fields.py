@@ -1,12 +1,13 @@
 """Fields of one cell: further unknowns of a form that are condensed in each cell before anything is assembled.
 
-Enhanced strains, discontinuous stresses and pressures, a thickness strain: sub-elements of the unknown whose dofs all lie
-inside one cell, that no rigid motion moves, on which neither kinetic energy nor dissipation nor a term on facets
+Enhanced strains, discontinuous stresses and pressures, a thickness strain: sub-elements of the unknown whose dofs all
+lie inside one cell, that no rigid motion moves, on which neither kinetic energy nor dissipation nor a term on facets
 depends, and that their own equations determine.  They are found from the element and the form's functions; a form says
 nothing of them.  What is left is the *shared* part of the unknown, which begins with the displacement.
 
 A field whose second derivatives with all fields of the cell vanish at rest, as those of a pressure at nu = 1/2, is a
-multiplier: its cell does not determine it, and it stays an unknown of the body.
+multiplier: its cell does not determine it, and it stays an unknown of the body.  So does one that would make a body
+so much stiffer than the rest of it is that half of the digits were lost, as that pressure just below.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import basix.ufl
@@ -25,6 +27,7 @@ from flexmbd.continuum.contract.dof_layout import RigidDisplacement
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, IntegralTerm, internal_work
 from flexmbd.continuum.contract.trial_symbols import GDIM, FloatArray, TrialSymbols, affine
+from flexmbd.round_off import SQUARED
 
 Indices = NDArray[np.int64]
 
@@ -66,7 +69,7 @@ class CellFields:
         """What a message calls the fields that have some of the ``cell_places``, by their numbers there."""
         places, found = {int(self.cell_places[k]) for k in dofs}, []
         for i, part in enumerate(_dofs(self.element)):
-            if i in self.of_cell and places & set(part.tolist()):
+            if i in self.of_cell and not places.isdisjoint(map(int, part)):
                 own = _components(self.element)[i]
                 found.append(f"{own[0]} to {own[-1]}" if len(own) > 1 else f"{own[0]}")
         return f"unknown{'' if len(found) == 1 and ' ' not in found[0] else 's'} {' and '.join(found)}"
@@ -173,7 +176,7 @@ def _dofs(element: Any) -> list[Indices]:
 
 def _counted(sizes: Sequence[int]) -> list[Indices]:
     ends = np.cumsum([0, *sizes])
-    return [np.arange(begin, end) for begin, end in zip(ends[:-1], ends[1:], strict=True)]
+    return [np.arange(begin, end) for begin, end in pairwise(ends)]
 
 
 def _outer_terms(form: Any, unknown: TrialSymbols, components: Indices) -> bool:
@@ -191,7 +194,8 @@ def _depends(density: Any, unknown: TrialSymbols, fields: Sequence[Any], compone
     """Whether a density is another where some components of its fields are not zero."""
     expanded = ufl.algorithms.expand_derivatives(density)
     values = []
-    for cut in ([], components):
+    nothing: Indices = np.zeros(0, dtype=np.int64)
+    for cut in (nothing, components):
         some = {field: _cut(affine(field.ufl_shape, seed=7 + k), cut) for k, field in enumerate(fields)}
         values.append(unknown.evaluate_expanded(expanded, some))
     if values[0] is None or values[1] is None:  # only a mesh has a value: the density must not name them
@@ -212,28 +216,41 @@ def _names_component(expanded: Any, field: Any, components: Indices) -> bool:
 
 
 def _is_determined(form: Any, unknown: TrialSymbols, components: Indices, of_cell: Indices) -> bool:
-    """Whether second derivatives at rest of some components with all those of fields of one cell do not vanish."""
+    """Whether second derivatives at rest of some components with those of fields of one cell are there, and count."""
+    own, cell, displaced = (_second_derivatives(form, unknown, pair) for pair in (
+        (components, components), (of_cell, components), (np.arange(3), np.arange(3)),
+    ))  # fmt: skip
+    mixed = _second_derivatives(form, unknown, (np.arange(3), components))
+    if own is None or cell is None or displaced is None or mixed is None:  # only a mesh has values
+        return True
+    if cell == 0.0:
+        return False
+    # what condensing adds to the stiffness of the displacement, over that
+    return own == 0.0 or displaced == 0.0 or mixed**2 * SQUARED <= abs(own * displaced)
+
+
+def _second_derivatives(form: Any, unknown: TrialSymbols, components: tuple[Indices, Indices]) -> float | None:
+    """Those at rest along two fields of which some components alone are not zero; None where only a mesh has them."""
     along, across = ufl.Argument(unknown.space, 1), ufl.Argument(unknown.space, 2)
-    size = int(np.prod(unknown.u.ufl_shape, dtype=int))
-    others = np.setdiff1d(np.arange(size), of_cell), np.setdiff1d(np.arange(size), components)
-    fields = {
-        unknown.u: affine(unknown.u.ufl_shape, seed=None),
-        along: _cut(affine(unknown.u.ufl_shape, seed=1), others[0]),
-        across: _cut(affine(unknown.u.ufl_shape, seed=2), others[1]),
-    }
+    size = np.arange(int(np.prod(unknown.u.ufl_shape, dtype=int)))
+    fields = {unknown.u: affine(unknown.u.ufl_shape, seed=None)}
+    for seed, (argument, some) in enumerate(zip((along, across), components, strict=True)):
+        fields[argument] = _cut(affine(unknown.u.ufl_shape, seed=1 + seed), np.setdiff1d(size, some))
+    total = 0.0
     for density, _ in internal_work(form, unknown.u, across, p=unknown.parameters):
         value = unknown.evaluate(ufl.derivative(density, unknown.u, along), fields)
-        if value is None or value != 0.0:
-            return True
-    return False
+        if value is None:
+            return None
+        total += value
+    return total
 
 
-def _cut(field: Callable[[int], FloatArray], components: Sequence[int] | Indices) -> Callable[[int], FloatArray]:
+def _cut(field: Callable[[int], FloatArray], components: Indices) -> Callable[[int], FloatArray]:
     """A vector field some of whose components are zero."""
 
     def cut(depth: int) -> FloatArray:
         values = field(depth).copy()
-        values[np.asarray(components, dtype=int)] = 0.0
+        values[components] = 0.0
         return values
 
     return cut

@@ -1,8 +1,8 @@
 """The stiffness at rest of a body with fields of one cell, which are condensed in each cell, and the fields given back.
 
-At rest the fields of a cell are linear in its shared unknowns, a = -L u with the lift L = K_aa^-1 K_au.  So any bilinear
-form of small motions, B, is that of the shared ones by the congruence of each cell's matrix with (1, -L): for B = K that
-is static condensation.
+At rest the fields of a cell are linear in its shared unknowns, a = -L u with the lift L = K_aa^-1 K_au.  So any
+bilinear form of small motions, B, is that of the shared ones by the congruence of each cell's matrix with (1, -L): for
+B = K that is static condensation.
 """
 
 from __future__ import annotations
@@ -166,6 +166,6 @@ def singular_error(group: CellGroup, fields: CellFields, matrix: FloatArray) -> 
     names = fields.names(undetermined(matrix[np.ix_(own, own)]))
     return FormulationError(
         f"{group.form_name}: the {names} of the form are fields of one cell, and their own equations do not determine "
-        "them: their part of a cell's stiffness is singular. Take away what depends on the rest (an enhanced strain that "
-        "another one or the displacement has, a rule with too few points), or make the field continuous"
+        "them: their part of a cell's stiffness is singular. Take away what depends on the rest (an enhanced strain "
+        "that another one has, a rule with too few points), or make the field continuous"
     )

@@ -196,9 +196,9 @@ def discretise(
     whole = space = fem.functionspace(mesh.mesh, form.element(cell, 3, degree))
     fields = None
     if condense:
-        fields = common_cell_fields(
-            [find_cell_fields(one.formulation, one.parameters, cell=cell, degree=degree) for one in (*groups, *facets)]
-        )
+        pairs = [(one.formulation, one.parameters) for one in groups]
+        pairs += [(one.formulation, one.parameters) for one in facets]
+        fields = common_cell_fields([find_cell_fields(one, p, cell=cell, degree=degree) for one, p in pairs])
     if fields is not None:
         space = fem.functionspace(mesh.mesh, fields.shared_element)
         groups = tuple(replace(one, fields=fields) for one in groups)

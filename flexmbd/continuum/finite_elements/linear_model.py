@@ -244,7 +244,7 @@ class LinearModel(PicturedModel):
         return columns if self.condensed is None else self.condensed.whole_columns(columns)
 
     def coupled(self) -> LinearModel:
-        """The same body with its fields of one cell as unknowns of the body; itself where there are none. Collective."""
+        """The body with its fields of one cell as unknowns of the body; itself where there are none. Collective."""
         return self
 
     def _refuse_fields(self) -> None:

@@ -53,14 +53,14 @@ class ContinuumModel(LinearModel):
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken.
             supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.
-            condense: whether fields of one cell, as enhanced strains, are condensed there; else they are unknowns of the
-                body. What is reduced is the same but for round-off.
+            condense: whether fields of one cell, as enhanced strains, are condensed there; else they are unknowns of
+                the body. What is reduced is the same but for round-off.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
-                entries that are not finite; terms on facets without `surfaces`; a field of one cell that its own equations
-                do not determine.
+                entries that are not finite; terms on facets without `surfaces`; a field of one cell that its own
+                equations do not determine.
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
@@ -112,7 +112,7 @@ class ContinuumModel(LinearModel):
             nodal=nodal,
             condensed=condensed,
         )
-        self._given = {
+        self._given: dict[str, Any] = {
             "degree": degree, "interfaces": interfaces, "surfaces": surfaces, "supports": supports, "condense": False,
         }  # fmt: skip
         self._formulation = formulation

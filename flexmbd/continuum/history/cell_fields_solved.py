@@ -1,11 +1,11 @@
 """Fields of one cell in a body with history: their values, accepted and on trial, and the tangent of their cells.
 
-For a trial of the shared unknown u the fields a of each cell are those that make their own equations zero, a(u).  So the
-forces of a cell are functions of u alone, and their derivative is the condensed one,
+For a trial of the shared unknown u the fields a of each cell are those that make their own equations zero, a(u).  So
+the forces of a cell are functions of u alone, and their derivative is the condensed one,
 
     r_u(u, a(u)),    K_uu - K_ua K_aa^-1 K_au.
 
-What solves for them (`cell_loop`) keeps K_aa^-1 and K_ua of a tangent that was taken before, in each cell its own.
+What solves for them (`cell_field_loop`) keeps K_aa^-1 and K_ua of a tangent that was taken before, each cell its own.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.cell_matrices import CellMatrices, cell_dofs, cell_values, chunks
 from flexmbd.continuum.finite_elements.condensation import CondensedCells, condense, fill_whole, undetermined
 from flexmbd.continuum.finite_elements.condensed_stiffness import singular_error
-from flexmbd.continuum.history.cell_loop import CellUnknowns
+from flexmbd.continuum.history.point_loop import CellUnknowns
 from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]

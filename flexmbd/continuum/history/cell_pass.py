@@ -23,7 +23,8 @@ from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.point_law import FAULTS, WRITING_FAULTS, PointLaw
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved, no_cell_fields
-from flexmbd.continuum.history.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
+from flexmbd.continuum.history.cell_loop import pass_cells
+from flexmbd.continuum.history.point_loop import FORCES, Fields, Kernels, Room
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import ConvergenceError, FormulationError
 
@@ -34,8 +35,8 @@ FloatArray = NDArray[np.float64]
 _SWEEPS = (30, 1000)
 _LOCAL = 1e-10
 
-#: Fields of one cell: change of a cell's forces by their last step, over these, where it ends.  Explicit steps take what
-#: is left into the next one, and it does not add up.
+#: Fields of one cell: change of a cell's forces by their last step, over these, where it ends.  Explicit steps take
+#: what is left into the next one, and it does not add up.
 IMPLICIT, EXPLICIT = 1e-12, 1e-3
 
 # How often tangents of fields of one cell are renewed for one trial.

@@ -96,8 +96,8 @@ class NonlinearModel(TrialBody):
                 with elements of degree 1. One mean a cell is too few for those of degree 2.
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken. Springs reach to the body's axes.
-            condense: whether fields of one cell, as enhanced strains, are solved for in their cell; else they are unknowns
-                of the body, as which it is loaded slowly alone.
+            condense: whether fields of one cell, as enhanced strains, are solved for in their cell; else they are
+                unknowns of the body, as which it is loaded slowly alone.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the

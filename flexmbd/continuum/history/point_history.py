@@ -45,7 +45,13 @@ class History:
     """
 
     def __init__(
-        self, group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr, *, means: bool, shared: fem.Function | None = None
+        self,
+        group: CellGroup,
+        u: fem.Function,
+        v: ufl.core.expr.Expr,
+        *,
+        means: bool,
+        shared: fem.Function | None = None,
     ) -> None:
         """Not collective but for compilation.
 
@@ -320,9 +326,10 @@ def refuse_means_of_fields(group: CellGroup) -> None:
         FormulationError: there are both.
     """
     if group.fields is not None:
+        names = group.fields.names(range(len(group.fields.cell_places)))
         raise FormulationError(
-            f"{group.form_name} has a cell_mean and the {group.fields.names(range(len(group.fields.cell_places)))}, fields of "
-            "one cell, which are both against locking: take away one of them, or say cell_means=False"
+            f"{group.form_name} has a cell_mean and the {names}, fields of one cell, which are both against locking: "
+            "take away one of them, or say cell_means=False"
         )
 
 

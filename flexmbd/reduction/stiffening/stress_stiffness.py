@@ -23,7 +23,7 @@ over chunks of cells that stay in the cache. Any other density is assembled, one
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
@@ -307,7 +307,7 @@ class _Unmarked(MultiFunction):
 
     expr = MultiFunction.reuse_if_untouched
 
-    def variable(self, o: ufl.core.expr.Expr, value: ufl.core.expr.Expr, label: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    def variable(self, o: ufl.core.expr.Expr, value: ufl.core.expr.Expr, label: Any) -> ufl.core.expr.Expr:
         """A variable."""
         return value
 
