@@ -46,10 +46,17 @@ class CondensedCells:
 def condense(matrices: FloatArray, fields: CellFields) -> CondensedCells:
     """Condense the matrices (k, n + m, n + m) of cells."""
     own, shared = fields.cell_places, fields.shared_places
-    inverse, singular = inverted(matrices[:, own[:, None], own])
-    coupling = np.ascontiguousarray(matrices[:, shared[:, None], own])
-    lift = inverse @ matrices[:, own[:, None], shared]
-    return CondensedCells(matrices[:, shared[:, None], shared] - coupling @ lift, inverse, coupling, lift, singular)
+    inverse, singular = inverted(_part(matrices, own, own))
+    coupling = _part(matrices, shared, own)
+    lift = inverse @ _part(matrices, own, shared)
+    return CondensedCells(_part(matrices, shared, shared) - coupling @ lift, inverse, coupling, lift, singular)
+
+
+def _part(matrices: FloatArray, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> FloatArray:
+    """Blocks of matrices (k, n, n); mostly they stand together, and slices cost less."""
+    if all(np.array_equal(places, np.arange(places[0], places[-1] + 1)) for places in (rows, columns)):
+        return matrices[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return matrices[:, rows[:, None], columns]
 
 
 def inverted(matrices: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:

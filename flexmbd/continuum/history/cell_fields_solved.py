@@ -59,11 +59,12 @@ class CellFieldsSolved:
             values=np.zeros((cells, m)),
             before=np.zeros_like(u.x.array),
             inverse=np.zeros((cells, m * m)),
-            coupling=np.zeros((cells, n * m)),
+            coupling=np.zeros((cells, m * n)),
             known=np.zeros(cells, dtype=np.int64),
             solved=np.ones(cells, dtype=np.int64),
             force=np.zeros(n + m),
             change=np.zeros(m),
+            moved=np.zeros(n),
         )
 
     def compile_tangent(self, terms: Sequence[ufl.Form]) -> None:
@@ -79,7 +80,10 @@ class CellFieldsSolved:
         assert self._tangent is not None  # noqa: S101  (compiled as the history is made)
         found = condense(self._tangent.of_cells(cells, self._values), self._fields)
         usable = cells[~found.singular]
-        for kept, new in ((self.unknowns.inverse, found.inverse), (self.unknowns.coupling, found.coupling)):
+        for kept, new in (
+            (self.unknowns.inverse, found.inverse),
+            (self.unknowns.coupling, found.coupling.transpose(0, 2, 1)),
+        ):
             kept[usable] = new[~found.singular].reshape(len(usable), -1)
         self.unknowns.known[usable] = 1
         return found
@@ -147,4 +151,4 @@ def no_cell_fields() -> CellUnknowns:
     """As the compiled loop takes them where there are none."""
     none, numbers = np.zeros(0), np.zeros(0, dtype=np.int64)
     return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0)), np.zeros((0, 0)), numbers, numbers,
-                        none, none)  # fmt: skip
+                        none, none, none)  # fmt: skip

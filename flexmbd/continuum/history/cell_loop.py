@@ -33,7 +33,14 @@ SHORTEST = 2.0**-10
 
 #: Fields of one cell: most steps with one inverse, and the part of the change before above which a new one is asked for,
 #: which costs some ten evaluations of a cell's forces.
-CELL_SWEEPS, CONTRACTION = 8, 0.1
+CELL_SWEEPS, CONTRACTION = 24, 0.1
+
+#: A step of theirs is halved, so often at most, while the work that it does on what their equations lack does not fall to
+#: this part.
+HALVINGS, WORK_RATIO = 8, 0.8
+
+#: Smaller numbers have fewer digits.
+UNDERFLOW = 1e-290
 
 
 class Kernels(NamedTuple):
@@ -83,11 +90,12 @@ class CellUnknowns(NamedTuple):
         values: (cells, m) of the fields, to begin with, and solved.
         before: (dofs,) shared unknown for which they were solved last.
         inverse: (cells, m * m) of their part of a tangent.
-        coupling: (cells, n * m) derivatives of the shared unknowns' forces by the fields.
+        coupling: (cells, m * n) derivatives of the shared unknowns' forces by the fields, field by field.
         known: (cells,) whether there is such a tangent.
         solved: (cells,) whether they are solved for the trial.
         force: (n + m,) room for what a cell's terms make.
         change: (m,) room for a Newton step.
+        moved: (n,) room for what goes with it.
     """
 
     shared: NDArray[np.int64]
@@ -100,6 +108,7 @@ class CellUnknowns(NamedTuple):
     solved: NDArray[np.int64]
     force: FloatArray
     change: FloatArray
+    moved: FloatArray
 
 
 class Room(NamedTuple):
@@ -306,20 +315,22 @@ def _gather(cell, nodes, x, blocks, width, fields, room):  # type: ignore[no-unt
 def _gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: ignore[no-untyped-def]
     """Collect a cell's shared unknowns and fields in their places; ``predicts``: these as they follow those linearly."""
     n, m = inner.shared.shape[0], inner.places.shape[0]
-    for k in range(m):
-        inner.change[k] = 0.0
     for i in range(blocks.shape[1]):
         for d in range(width):
             dof = width * blocks[cell, i] + d
             room.row[inner.shared[width * i + d]] = fields.u[dof]
-            if predicts:
-                moved = fields.u[dof] - inner.before[dof]
-                for k in range(m):
-                    inner.change[k] += inner.coupling[cell, m * (width * i + d) + k] * moved
-    for i in range(m):
-        if predicts:
+            inner.moved[width * i + d] = fields.u[dof] - inner.before[dof]
+    if predicts:
+        coupling, inverse = inner.coupling[cell], inner.inverse[cell]
+        for k in range(m):
+            lack = 0.0
+            for j in range(n):
+                lack += coupling[n * k + j] * inner.moved[j]
+            inner.change[k] = lack
+        for i in range(m):
             for k in range(m):
-                inner.values[cell, i] -= inner.inverse[cell, m * i + k] * inner.change[k]
+                inner.values[cell, i] -= inverse[m * i + k] * inner.change[k]
+    for i in range(m):
         room.row[inner.places[i]] = inner.values[cell, i]
     for i in range(fields.state.shape[1]):
         room.row[n + m + i] = fields.state[cell, i]
@@ -358,35 +369,49 @@ def _solve_points(cell, begin, states, fields, kernels, room, sweeps, tolerance)
 
 
 @kernel
-def _newton_step(cell, room, inner):  # type: ignore[no-untyped-def]
-    """A step of the fields of a cell by what their equations lack.
+def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
+    """A step of the fields of a cell by what their equations lack, which is added to the forces of shared unknowns.
 
     Returns:
-        The largest change of the shared unknowns' forces by it; the largest of these; whether the step is round-off.
+        The largest change of these forces by it, and the largest of them.
     """
     n, m, force, change = inner.shared.shape[0], inner.places.shape[0], inner.force, inner.change
     inverse, coupling = inner.inverse[cell], inner.coupling[cell]
-    least = True
     for i in range(m):
-        step, size = 0.0, 0.0
+        step = 0.0
         for k in range(m):
             step -= inverse[m * i + k] * force[inner.places[k]]
-            rounded = 0.0
-            for j in range(n):
-                rounded += abs(coupling[m * j + k] * room.row[inner.shared[j]])
-            size += abs(inverse[m * i + k]) * rounded
         change[i] = step
-        least = least and abs(step) <= ROUND_OFF * (size + abs(inner.values[cell, i]))
+    for j in range(n):
+        inner.moved[j] = 0.0
+    for k in range(m):
+        for j in range(n):
+            inner.moved[j] += coupling[n * k + j] * change[k]
     moved, largest = 0.0, 0.0
     for j in range(n):
-        add = 0.0
+        add = inner.moved[j]
+        force[inner.shared[j]] += add
+        if not abs(add) <= moved:
+            moved = abs(add)
+        largest = max(largest, abs(force[inner.shared[j]]))
+    return moved, largest
+
+
+@kernel
+def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
+    """Whether a step of the fields of a cell is round-off of their equations, as where the cell has no stress."""
+    n, m = inner.shared.shape[0], inner.places.shape[0]
+    inverse, coupling = inner.inverse[cell], inner.coupling[cell]
+    for i in range(m):
+        size = abs(inner.values[cell, i])
         for k in range(m):
-            add += coupling[m * j + k] * change[k]
-        moved = max(moved, abs(add))
-        largest = max(largest, abs(force[inner.shared[j]] + add))
-        if not abs(add) < np.inf:
-            return np.inf, largest, least
-    return moved, largest, least
+            summed = 0.0
+            for j in range(n):
+                summed += abs(coupling[n * k + j] * room.row[inner.shared[j]])
+            size += abs(inverse[m * i + k]) * summed
+        if abs(inner.change[i]) > ROUND_OFF * size:
+            return False
+    return True
 
 
 @kernel
@@ -397,7 +422,7 @@ def _solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, ac
         As `_solve_points`.
     """
     n, m = inner.shared.shape[0], inner.places.shape[0]
-    before = np.inf
+    before, work, halved = np.inf, 0.0, 0
     for _ in range(CELL_SWEEPS):
         if fields.local.shape[1] > 0:
             change = _solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
@@ -409,23 +434,30 @@ def _solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, ac
             _tabulate(kernels, k, room, begin)
             for i in range(n + m):
                 inner.force[i] += room.tensor[i]
-        moved, largest, least = _newton_step(cell, room, inner)
-        done = least or moved <= accuracy * largest
-        # forces that are no numbers are told by whoever sums them
-        if done or not moved < np.inf:
-            for j in range(n):
-                for k in range(m):
-                    inner.force[inner.shared[j]] += inner.coupling[cell, m * j + k] * inner.change[k]
-            for i in range(m):
-                inner.values[cell, i] += inner.change[i]
-            inner.solved[cell] = 1
-            return 0.0
-        if moved > CONTRACTION * before:
-            return 0.0
-        before = moved
+        left = 0.0
         for i in range(m):
+            left += inner.force[inner.places[i]] * inner.change[i]
+        if work != 0.0 and halved < HALVINGS and not abs(left) <= WORK_RATIO * abs(work):
+            # too far: the step does no less work on what is lacking at its end than at its begin
+            work, halved = 0.5 * work, halved + 1
+            for i in range(m):
+                inner.change[i] *= 0.5
+                inner.values[cell, i] -= inner.change[i]
+                room.row[inner.places[i]] = inner.values[cell, i]
+            continue
+        moved, largest = _newton_step(cell, inner)
+        # forces that are no numbers are told by whoever sums them
+        done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
+        if not done and moved > CONTRACTION * before:
+            return 0.0
+        before, work, halved = moved, 0.0, 0
+        for i in range(m):
+            work += inner.force[inner.places[i]] * inner.change[i]
             inner.values[cell, i] += inner.change[i]
             room.row[inner.places[i]] = inner.values[cell, i]
+        if done:
+            inner.solved[cell] = 1
+            return 0.0
     return 0.0
 
 

@@ -36,10 +36,10 @@ _LOCAL = 1e-10
 
 #: Fields of one cell: change of a cell's forces by their last step, over these, where it ends.  Explicit steps take what
 #: is left into the next one, and it does not add up.
-IMPLICIT, EXPLICIT = 1e-12, 1e-5
+IMPLICIT, EXPLICIT = 1e-12, 1e-3
 
 # How often tangents of fields of one cell are renewed for one trial.
-_RENEWALS = 12
+_RENEWALS = 30
 
 _NONE = np.zeros(0)
 
