@@ -1,4 +1,6 @@
-"""The strain of a thin brick that does not lock: a solid-shell of eight nodes, whose third edges go through the thickness.
+"""The strain of a thin brick that does not lock: a solid-shell of eight nodes.
+
+Its third edges go through the thickness of the wall.
 
 The displacement's own strain E of a trilinear brick locks where walls are thin and curved. In its
 place stand fields of the cell (Hu & Washizu: an assumed strain, and the stress that ties it to the
@@ -111,7 +113,7 @@ def _pair(a: Expr, b: Expr) -> Expr:
 
 
 def _centre(domain: ufl.Mesh) -> tuple[Expr, Expr]:
-    """Edges at the cell's centre as columns, m, and places as multiples of their halves, -1 to 1 in a parallelepiped."""
+    """Edges at the cell's centre as columns, m, and places in their halves, -1 to 1 in a parallelepiped."""
     vertices = ufl.geometry.CellVertices(domain)
     corner = [ufl.as_vector([vertices[i, j] for j in range(3)]) for i in range(8)]
     middle = sum(corner[1:], corner[0]) / 8

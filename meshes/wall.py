@@ -35,7 +35,14 @@ _SHARPEST = np.cos(np.radians(165.0))
 
 
 @checked_part
-def wall(part: TaggedMesh, thickness: Thickness, *, offset: float = 0.0, layers: int = 1) -> TaggedMesh:
+def wall(
+    part: TaggedMesh,
+    thickness: Thickness,
+    *,
+    offset: float = 0.0,
+    layers: int = 1,
+    normals: Callable[[Points], Points] | None = None,
+) -> TaggedMesh:
     """Thicken a surface of quadrilaterals, for `forms.solid_shell` and other solids. Collective.
 
     The wall has the surface's cell groups, and as facet groups its edges, by their names, "top" on the side of the
@@ -48,6 +55,9 @@ def wall(part: TaggedMesh, thickness: Thickness, *, offset: float = 0.0, layers:
         offset: of the wall's middle from the surface, along the normal, in thicknesses: 0.5 where the surface is
             the wall's bottom.
         layers: number of bricks through the thickness.
+        normals: function of points (3, n) in m that gives a curved surface's own normals (3, n) there, of any length,
+            to either side. None: those of the cells, which at the rim lean by half the angle that a cell bends, so
+            that a plane of symmetry is missed.
 
     Raises:
         MeshError: on all ranks; a thickness that is not positive, cells that are no quadrilaterals, a surface that
@@ -55,6 +65,8 @@ def wall(part: TaggedMesh, thickness: Thickness, *, offset: float = 0.0, layers:
     """
 
     def check() -> None:
+        if normals is not None and not callable(normals):
+            raise MeshError(f"normals must be a function of points (3, n) that gives (3, n), got {shown(normals)}")
         if not callable(thickness) and not (is_number(thickness) and 0.0 < thickness < np.inf):
             raise MeshError(f"the thickness of a wall must be a positive, finite length in m, got {shown(thickness)}")
         if not (is_number(offset) and abs(offset) < np.inf):
@@ -66,7 +78,7 @@ def wall(part: TaggedMesh, thickness: Thickness, *, offset: float = 0.0, layers:
                 f"degree {geometry_degree(part.mesh)}; let the mesher recombine triangles"
             )
         if taken := {TOP, BOTTOM} & set(part.facet_groups):
-            raise MeshError(f"the surface has a group of edges called {taken.pop()!r}, as the wall's face is; rename it")
+            raise MeshError(f"the surface has edges called {taken.pop()!r}, as a face of the wall is; rename them")
 
     check_arguments(part.comm, {"thickness": thickness, "offset": offset, "layers": layers}, check)
     blocks = dict(mesh_blocks(part))
@@ -78,7 +90,7 @@ def wall(part: TaggedMesh, thickness: Thickness, *, offset: float = 0.0, layers:
     tags = {tag: groups[1][name] for name, tag in part.facet_groups.items()}
 
     def build() -> MeshInput:
-        surface = _Surface.of(arrays["points"], arrays["cells"], arrays["facets"])
+        surface = _Surface.of(arrays["points"], arrays["cells"], arrays["facets"], normals)
         return _thickened(surface, arrays["cell_tags"], [tags[tag] for tag in arrays["facet_tags"].tolist()],
                           groups, thickness, offset, layers)  # fmt: skip
 
@@ -102,9 +114,12 @@ class _Surface:
     director: Points
 
     @classmethod
-    def of(cls, points: Points, cells: IntArray, edges: IntArray) -> _Surface:
+    def of(
+        cls, points: Points, cells: IntArray, edges: IntArray, normals: Callable[[Points], Points] | None
+    ) -> _Surface:
         turned = _turned(points, cells[:, _AROUND])
-        return cls(points, turned, edges, _directors(points, turned))
+        director = _directors(points, turned)
+        return cls(points, turned, edges, director if normals is None else _given(points, director, normals))
 
 
 def _thickened(
@@ -198,6 +213,21 @@ def _directors(points: Points, cells: IntArray) -> Points:
             "bond them"
         )
     return np.asarray(director)
+
+
+def _given(points: Points, director: Points, normals: Callable[[Points], Points]) -> Points:
+    """(n, 3) unit normals as they are given, to the side of the directors."""
+    found = np.asarray(normals(points.T), dtype=np.float64)
+    if found.shape != (3, len(points)) or not np.isfinite(found).all():
+        raise MeshError(f"normals must give (3, {len(points)}) finite numbers for as many points, got {shown(found)}")
+    length = np.linalg.norm(found, axis=0)
+    along = np.einsum("in,ni->n", found, director)
+    if not (abs(along) > 0.5 * length * np.linalg.norm(director, axis=1)).all():
+        raise MeshError(
+            f"normals: at {points[abs(along).argmin()].tolist()} m the normal that was given lies more than 60 degrees "
+            "off that of the cells"
+        )
+    return np.asarray((np.copysign(1.0, along) / length * found).T)
 
 
 def _thicknesses(points: Points, thickness: Thickness) -> Points:

@@ -11,7 +11,7 @@ CONSTANTS = ("Parameters", "CELLS", "ORDER", "REFERENCE")
 """Names that are no functions."""
 
 LAYERED = "LAYERED"
-"""A constant that a form may have: True where cells lie in layers, their third edges going straight across (`is_layered`)."""
+"""A constant that a form may have: True where cells lie in layers, with third edges that go straight across."""
 
 REQUIRED = {"element": 3, "kinetic_energy": 2, "rigid_motion": 3, "stress": 3, "reference": 0}
 """Functions that every form file has, and how many positional arguments each takes."""

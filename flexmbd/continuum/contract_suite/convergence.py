@@ -68,7 +68,8 @@ def convergence(
     claimed = orders(form, cell)[degree]
     tell(f"convergence of {cell} {degree} on {family.value} meshes")
     try:
-        errors = tuple(relative_error(form, cell, degree, mesh=family_mesh(cell, family, n=n, layered=is_layered(form))) for n in divisions)
+        meshes = (family_mesh(cell, family, n=n, layered=is_layered(form)) for n in divisions)
+        errors = tuple(relative_error(form, cell, degree, mesh=mesh) for mesh in meshes)
     except Exception as error:  # noqa: BLE001  (a form file is foreign code)
         lines = str(error).strip().splitlines() or [""]
         return MeshConvergence(cell, degree, family, (), (), claimed, f"{type(error).__name__}: {lines[-1]}")

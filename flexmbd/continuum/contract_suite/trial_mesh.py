@@ -124,7 +124,7 @@ def _even(cell: str, n: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
 
 
 def _moved(x: FloatArray, dim: int, layered: bool) -> FloatArray:
-    """Moved along the axes that the mesh spans, so that it stays straight or flat; its layers, too, where it has some."""
+    """Moved along the axes that the mesh spans, so that it, or each of its layers, stays straight or flat."""
     if dim == 1:
         # the cells of a line differ in length; its ends stay
         shift = 2 * np.sin(np.pi * x)
