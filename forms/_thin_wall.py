@@ -6,8 +6,8 @@ The displacement's own strain E of a trilinear brick locks where walls are thin 
 place stand fields of the cell (Hu & Washizu: an assumed strain, and the stress that ties it to the
 displacement's):
 
-- transverse shear: E_13 and E_23 along the cell's edges, constant along their own direction, linear
-  along the other (Dvorkin & Bathe 1984; here in the mean over the cell in place of points);
+- transverse shear: E_13 and E_23 in the middle of the cell's edges, between which they are linear
+  (Dvorkin & Bathe 1984); neighbours share these values, so that cells may be askew;
 - thickness strain: E_33 at the corners, between which it is bilinear (Betsch & Stein 1995), and
   besides linear through the thickness, where the stress has no say (Buechter, Ramm & Roehl 1994);
 - membrane strain: four incompatible modes, so that the wall bends in its own plane (Simo & Rifai
@@ -66,12 +66,11 @@ def displacement(w: Expr) -> Expr:
     return ufl.split(w)[0]
 
 
-def assumed_strain(w: Expr, rule: Quadrature, modulus: Expr, *, finite: bool) -> AssumedStrain:
+def assumed_strain(w: Expr, modulus: Expr, *, finite: bool) -> AssumedStrain:
     """The assumed strain of an unknown w.
 
     Args:
         w: of this ``element``.
-        rule: of the terms, by which the shears are tied.
         modulus: Pa, of the material; gives the stresses among the fields no dimension, and changes no result.
         finite: whether E is Green's and Lagrange's strain; else sym grad u, and so is the assumed one.
     """
@@ -87,25 +86,26 @@ def assumed_strain(w: Expr, rule: Quadrature, modulus: Expr, *, finite: bool) ->
     h = ufl.grad(u)
     own = (h + h.T + h.T * h) / 2 if finite else ufl.sym(h)
     size = [ufl.sqrt(ufl.dot(centre[:, k], centre[:, k])) for k in range(3)]
+    side = [ufl.conditional(ufl.gt(place[k], 0.0), 1.0, -1.0) for k in range(2)]
     change = ufl.zero(3, 3)
     tie = 0.0
     for a in range(2):
-        # constant ones are those of a vector, so that a constant strain stays one in cells askew in the wall's plane
+        # a part that is a vector's lets constant strains stay so in cells that are askew in the wall's plane
         scale, b = size[a] * size[2], 1 - a
-        along = ufl.dot(edge[:, a], over[0, :] * size[0] * shear[0] + over[1, :] * size[1] * shear[1]) * size[2]
-        assumed = along + scale * shear[2 + a] * place[b]
+        vector = ufl.dot(edge[:, a], over[0, :] * size[0] * shear[0] + over[1, :] * size[1] * shear[1]) * size[2]
         have = ufl.dot(edge[:, a], own * edge[:, 2])
-        change += (assumed - have) * _pair(dual[a, :], dual[2, :])
-        pull = ufl.dot(dual[a, :], centre[:, 0] / size[0] * force[0] + centre[:, 1] / size[1] * force[1]) / size[2]
-        tie += modulus * (pull + force[2 + a] * place[b] / scale) * (have - assumed)
+        change += (vector + scale * shear[2 + a] * place[b] - have) * _pair(dual[a, :], dual[2, :])
+        # the mean over both ends of an edge is the value in its middle
+        lack = (have - vector) / scale - shear[2 + a] * side[b]
+        tie += (force[2 * a] + force[2 * a + 1] * side[b]) * lack
     square = ufl.dot(edge[:, 2], edge[:, 2])
     lack = ufl.dot(edge[:, 2], own * edge[:, 2]) / square - thickness
     change -= lack * square * ufl.outer(dual[2, :], dual[2, :])
-    change += _membrane(membrane, place, over, size, ufl.det(centre) / ufl.JacobianDeterminant(domain))
-    side = [ufl.conditional(ufl.gt(place[k], 0.0), 1.0, -1.0) for k in range(2)]
-    stress = across[0] + across[1] * side[0] + across[2] * side[1] + across[3] * side[0] * side[1]
+    tie += (across[0] + across[1] * side[0] + across[2] * side[1] + across[3] * side[0] * side[1]) * lack
+    ratio = ufl.det(centre) / ufl.JacobianDeterminant(domain)
+    change += _membrane(membrane, place, over, size, ratio)
     bent = ufl.inv(ufl.Identity(3) + h).T * change if finite else change
-    return AssumedStrain(h + bent, [(tie, rule), (modulus * stress * lack, Quadrature(1, "vertex"))])
+    return AssumedStrain(h + bent, [(modulus * ratio * tie, Quadrature(1, "vertex"))])
 
 
 def _pair(a: Expr, b: Expr) -> Expr:

@@ -51,7 +51,7 @@ class Reference(_Reference):
 
 def strain_energy(u: Expr, p: Parameters) -> Terms:
     """St Venant-Kirchhoff energy of the assumed strain per initial volume, J/m^3; of 2 x 2 x 2 points."""
-    h, ties = _thin_wall.assumed_strain(u, _RULE, p.E, finite=True)
+    h, ties = _thin_wall.assumed_strain(u, p.E, finite=True)
     strain = (h + h.T + h.T * h) / 2
     stress = _stress(strain, p)
     return [(ufl.inner(stress, strain) / 2, _RULE), *ties]
@@ -64,7 +64,7 @@ def kinetic_energy(v: Expr, p: Parameters) -> Terms:
 
 def stress(u: Expr, state: None, p: Parameters) -> Expr:
     """Cauchy stress of the small-strain solid, Pa, 3 x 3, of the assumed strain; linear in u."""
-    h, _ = _thin_wall.assumed_strain(u, _RULE, p.E, finite=False)
+    h, _ = _thin_wall.assumed_strain(u, p.E, finite=False)
     return _stress(ufl.sym(h), p)
 
 
