@@ -1,20 +1,23 @@
-"""Elastic brick that bends without locking: trilinear displacement and nine enhanced strains in each cell.
+"""Elastic brick that bends without locking: trilinear displacement and twelve enhanced strains in each cell.
 
-Unknowns: displacement u (m) of a three-dimensional body, and nine numbers alpha (dimensionless) in each hexahedron, which
+Unknowns: displacement u (m) of a three-dimensional body, and twelve numbers alpha (dimensionless) in each hexahedron, which
 make strains beside those of u.  Functional in the initial configuration:
 
     W = lambda/2 tr(E)^2 + mu E : E,   E = (H + H^T + H^T H)/2 + e(alpha),   H = Grad u,
-    e = det(J0)/det(J) size J0^-T e_xi J0^-1,   e_xi linear in xi and alpha,   size = det(J0)^(2/3)
+    e = det(J0)/det(J) size J0^-T e_xi J0^-1,   e_xi linear in alpha,   size = det(J0)^(2/3)
 
 with J the Jacobian of the cell, J0 that at its centre, and xi its coordinates from -1 to 1, taken as those of the
-parallelepiped of J0.  The enhanced strains vanish in the mean over the cell against constant stresses, so that the patch
-test is passed in cells of any shape.  W is least in alpha, which is condensed in the cell: a body has the unknowns of a
-plain trilinear one, bends as one of quadratic cells through one cell of thickness, and does not lock at nu near 1/2 in plane
-strain.  Isotropic, homogeneous; rotations of any size, strains of some per cent.  Strongly compressed cells of this
-kind have modes without stiffness (Wriggers & Reese 1996): beyond some tens of per cent take quadratic ones.
+parallelepiped of J0.  Nine of them are linear in xi, of Simo & Rifai; three, which change volume by xi eta, eta zeta and
+zeta xi, are for nu near 1/2, after Simo, Armero & Taylor.  The enhanced strains vanish in the mean over the cell against
+constant stresses, so that the patch test is passed in cells of any shape.  W is least in alpha, which is condensed in the
+cell: a body has the unknowns of a plain trilinear one, bends as one of quadratic cells through one cell of thickness, and
+does not lock where volume is kept.  Isotropic, homogeneous; rotations of any size, strains of some per cent.  Strongly
+compressed cells of this kind have modes without stiffness (Wriggers & Reese 1996): beyond some tens of per cent take
+quadratic ones.
 
 References: Simo & Rifai 1990, A class of mixed assumed strain methods and the method of incompatible modes,
-doi:10.1002/nme.1620290802; Klinkel & Wagner 1997, A geometrical non-linear brick element based on the EAS-method,
+doi:10.1002/nme.1620290802; Simo, Armero & Taylor 1993, Improved versions of assumed enhanced strain tri-linear elements
+for 3D finite deformation problems, doi:10.1016/0045-7825(93)90215-J; Klinkel & Wagner 1997, A geometrical non-linear brick element based on the EAS-method,
 doi:10.1002/(SICI)1097-0207(19971230)40:24<4529::AID-NME271>3.0.CO;2-I (the Green-Lagrange strain).
 """
 
@@ -38,7 +41,7 @@ ORDER = {1: 2}
 # Gradients and integrals refer to the initial configuration.
 REFERENCE = "INITIAL"
 
-_ENHANCED = 9
+_ENHANCED = 12
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ class Reference:
 
 
 def element(cell: str, gdim: int, degree: int) -> basix.ufl._ElementBase:
-    """Trilinear displacement, and nine numbers in each cell."""
+    """Trilinear displacement, and twelve numbers in each cell."""
     displacement = basix.ufl.element("Lagrange", cell, degree, shape=(gdim,))
     return basix.ufl.mixed_element([displacement, basix.ufl.element("DG", cell, 0, shape=(_ENHANCED,))])
 
@@ -114,21 +117,23 @@ def cell_frame(u: Expr) -> CellFrame:
     """That of the cells of a field's mesh."""
     domain = ufl.domain.extract_unique_domain(u)
     vertices = ufl.geometry.CellVertices(domain)
-    corners = [ufl.as_vector([vertices[i, j] for j in range(3)]) for i in range(8)]
     # vertex i has the reference coordinates (i & 1, i >> 1 & 1, i >> 2), from 0 to 1
-    edges = [sum((1 if i >> k & 1 else -1) * corners[i] for i in range(8)) / 8 for k in range(3)]
-    j0 = ufl.as_matrix([[edges[k][i] for k in range(3)] for i in range(3)])
+    signs = ufl.as_matrix([[(1 if i >> k & 1 else -1) / 8 for i in range(8)] for k in range(3)])
+    j0 = ufl.transpose(signs * vertices)
+    centre = ufl.dot(ufl.as_vector([1 / 8] * 8), vertices)
     back = ufl.inv(j0)
-    return CellFrame(j0, back, back * (ufl.SpatialCoordinate(domain) - sum(corners) / 8))
+    return CellFrame(j0, back, back * (ufl.SpatialCoordinate(domain) - centre))
 
 
 def enhanced_strain(alpha: Expr, frame: CellFrame) -> Expr:
-    """The strain e of the nine numbers of a cell."""
+    """The strain e of the twelve numbers of a cell."""
     xi, size = frame.xi, ufl.det(frame.j0)
     xy = (alpha[3] * xi[0] + alpha[4] * xi[1]) / 2
     xz = (alpha[5] * xi[0] + alpha[6] * xi[2]) / 2
     yz = (alpha[7] * xi[1] + alpha[8] * xi[2]) / 2
-    local = ufl.as_matrix(((alpha[0] * xi[0], xy, xz), (xy, alpha[1] * xi[1], yz), (xz, yz, alpha[2] * xi[2])))
+    volume = alpha[9] * xi[0] * xi[1] + alpha[10] * xi[1] * xi[2] + alpha[11] * xi[2] * xi[0]
+    xx, yy, zz = (alpha[k] * xi[k] + volume for k in range(3))
+    local = ufl.as_matrix(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
     # J maps from coordinates of length 1: det J = 8 det J0 at the centre
     ratio = 8 * size ** (5 / 3) / ufl.JacobianDeterminant(ufl.domain.extract_unique_domain(frame.j0))
     return ratio * (frame.back.T * local * frame.back)

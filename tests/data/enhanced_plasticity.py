@@ -1,4 +1,4 @@
-"""The brick of nine enhanced strains (`solid_enhanced`) with the law of `j2_plasticity`, small strain."""
+"""The brick of enhanced strains (`solid_enhanced`) with the law of `j2_plasticity`, small strain."""
 
 from dataclasses import dataclass
 

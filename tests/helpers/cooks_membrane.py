@@ -26,18 +26,19 @@ def raised(
     grading: float = 1.0,
     held: Sequence[str] = ("z_min",),
     means: bool = False,
+    nu: float = 1 / 3,
     **more: Any,
 ) -> np.ndarray:
     """Displacement up, mm, of the middle and of the upper corner of the free end, with n x n cells.
 
-    Cells get smaller towards all four sides where `grading` is above 1. Poisson's ratio is 1/3; plane stress, and
+    Cells get smaller towards all four sides where `grading` is above 1. Plane stress, and
     plane strain where both faces of the panel, "z_min" and "z_max", are held.
     """
     mesh = meshes.block(48.0, 1.0, 1.0, divisions=(n, n, 1), comm=MPI.COMM_SELF)
     x = mesh.mesh.geometry.x
     along, up = (s**grading / (s**grading + (1 - s) ** grading) for s in (x[:, 0] / 48.0, x[:, 1] + 0.5))
     x[:, 0], x[:, 1] = 48.0 * along, 44.0 * along + up * (44.0 - 28.0 * along)
-    p = form.Parameters(E=young, nu=1 / 3, rho=1.0, **more)
+    p = form.Parameters(E=young, nu=nu, rho=1.0, **more)
     body = NonlinearModel(mesh, form, p, degree=degree, cell_means=means)
     fixed = prescribed_dofs(body, {"x_min": "xy"} | dict.fromkeys(held, "z"))
     force = load / 16.0 * load_vectors(body, [Traction("shear", "x_max", (0.0, 1.0, 0.0))])[:, 0]

@@ -84,7 +84,7 @@ class CellFieldsSolved:
             (self.unknowns.inverse, found.inverse),
             (self.unknowns.coupling, found.coupling.transpose(0, 2, 1)),
         ):
-            kept[usable] = new[~found.singular].reshape(len(usable), -1)
+            kept[usable] = new[~found.singular].reshape(len(usable), kept.shape[1])
         self.unknowns.known[usable] = 1
         return found
 

@@ -498,7 +498,7 @@ def pass_cells(  # type: ignore[no-untyped-def]
         _gather(cell, nodes, x, blocks, width, fields, room)
         if own > 0:
             inner.solved[cell] = 0
-            _gather_whole(cell, blocks, width, fields, inner, room, predicts)
+            _gather_whole(cell, blocks, width, fields, inner, room, predicts != 0 and inner.known[cell] != 0)
             if inner.known[cell] == 0:
                 change = 0.0
                 if locals_ > 0:  # which its tangent wants

@@ -56,7 +56,7 @@ class HistorySnapshot:
     viscous_work: float = 0.0
 
 
-@checked("cell_means", error=FormulationError, agree=parallel.told_to_all)
+@checked("cell_means", "condense", error=FormulationError, agree=parallel.told_to_all)
 class NonlinearModel(TrialBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 
@@ -80,6 +80,7 @@ class NonlinearModel(TrialBody):
         interfaces: Sequence[Interface] = (),
         cell_means: bool | None = None,
         surfaces: Surfaces | None = None,
+        condense: bool = True,
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -95,6 +96,8 @@ class NonlinearModel(TrialBody):
                 with elements of degree 1. One mean a cell is too few for those of degree 2.
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken. Springs reach to the body's axes.
+            condense: whether fields of one cell, as enhanced strains, are solved for in their cell; else they are unknowns
+                of the body, as which it is loaded slowly alone.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
@@ -112,6 +115,7 @@ class NonlinearModel(TrialBody):
             interfaces=interfaces,
             surfaces=surfaces,
             with_history=True,
+            condense=condense,
         )
         super().__init__(forms, means=degree == 1 if cell_means is None else cell_means)
 

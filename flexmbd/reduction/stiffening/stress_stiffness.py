@@ -33,7 +33,6 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from ufl.algorithms.transformer import strip_variables
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
@@ -162,7 +161,7 @@ def gradient_tensor(term: IntegralTerm, u: fem.Function) -> FloatArray | None:
     second = ufl.diff(ufl.inner(first, direction), variable)
     centre = basix.geometry(cell_type(u.function_space)).mean(axis=0, keepdims=True)
     # a variable's label differs from call to call, and would have the same code compiled again
-    expression = fem.Expression(strip_variables(ufl.algorithms.expand_derivatives(second)), centre)
+    expression = fem.Expression(_without_variables(ufl.algorithms.expand_derivatives(second)), centre)
     tensor: FloatArray | None = None
     if mesh.topology.index_map(3).size_local > 0:
         tensor = np.empty((9, 9))
@@ -280,7 +279,7 @@ def _by_strains(
         stress = ufl.derivative(ufl.diff(density, strain), u, a)
         second_order = ufl.derivative(ufl.derivative(strain, u, b), u, c)
         parts.append(ufl.inner(stress, second_order))
-    whole = strip_variables(ufl.algorithms.expand_derivatives(sum(parts)))
+    whole = _without_variables(ufl.algorithms.expand_derivatives(sum(parts)))
     return ufl.replace(whole, {u: ufl.zero(u.ufl_shape)})
 
 
@@ -300,7 +299,22 @@ def _by_gradient(density: ufl.core.expr.Expr, u: fem.Function, a: fem.Function) 
     along = _Jet(u, s * a, s * ufl.grad(a) + t * gradient)
     expression = map_expr_dag(along, ufl.algorithms.expand_derivatives(density))
     expression = ufl.algorithms.expand_derivatives(ufl.diff(ufl.diff(expression, t), s))
-    return ufl.replace(strip_variables(expression), dict.fromkeys(small, ufl.zero()))
+    return ufl.replace(_without_variables(expression), dict.fromkeys(small, ufl.zero()))
+
+
+class _Unmarked(MultiFunction):
+    """Puts what a variable stands for in its place."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def variable(self, o: ufl.core.expr.Expr, value: ufl.core.expr.Expr, label: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """A variable."""
+        return value
+
+
+def _without_variables(expression: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    """As UFL's `strip_variables`, which walks into a shared part once for every time it is used."""
+    return map_expr_dag(_Unmarked(), expression)
 
 
 class _Jet(MultiFunction):
