@@ -35,14 +35,14 @@ _FIELDS = 16  # constants of a cell: of shears, of shear stresses, of thickness 
 
 
 class AssumedStrain(NamedTuple):
-    """A displacement's gradient with the assumed strain in place of the displacement's own.
+    """The assumed strain in place of the displacement's own.
 
     Attributes:
-        gradient: (3, 3) H, of which (H + H^T + H^T H) / 2 is the assumed strain but for squares of what it differs by.
+        strain: (3, 3), linear in the fields of the cell.
         ties: terms, J/m^3, whose stationary value ties the assumed strain to the displacement's; added to the energy.
     """
 
-    gradient: Expr
+    strain: Expr
     ties: Terms
 
 
@@ -104,8 +104,7 @@ def assumed_strain(w: Expr, modulus: Expr, *, finite: bool) -> AssumedStrain:
     tie += (across[0] + across[1] * side[0] + across[2] * side[1] + across[3] * side[0] * side[1]) * lack
     ratio = ufl.det(centre) / ufl.JacobianDeterminant(domain)
     change += _membrane(membrane, place, over, size, ratio)
-    bent = ufl.inv(ufl.Identity(3) + h).T * change if finite else change
-    return AssumedStrain(h + bent, [(modulus * ratio * tie, Quadrature(1, "vertex"))])
+    return AssumedStrain(own + change, [(modulus * ratio * tie, Quadrature(1, "vertex"))])
 
 
 def _pair(a: Expr, b: Expr) -> Expr:
