@@ -42,5 +42,6 @@ from flexmbd.meshes.step_file import Tag as Tag
 from flexmbd.meshes.step_file import from_step as from_step
 from flexmbd.meshes.step_file import step_faces as step_faces
 from flexmbd.meshes.tube import tube as tube
+from flexmbd.meshes.wall import wall as wall
 
 __all__ = _public_names(globals())

@@ -10,6 +10,9 @@ from typing import Any, TypeAlias
 CONSTANTS = ("Parameters", "CELLS", "ORDER", "REFERENCE")
 """Names that are no functions."""
 
+LAYERED = "LAYERED"
+"""A constant that a form may have: True where cells lie in layers, with third edges that go straight across."""
+
 REQUIRED = {"element": 3, "kinetic_energy": 2, "rigid_motion": 3, "stress": 3, "reference": 0}
 """Functions that every form file has, and how many positional arguments each takes."""
 
@@ -113,6 +116,11 @@ OPTIONAL: dict[str, int] = {item.name: item.metadata["arguments"] for item in fi
 def has_facet_terms(form: Any) -> bool:
     """Whether a form has terms on facets; not collective."""
     return any(getattr(optional_entries(form), name) is not None for name in ON_FACETS)
+
+
+def is_layered(form: Any) -> bool:
+    """Whether the third edges of a form's hexahedra must lie across layers of cells; not collective."""
+    return bool(getattr(form, LAYERED, False))
 
 
 def is_rate_dependent(form: Any) -> bool:

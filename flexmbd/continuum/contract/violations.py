@@ -15,6 +15,7 @@ from flexmbd.continuum.contract.entries import (
     CONSTANTS,
     ENERGIES,
     KEYWORDS,
+    LAYERED,
     OF_HISTORY,
     OPTIONAL,
     REQUIRED,
@@ -123,6 +124,11 @@ def _constant_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
     reference = getattr(module, "REFERENCE", None)
     if reference not in ("INITIAL", "UPDATED"):
         yield "REFERENCE", f'REFERENCE must be "INITIAL" or "UPDATED", got {reference!r}'
+    layered = getattr(module, LAYERED, False)
+    if not isinstance(layered, bool):
+        yield LAYERED, f"{LAYERED} must be True or False, got {layered!r}"
+    elif layered and cells is not None and cells != ("hexahedron",):
+        yield LAYERED, f'{LAYERED} is of hexahedra, and CELLS must be ("hexahedron",) then, got {cells!r}'
 
 
 def _maps_degrees(order: Any) -> bool:
@@ -139,12 +145,12 @@ def _misspelt(module: ModuleType) -> Iterator[str]:
     A function of the file's own may be called as it likes; what would be taken for a slip begins with an underscore.
     """
     there = set(vars(module))
-    absent = {*CONSTANTS, *REQUIRED, *OPTIONAL} - there
+    absent = {*CONSTANTS, LAYERED, *REQUIRED, *OPTIONAL} - there
     if there & {*ENERGIES}:
         absent -= {*ENERGIES}
     meant = {name.lower(): name for name in sorted(absent)}
     for name, value in vars(module).items():
-        if name.startswith("_") or isinstance(value, ModuleType) or name in {*CONSTANTS, *REQUIRED, *OPTIONAL}:
+        if name.startswith("_") or isinstance(value, ModuleType) or name in {*CONSTANTS, LAYERED, *REQUIRED, *OPTIONAL}:
             continue
         for close in difflib.get_close_matches(name.lower(), meant, n=1, cutoff=_SAME_WORD):
             yield (

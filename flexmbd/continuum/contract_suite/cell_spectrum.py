@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.continuum.contract.entries import is_layered
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract_suite.trial import FloatArray, Trial, equilibration
@@ -44,7 +45,7 @@ def cell_spectrum(
     """The eigenvalues of one cell; on this rank alone. Compiles."""
     tell(f"eigenvalues of one cell, {cell} {degree}")
     try:
-        trial = Trial(form, cell, degree, mesh=single_cell(cell, distorted=distorted))
+        trial = Trial(form, cell, degree, mesh=single_cell(cell, distorted=distorted, layered=is_layered(form)))
         matrix = _condensed(trial)
         if matrix.shape[0] > trial.displacement.size:
             d = equilibration(matrix)

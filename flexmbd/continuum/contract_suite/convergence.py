@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexmbd.continuum.contract.entries import is_layered
 from flexmbd.continuum.contract.formulation import Formulation, orders
 from flexmbd.continuum.contract.hessian import EXACT
 from flexmbd.continuum.contract_suite.order import relative_error
@@ -67,7 +68,8 @@ def convergence(
     claimed = orders(form, cell)[degree]
     tell(f"convergence of {cell} {degree} on {family.value} meshes")
     try:
-        errors = tuple(relative_error(form, cell, degree, mesh=family_mesh(cell, family, n=n)) for n in divisions)
+        meshes = (family_mesh(cell, family, n=n, layered=is_layered(form)) for n in divisions)
+        errors = tuple(relative_error(form, cell, degree, mesh=mesh) for mesh in meshes)
     except Exception as error:  # noqa: BLE001  (a form file is foreign code)
         lines = str(error).strip().splitlines() or [""]
         return MeshConvergence(cell, degree, family, (), (), claimed, f"{type(error).__name__}: {lines[-1]}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import SETTLED, Correction, newton
-from flexmbd.continuum.contract.entries import is_rate_dependent, optional_entries
+from flexmbd.continuum.contract.entries import is_layered, is_rate_dependent, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.trial import FloatArray
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh, tagged
@@ -51,7 +51,9 @@ class HistoryTrial:
     def __init__(self, form: Formulation, cell: str, degree: int, *, parameters: Any) -> None:
         """Not collective; compiles."""
         self.form, self.parameters, self.dt = form, parameters, trial_step(form)
-        mesh = distorted_mesh(cell, n=1, degree=degree if form.REFERENCE == "UPDATED" else 1)
+        mesh = distorted_mesh(
+            cell, n=1, degree=degree if form.REFERENCE == "UPDATED" else 1, layered=is_layered(form)
+        )
         self.body = NonlinearModel(tagged(mesh), form, parameters, degree=degree, surfaces={})  # type: ignore[arg-type]
         self.x: FloatArray = self.body.layout.node_x.copy()
         self._rest = self.body.snapshot()

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.contract.entries import has_facet_terms, optional_entries
+from flexmbd.continuum.contract.entries import has_facet_terms, is_layered, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.history_trial import FIRST, SECOND, keeps_strains, trial_step, yielding_parameters
 from flexmbd.continuum.contract_suite.outcome import Figure
@@ -89,7 +89,7 @@ def _matrices(
     """This rank's rows of stiffness, mass and rigid motions, of the body that has such a form. Collective."""
     source, parameters = cast(ModuleType, form), form.reference().parameters
     if optional_entries(form).strain_energy is not None:
-        mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, comm=comm))
+        mesh = tagged(distorted_mesh(cell, n=_DIVISIONS, layered=is_layered(form), comm=comm))
         model = ContinuumModel(mesh, source, parameters, degree=degree, surfaces=_surfaces(form, parameters))
         return _rows(model.K), _rows(model.M), model.rigid_motions(np.zeros(3), np.eye(3))
     mesh, surfaces = history_mesh(form, cell, degree, comm=comm), _surfaces(form, parameters)
@@ -107,7 +107,7 @@ def _surfaces(form: Formulation, parameters: Any) -> Surfaces:
 def history_mesh(form: Formulation, cell: str, degree: int, *, comm: MPI.Comm) -> TaggedMesh:
     """A distorted mesh of the degree that a form with history needs. Collective."""
     nodes = degree if form.REFERENCE == "UPDATED" else 1
-    return tagged(distorted_mesh(cell, n=_DIVISIONS, degree=nodes, comm=comm))
+    return tagged(distorted_mesh(cell, n=_DIVISIONS, degree=nodes, layered=is_layered(form), comm=comm))
 
 
 def _eigenvalues(matrix: FloatArray) -> FloatArray:

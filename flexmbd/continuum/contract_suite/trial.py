@@ -20,7 +20,7 @@ from dolfinx import fem
 
 from flexmbd.continuum.compat import interpolation_points
 from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
-from flexmbd.continuum.contract.entries import optional_entries
+from flexmbd.continuum.contract.entries import is_layered, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, Quadrature, internal_work, symbols
 from flexmbd.continuum.contract_suite.trial_mesh import DIMENSION, distorted_mesh
 
@@ -70,7 +70,9 @@ class Trial:
         """
         self.form, self.cell, self.degree = form, cell, degree
         self.dim = DIMENSION[cell]
-        self.mesh = distorted_mesh(cell, n=_DIVISIONS[self.dim]) if mesh is None else mesh
+        if mesh is None:
+            mesh = distorted_mesh(cell, n=_DIVISIONS[self.dim], layered=is_layered(form))
+        self.mesh = mesh
         self.parameters = symbols(form.reference().parameters, mesh=self.mesh)
         self.space: fem.FunctionSpace = fem.functionspace(self.mesh, form.element(cell, 3, degree))
         self.u = fem.Function(self.space)

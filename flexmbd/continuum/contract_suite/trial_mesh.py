@@ -40,17 +40,20 @@ class Family(enum.Enum):
     CURVED = "curved"  # moved by a smooth map, of degree 2
 
 
-def family_mesh(cell: str, family: Family, *, n: int) -> dolfinx.mesh.Mesh:
-    """A mesh of a family in n parts along each edge. On this rank alone; not collective."""
+def family_mesh(cell: str, family: Family, *, n: int, layered: bool = False) -> dolfinx.mesh.Mesh:
+    """A mesh of a family in n parts along each edge; layered: third edges stay straight and across.
+
+    On this rank alone; not collective.
+    """
     points, cells = _even(cell, n)
     dim = DIMENSION[cell]
     if family is Family.CURVED:
         straight = _make(MPI.COMM_SELF, points, cells, cell=cell)
         nodes = fem.functionspace(straight, _nodes(cell, 2))
         points, cells = nodes.tabulate_dof_coordinates(), nodes.dofmap.list.astype(np.int64)
-        return _make(MPI.COMM_SELF, _moved_inside(points, dim), cells, cell=cell, degree=2)
+        return _make(MPI.COMM_SELF, _moved_inside(points, dim, layered), cells, cell=cell, degree=2)
     if family is Family.DISTORTED:
-        points = _moved_inside(points, dim)
+        points = _moved_inside(points, dim, layered)
     elif family is Family.TRAPEZOIDAL:
         points = _zigzag(points, dim, n)
     return _make(MPI.COMM_SELF, points, cells, cell=cell)
@@ -64,13 +67,13 @@ def bar_mesh(cell: str, *, n: int, thickness: float) -> dolfinx.mesh.Mesh:
     return _make(MPI.COMM_SELF, points, cell_nodes(mesh).astype(np.int64), cell=cell)
 
 
-def single_cell(cell: str, *, distorted: bool) -> dolfinx.mesh.Mesh:
+def single_cell(cell: str, *, distorted: bool, layered: bool = False) -> dolfinx.mesh.Mesh:
     """One cell with edges of 1 m along the axes, or moved by the map of `distorted_mesh`. On this rank alone."""
     points = basix.geometry(basix.CellType[cell])
     dim = DIMENSION[cell]
     points = np.hstack([points, np.zeros((len(points), 3 - dim))])
     if distorted:
-        points = _moved(points, dim)
+        points = _moved(points, dim, layered)
     return _make(MPI.COMM_SELF, points, np.arange(len(points), dtype=np.int64)[None], cell=cell)
 
 
@@ -83,14 +86,15 @@ def even_mesh(cell: str, *, n: int) -> dolfinx.mesh.Mesh:
 
 
 def distorted_mesh(
-    cell: str, *, n: int, degree: int = 1, comm: MPI.Comm = MPI.COMM_SELF
+    cell: str, *, n: int, degree: int = 1, layered: bool = False, comm: MPI.Comm = MPI.COMM_SELF
 ) -> dolfinx.mesh.Mesh:
     """The same moved by a smooth map: straight edges, no two cells alike. Collective over `comm`.
 
+    Layered: third edges stay straight and across the layers, and no two cells of a layer are alike.
     Of degree 2 it has nodes in the middle of its edges (and faces and cells), and is the same mesh.
     """
     points, cells = _even(cell, n)
-    points = _moved(points, DIMENSION[cell])
+    points = _moved(points, DIMENSION[cell], layered)
     if degree > 1:
         straight = _make(MPI.COMM_SELF, points, cells, cell=cell)
         nodes = fem.functionspace(straight, _nodes(cell, degree))
@@ -119,30 +123,35 @@ def _even(cell: str, n: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     return mesh.geometry.x.copy(), cell_nodes(mesh).astype(np.int64)
 
 
-def _moved(x: FloatArray, dim: int) -> FloatArray:
-    """Moved along the axes that the mesh spans, so that it stays straight or flat."""
+def _moved(x: FloatArray, dim: int, layered: bool) -> FloatArray:
+    """Moved along the axes that the mesh spans, so that it, or each of its layers, stays straight or flat."""
     if dim == 1:
         # the cells of a line differ in length; its ends stay
         shift = 2 * np.sin(np.pi * x)
     else:
-        s, c = np.sin(2 * x + 0.3), np.cos(3 * x)
+        place = x * (1.0, 1.0, 0.0) if layered else x
+        s, c = np.sin(2 * place + 0.3), np.cos(3 * place)
         shift = np.stack(
             (s[:, 1] * c[:, 2], s[:, 2] * c[:, 0] + x[:, 1] ** 2, s[:, 0] * c[:, 1]), axis=1
         )
     shift[:, dim:] = 0.0
+    if layered:
+        shift[:, 2] = np.sin(2 * x[:, 2])
     moved: FloatArray = x + _AMPLITUDE * shift
     return moved
 
 
-def _moved_inside(x: FloatArray, dim: int) -> FloatArray:
+def _moved_inside(x: FloatArray, dim: int, layered: bool) -> FloatArray:
     """Moved by a smooth map that leaves each face of the cube in its plane."""
     along = np.sin(np.pi * x)
     if dim == 1:
         shift = 2 * along
     else:
-        a, b, c = x.T
+        a, b, c = (x * (1.0, 1.0, 0.0)).T if layered else x.T
         across = np.stack((np.cos(2 * b + c), np.sin(3 * a + 0.5), np.cos(3 * a * b)), axis=1)
         shift = along * across
+        if layered:
+            shift[:, 2] = along[:, 2]
     shift[:, dim:] = 0.0
     moved: FloatArray = x + _AMPLITUDE * shift
     return moved

@@ -200,10 +200,12 @@ class CellPass:
     def _solve_cells(self, solved: CellFieldsSolved, forces: FloatArray, accuracy: float) -> None:
         """Solve for the fields of those cells whose tangent is too old, with new ones."""
         cells = solved.unsolved()
-        for _ in range(_RENEWALS):
+        for renewals in range(_RENEWALS + 1):
             if not len(cells):
                 solved.end_pass()
                 return
+            if renewals == _RENEWALS:
+                break
             singular = solved.renew(cells)
             if singular.any():
                 cells = cells[singular]
