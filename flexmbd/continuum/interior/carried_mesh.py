@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
+from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ class CarriedMesh:
         masses: (owned nodes,) kg.
         p, R: origin (m) and rotation of the body axes in inertial ones.
         bulk: the forces of bulk viscosity, if any.
+        fields: unknowns besides the displacement, if any.
         viscous: (owned nodes, 3) N, these at the last `pull`, a part of what that returned.
     """
 
@@ -42,8 +44,12 @@ class CarriedMesh:
             body: at rest and undeformed.
             masses: (owned nodes,) kg, lumped.
             bulk: the forces of bulk viscosity, if any.
+
+        Raises:
+            FormulationError: as `StaggeredFields`.
         """
         self.body, self.masses = body, masses
+        self.fields = StaggeredFields(body) if body.layout.has_further else None
         self.bulk = bulk
         self.viscous: FloatArray = np.zeros((len(masses), 3))
         self.X: FloatArray = body.layout.node_x[: len(masses)].copy()
@@ -62,6 +68,9 @@ class CarriedMesh:
             (owned nodes, 3) m, places of the nodes in inertial axes.
         """
         self.body.restore(self._rest)
+        if self.fields is not None:
+            self.fields.forget()
+            self.fields.lost = 0.0
         self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
         return self.p + self.X @ self.R.T
 
@@ -102,9 +111,12 @@ class CarriedMesh:
 
     def _step(self, u: FloatArray, dt: float) -> FloatArray:
         """Forces (owned nodes, 3) in body axes that hold the body at the whole displacement u."""
-        owned = self.body.n_owned
-        self._increment.array[:owned] = u.ravel() - self.body.displacement[:owned]
+        owned, layout = self.body.n_owned, self.body.layout
+        change = u - layout.displacements(self.body.displacement[:owned])
+        self._increment.array[:owned] = layout.at_dofs(change, owned=True)
         self._increment.scatter_forward()
+        if self.fields is not None:
+            return layout.displacements(self.fields.step(self._increment.array, dt=dt))
         force = self.body.step(self._increment.array, dt=dt).reshape(-1, 3)
         if self.bulk is None:
             return force

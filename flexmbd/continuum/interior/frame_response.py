@@ -32,7 +32,8 @@ class FrameResponse:
         wrenches: (k, 6) on them.
         slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
         fields: (6 k, owned nodes, 3) m, displacement of all nodes by a unit motion of each frame, in inertial axes.
-        relative: (6 k, owned nodes, 3) m, what of it is not the rigid motion of the body's axes, in these.
+        relative: (owned dofs, 6 k) what of it is not the rigid motion of the body's axes, in these, m, and the change of
+            further unknowns.
         nodal_forces: (interface nodes, 3) N, on the frames.
     """
 
@@ -62,22 +63,23 @@ class Condensation:
     mass: PETSc.Mat
 
     def product(self, nodal: FloatArray) -> FloatArray:
-        """(owned dofs,) mass matrix times (local nodes, 3). Collective."""
+        """(owned nodes, 3) mass matrix times (local nodes, 3). Collective."""
+        layout = self.body.layout
         right, left = self.mass.createVecRight(), self.mass.createVecLeft()
-        right.array[:] = np.ascontiguousarray(nodal).reshape(-1)[: self.body.n_owned]
+        right.array[:] = layout.at_dofs(np.ascontiguousarray(nodal[: layout.n_owned_nodes]), owned=True)
         self.mass.mult(right, left)
-        return np.asarray(left.array.copy())
+        return np.array(layout.displacements(left.array))
 
     def nodal_forces(self, residual: FloatArray, apparent_acceleration: FloatArray) -> FloatArray:
         """(interface nodes, 3) N, on the frames: the nodes' constraint forces less inertia of the bonded ones' mass.
 
         Args:
-            residual: (owned dofs,) N, in inertial axes.
+            residual: (owned nodes, 3) N, in inertial axes.
             apparent_acceleration: (held nodes, 3) m/s^2, acceleration less gravity of the nodes that frames hold.
         """
         bonds = self.bonds
         forces = np.zeros((len(bonds.nodes), 3))
-        forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
+        forces[bonds.own] = -residual[bonds.nodes[bonds.own]]
         forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * apparent_acceleration
         return forces
 
@@ -96,11 +98,11 @@ class Condensation:
 
         Args:
             tangent: of the residual, in body axes; with the nodes' inertia by the scheme.
-            residual: (owned dofs,) N, of internal and inertia forces less loads, in inertial axes.
+            residual: (owned nodes, 3) N, of internal and inertia forces less loads, in inertial axes.
             motion: of the frames.
             x: (local nodes, 3) m.
             apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
-            dead_load: (owned dofs,) N, in inertial axes, the part of the loads that does not turn with the body.
+            dead_load: (owned nodes, 3) N, in inertial axes, the part of the loads that does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
         """
         matrix = tangent()
@@ -149,17 +151,17 @@ class Condensation:
             if j < 6:
                 carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
                 relative[j] -= carried[j]
-                turned[j] = _crossed(turn, internal.reshape(-1, 3))
+                turned[j] = _crossed(turn, internal)
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
-        left = multiply(tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
-        left += _columns(turned @ R)
-        moved = inverse(-left - _columns(constraint_forces @ R))
-        changes = (left + multiply(tangent, moved)).T.reshape(len(columns), n, 3) @ R.T
-        moved = moved.T.reshape(len(columns), n, 3) @ R.T
+        left = multiply(tangent, self.columns(relative @ R)) + multiply(self.mass, self.columns(accelerations @ R))
+        left += self.columns(turned @ R)
+        followed = inverse(-left - self.columns(constraint_forces @ R))
+        changes = self._fields(left + multiply(tangent, followed)) @ R.T
+        moved = self._fields(followed) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j, (_, da, turn, _) in enumerate(moves):
             forces = np.zeros((len(nodes), 3))
@@ -173,12 +175,26 @@ class Condensation:
             derivative[:, j] = wrench.reshape(-1)
         relative += moved
         wrenches = bonds.wrenches(nodal_forces, arms)
-        return FrameResponse(wrenches, derivative, carried + relative, relative @ R, nodal_forces)
+        in_axes = self.columns(relative @ R, further=followed)
+        return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
 
+    def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:
+        """(owned dofs, k) from k fields (k, owned nodes, 3), and at further unknowns what columns like these have."""
+        layout = self.body.layout
+        if not layout.has_further:
+            return np.asarray(fields.reshape(len(fields), -1).T)
+        columns = layout.at_dofs(fields.transpose(1, 2, 0), owned=True)
+        if further is not None:
+            rows = layout.further_dofs[layout.further_dofs < layout.n_owned]
+            columns[rows] = further[rows]
+        return columns
 
-def _columns(fields: FloatArray) -> FloatArray:
-    """(owned dofs, k) from k fields (k, owned nodes, 3)."""
-    return np.asarray(fields.reshape(len(fields), -1).T)
+    def _fields(self, columns: FloatArray) -> FloatArray:
+        """(k, owned nodes, 3) from columns (owned dofs, k)."""
+        layout = self.body.layout
+        if not layout.has_further:
+            return columns.T.reshape(columns.shape[1], -1, 3)
+        return layout.displacements(columns).transpose(2, 0, 1)
 
 
 def _crossed(w: FloatArray, vectors: FloatArray) -> FloatArray:

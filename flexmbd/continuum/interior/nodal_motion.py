@@ -29,8 +29,9 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
+from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns, refuse_turning_unknowns
 from flexmbd.continuum.interior.stable_step import StableStep
-from flexmbd.errors import SceneError
+from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +42,9 @@ _NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped", "_viscou
 # Forces whose works are summed up: of the deformation, of loads, of contact and friction, of damping, and of bulk
 # viscosity, which is a part of the first.
 _WORKING = ("force", "load", "_met", "_rubbed", "_damped", "_viscous")
+
+# Energies of the formulation that have a place of their own in the account.
+_NAMED = ("elastic", "plastic", "viscous", "springs")
 
 # Part of a step by which loads are asked for beside its end: they may jump there.
 _BESIDE = 1e-6
@@ -109,12 +113,12 @@ class NodalMotion:
 
         Raises:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
-            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement; springs on
-                facets are not linear.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
+                or turn with the body; springs on facets are not linear.
             SceneError: the ranks were given different supports, planes, loads or damping; damping is negative, or no
                 number; a plane and a load have one name; a load is for slow loading alone.
         """
-        body.check_displacement_alone()
+        refuse_turning_unknowns(body)
         plane_values = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")
@@ -125,8 +129,14 @@ class NodalMotion:
         parallel.check_same(body.comm, SceneError, **self.surroundings)
         self._damping = float(damping)
         self.body, self.planes = body, tuple(planes)
-        masses = lumped_mass(body)
-        self.masses: FloatArray = masses[::3].copy()
+        lumped = lumped_mass(body)
+        refuse_inertia_of_further_unknowns(body, lumped)
+        self.masses: FloatArray = body.layout.displacements(lumped)[:, 0].copy()
+        if bulk_viscosity is not None and body.layout.has_further:
+            raise FormulationError(
+                f"{body.form_name} has unknowns besides the displacement, with which there is no bulk viscosity; leave it "
+                "out, or give the form a dissipation"
+            )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
         self.mesh = CarriedMesh(body, self.masses, bulk=bulk)
         n = len(self.masses)
@@ -152,7 +162,7 @@ class NodalMotion:
         if both:
             raise SceneError(f"a plane and a load are both called {sorted(both)[0]!r}; give each its own name")
         self.memory = BodyMemory(body)
-        self._stable = StableStep(body, masses, self.memory, bulk=bulk)
+        self._stable = StableStep(body, self.masses, self.memory, bulk=bulk, fields=self.mesh.fields)
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
@@ -268,7 +278,9 @@ class NodalMotion:
         impacts), "friction" and "damping" (lost), "gravitational";
         "viscous" (lost) by bulk viscosity and formulations that dissipate;
         "springs" on facets, where there are some;
-        "loads" where there are some: minus the work that they have done, on bonded nodes as well.
+        "loads" where there are some: minus the work that they have done, on bonded nodes as well;
+        "splitting" (lost) where the form has unknowns besides the displacement (`staggered_fields`), and what else the
+        formulation tells, as the energy of its cracks.
         """
         body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
@@ -286,7 +298,9 @@ class NodalMotion:
             "friction": float(sums[3]),
             "damping": float(sums[4]),
             "gravitational": float(sums[1]),
+            **{name: value for name, value in body_energies.items() if name not in _NAMED},
             **self._spring_energy(),
+            **({} if self.mesh.fields is None else {"splitting": -self.mesh.fields.lost}),
             **outer,
         }
 
@@ -320,6 +334,9 @@ class NodalMotion:
         own = [self._h, self._limit, *self._stable.memory, self.t]
         axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own, self._R_begun.ravel()])
         sums = {"works": works, "axes": axes, "plane forces": self.mesh.sum(self.plane_forces)}
+        if self.mesh.fields is not None:
+            sums["splitting"] = np.array(self.mesh.fields.lost)
+            self.mesh.fields.forget()  # as whoever goes on from here
         return {**nodal, **self.memory.gather(self.body.snapshot()), **sums}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
@@ -336,6 +353,9 @@ class NodalMotion:
         self._stable.memory = float(axes[17]), float(axes[18])
         self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
         self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
+        if self.mesh.fields is not None:
+            self.mesh.fields.lost = float(memory["splitting"])
+            self.mesh.fields.forget()
 
     def loads_at(self, t: float) -> FloatArray:
         """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""
