@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 # A last correction, as the root of its energy over what the body holds: the square is what a step may lose. Most
 # corrections of a step.
-_CLOSE, _MOST = 1e-5, 30
+_CLOSE, _MOST = 1e-6, 30
 
 # A correction that is not below this part of the one before asks for a factor of its own, which costs some ten.
 _SLOW = 0.1
