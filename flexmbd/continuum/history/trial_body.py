@@ -116,16 +116,24 @@ class TrialBody(DiscretisedBody):
             return False
         return any(self.comm.allgather(bool(self.layout.kinematic[self.layout.further_dofs].any())))
 
+    @cached_property
+    def holds_places(self) -> bool:
+        """Whether springs on facets pull at displacements, and not at further unknowns alone. Collective."""
+        return self.springs is not None and (
+            not self.layout.has_further
+            or self.springs.push(self.displacement_dofs[: self.layout.n_owned_nodes].reshape(-1))
+        )
+
     def refuse_surface_energy(self, *, by: str) -> None:
-        """Refuse springs on facets, which reach to the body's axes; the same on every rank.
+        """Refuse springs on facets, which reach to the body's axes. Collective.
 
         Args:
             by: what has axes that turn.
 
         Raises:
-            FormulationError: there are some.
+            FormulationError: on all ranks: there are some.
         """
-        if self.has_surface_energy:
+        if self.holds_places:
             raise FormulationError(
                 f"springs on facets (surface_energy) reach to the axes of the body, which {by} does not hold still: "
                 "load the body slowly (follow), run it by itself (ExplicitRun), reduce it (craig_bampton), or connect "

@@ -44,7 +44,7 @@ _NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped", "_viscou
 _WORKING = ("force", "load", "_met", "_rubbed", "_damped", "_viscous")
 
 # Energies of the formulation that have a place of their own in the account.
-_NAMED = ("elastic", "plastic", "viscous", "springs")
+_NAMED = ("elastic", "plastic", "viscous")
 
 # Part of a step by which loads are asked for beside its end: they may jump there.
 _BESIDE = 1e-6
@@ -266,7 +266,7 @@ class NodalMotion:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
         force = self.mesh.pull(self.x, dt=h)
         self._viscous = self.mesh.viscous
-        if self.body.springs is not None:
+        if self.body.springs is not None and self.mesh.fields is None:
             # to the ground, on which a body by itself began
             force -= self.body.springs.of_nodes(self.x - self.mesh.X)
         return force
@@ -306,7 +306,9 @@ class NodalMotion:
 
     def _spring_energy(self) -> dict[str, float]:
         springs = self.body.springs
-        return {} if springs is None else {"springs": springs.energy_of_nodes(self.x - self.mesh.X)}
+        if springs is None or self.mesh.fields is not None:
+            return {}
+        return {"springs": springs.energy_of_nodes(self.x - self.mesh.X)}
 
     def internal_work(self) -> float:
         """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""

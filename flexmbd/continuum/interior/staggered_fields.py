@@ -59,7 +59,7 @@ class StaggeredFields:
         Raises:
             FormulationError: it has springs on facets.
         """
-        if body.springs is not None:
+        if body.holds_places:
             raise FormulationError(
                 f"{body.form_name} has springs on facets and unknowns besides the displacement, which together do not "
                 "step explicitly; take ImplicitContinuum, or load the body slowly (follow)"
