@@ -139,6 +139,11 @@ class StaggeredFields:
         load[rows] = -trial.force[rows]
         change = self._linear.solve_factored(load)
         self.corrections += 1
+        if not all(body.comm.allgather(bool(np.isfinite(change).all()))):
+            raise ConvergenceError(
+                f"the unknowns of {body.form_name} besides the displacement are not determined by it: the tangent of their "
+                "own equations is singular"
+            )
         total = body.displacement[: body.n_owned] + trial.increment[: body.n_owned]
         further = total[rows] + change[rows]
         right, image = self._own.createVecs()  # type: ignore[union-attr]
