@@ -16,7 +16,14 @@ import numpy as np
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, ExplicitContinuum, ImplicitContinuum, Interface, NonlinearModel, TaggedMesh
+from flexmbd.continuum import (
+    ContinuumModel,
+    ExplicitContinuum,
+    ImplicitContinuum,
+    Interface,
+    NonlinearModel,
+    TaggedMesh,
+)
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.check_report import CheckResult, places

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import re
 from pathlib import Path
 
 from mpi4py import MPI
@@ -21,6 +22,8 @@ from flexmbd.continuum import (
     Interface,
     NonlinearModel,
     RegularCheckpoints,
+    clamped_dofs,
+    follow,
     load_form,
 )
 from flexmbd.errors import FormulationError
@@ -53,13 +56,13 @@ def piezo():
     return load_form(DATA / "piezoelectric.py")
 
 
-def bar(*, nu=0.0, damaged=10.0, cells=CELLS, comm=MPI.COMM_SELF, interfaces=ENDS):
+def bar(*, nu=0.0, damaged=10.0, cells=CELLS, width=WIDTH, comm=MPI.COMM_SELF, interfaces=ENDS):
     mesh = meshes.block(LENGTH, SIDE, SIDE, divisions=(cells, 1, 1), comm=comm)
-    p = brittle().Parameters(E=E, nu=nu, rho=RHO, Gc=GC, length=WIDTH, residual=1e-5)
+    p = brittle().Parameters(E=E, nu=nu, rho=RHO, Gc=GC, length=width, residual=1e-5)
     body = NonlinearModel(mesh, brittle(), p, degree=1, interfaces=list(interfaces))
     if damaged:
         start, x = body.snapshot(), mesh.mesh.geometry.x[mesh.mesh.geometry.dofmap].mean(axis=1)[:, 0]
-        start.history[0].reshape(len(x), -1)[abs(x - LENGTH / 2) < 0.4 * SIZE] = damaged * GC / WIDTH
+        start.history[0].reshape(len(x), -1)[abs(x - LENGTH / 2) < 0.4 * SIZE] = damaged * GC / width
         body.restore(start)
     return body
 
@@ -98,6 +101,29 @@ def test_a_bar_that_breaks_in_motion_takes_the_work_of_fracture(steps):
         fields = interior.motion.mesh.fields
         assert abs(parts["splitting"]).max() < 1e-6 * parts["fracture"][-1]
         assert fields.factorisations < 0.1 * len(run.t)
+
+
+def slowly_broken(body):
+    held = clamped_dofs(body, ("x_min", "x_max"))
+    way = np.zeros(body.layout.n_local)
+    way[body.displacement_dofs[body.layout.nodes_on(2, body.mesh.facets("x_max")), 0]] = STRENGTH / E * LENGTH
+    times = [*np.linspace(0.02, 3.0, 100), 5.0, 10.0, 20.0, 50.0, 200.0]
+    follow(body, times, prescribed=held, displacement=lambda t: t * way[held])
+    return body.energies()["fracture"]
+
+
+def test_a_bar_that_breaks_slowly_takes_the_work_of_fracture():
+    assert slowly_broken(bar()) == pytest.approx(GC * SIDE**2 * (1 + SIZE / (2 * WIDTH)), rel=0.05)
+
+
+def test_a_band_that_the_cells_do_not_resolve_is_told():
+    """By how much too much work it takes: h / (2 length)."""
+    with pytest.warns(fm.ResolutionWarning, match="a damage falls by") as told:
+        work = slowly_broken(bar(width=SIZE, damaged=30.0))
+    assert len(told) == 1
+    percent = float(re.search(r"some (\d+) %", str(told[0].message)).group(1))
+    assert work == pytest.approx(GC * SIDE**2 * (1 + percent / 100.0), rel=0.05)
+    assert percent == pytest.approx(50.0, abs=5.0)
 
 
 def stretched_twice(t, most, t_end):

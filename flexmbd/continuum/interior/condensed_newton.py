@@ -258,7 +258,7 @@ class CondensedNewton:
         if constraints is not None:
             change = self._constrained(change[:, None], constraints)[:, 0]
         forces = self._product(change)
-        # unlike unknowns are counted each by themselves: in one sum a pressure's energy may take away the displacement's
+        # each kind of unknown by itself: in one sum a pressure's energy may take away the displacement's
         energies = self._bonds.total(np.array([np.vdot(change[part], forces[part]) for part in self._parts]))
         return change, forces, float(np.sqrt(abs(energies).sum()))
 

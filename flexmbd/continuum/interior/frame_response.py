@@ -32,8 +32,8 @@ class FrameResponse:
         wrenches: (k, 6) on them.
         slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
         fields: (6 k, owned nodes, 3) m, displacement of all nodes by a unit motion of each frame, in inertial axes.
-        relative: (owned dofs, 6 k) what of it is not the rigid motion of the body's axes, in these, m, and the change of
-            further unknowns.
+        relative: (owned dofs, 6 k) what of it is not the rigid motion of the body's axes, in these, m, and the
+            change of further unknowns.
         nodal_forces: (interface nodes, 3) N, on the frames.
     """
 

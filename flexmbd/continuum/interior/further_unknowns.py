@@ -78,7 +78,7 @@ def refuse_inertia_of_further_unknowns(body: NonlinearModel, lumped: FloatArray)
     error = None
     if any(body.comm.allgather(bool(lumped[owned_further_dofs(body)].any()))):
         error = FormulationError(
-            f"{body.groups[0].form_name} has unknowns besides the displacement with a kinetic energy of their own, which "
-            f"a body with history that moves does not carry; {_REMEDY}"
+            f"{body.groups[0].form_name} has unknowns besides the displacement with a kinetic energy of their own, "
+            f"which a body with history that moves does not carry; {_REMEDY}"
         )
     parallel.raise_collectively(body.comm, error)

@@ -134,8 +134,8 @@ class NodalMotion:
         self.masses: FloatArray = body.layout.displacements(lumped)[:, 0].copy()
         if bulk_viscosity is not None and body.layout.has_further:
             raise FormulationError(
-                f"{body.form_name} has unknowns besides the displacement, with which there is no bulk viscosity; leave it "
-                "out, or give the form a dissipation"
+                f"{body.form_name} has unknowns besides the displacement, with which there is no bulk viscosity; leave "
+                "it out, or give the form a dissipation"
             )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
         self.mesh = CarriedMesh(body, self.masses, bulk=bulk)
