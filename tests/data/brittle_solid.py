@@ -2,9 +2,9 @@
 
     W = ((1 - d)^2 + residual) psi(u) + Gc / (2 length) (d^2 + length^2 |grad d|^2)
 
-psi is the energy of small strains.  In the equation of the damage stands the largest psi that a point has seen, so that
-what is broken does not heal.  A crack is a band some four lengths wide that takes Gc per area of its faces; cells are to
-be a third of the length.  The damage has no mass.
+psi is the energy of small strains.  In the equation of the damage stands the largest psi that a point has seen, so
+that what is broken does not heal.  A crack is a band some four lengths wide that takes Gc per area of its section;
+cells are to be a third of the length.  The damage has no mass.
 
 References: Bourdin, Francfort & Marigo 2000, doi:10.1016/S0022-5096(99)00028-9 (the energy, AT2); Miehe, Hofacker &
 Welschinger 2010, doi:10.1016/j.cma.2010.04.011 (the history).
@@ -24,7 +24,7 @@ REFERENCE = "INITIAL"
 
 @dataclass(frozen=True)
 class Parameters:
-    """Young's modulus, Pa; Poisson's ratio; density, kg/m^3; work of fracture, J/m^2; length, m; stiffness that is left.
+    """Young's modulus, Pa; Poisson's ratio; density, kg/m^3; work of fracture, J/m^2; length, m; stiffness left.
 
     Raises:
         ValueError: a value is out of its range.

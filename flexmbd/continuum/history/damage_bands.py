@@ -88,9 +88,9 @@ class DamageBands:
         lengths = -np.log(max(1.0 - fall, _STEEPEST))
         if self._comm.rank == 0:
             warn(
-                f"a damage falls by {100.0 * min(fall, 1.0):.0f} % along an edge of {length:.3g} m, as over a length of "
-                f"{length / lengths:.2g} m: cells so coarse take some {50.0 * lengths / degree:.0f} % too much work of "
-                "fracture. Take cells of a third of the form's length where it breaks, or a longer length",
+                f"a damage falls by {100.0 * min(fall, 1.0):.0f} % along an edge of {length:.3g} m, as over a length "
+                f"of {length / lengths:.2g} m: cells so coarse take some {50.0 * lengths / degree:.0f} % too much work "
+                "of fracture. Take cells of a third of the form's length where it breaks, or a longer length",
                 ResolutionWarning,
             )
 

@@ -199,7 +199,7 @@ class StableStep:
             force = self._fields.balanced(u.array, dt=0.0)[1]
         except ConvergenceError as reason:
             raise FormulationError(
-                f"{body.form_name} has unknowns besides the displacement that are not determined by it, as the pressure "
-                "of what keeps its volume: explicit steps have no stable length; take ImplicitContinuum"
+                f"{body.form_name} has unknowns besides the displacement that are not determined by it, as the "
+                "pressure of what keeps its volume: explicit steps have no stable length; take ImplicitContinuum"
             ) from reason
         return np.asarray(body.layout.displacements(force).reshape(-1) / (size * self._root))

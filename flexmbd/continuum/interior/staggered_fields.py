@@ -100,8 +100,8 @@ class StaggeredFields:
         found = newton(problem, problem.at(increment), most=_MOST, close=_CLOSE)
         if not found.is_solution:
             raise ConvergenceError(
-                f"the unknowns of {self._body.form_name} besides the displacement were not found where that has stepped to, "
-                f"in {found.iterations} corrections; take a shorter step"
+                f"the unknowns of {self._body.form_name} besides the displacement were not found where that has "
+                f"stepped to, in {found.iterations} corrections; take a shorter step"
             )
         return found.place.increment, found.place.force
 
@@ -141,8 +141,8 @@ class StaggeredFields:
         self.corrections += 1
         if not all(body.comm.allgather(bool(np.isfinite(change).all()))):
             raise ConvergenceError(
-                f"the unknowns of {body.form_name} besides the displacement are not determined by it: the tangent of their "
-                "own equations is singular"
+                f"the unknowns of {body.form_name} besides the displacement are not determined by it: the tangent of "
+                "their own equations is singular"
             )
         total = body.displacement[: body.n_owned] + trial.increment[: body.n_owned]
         further = total[rows] + change[rows]
