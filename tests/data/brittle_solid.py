@@ -2,7 +2,7 @@
 
     W = ((1 - d)^2 + residual) psi(u) + Gc / (2 length) (d^2 + length^2 |grad d|^2)
 
-psi is the energy of small strains.  In the equation of the damage stands the largest psi that a point has seen, so
+psi is Saint Venant's and Kirchhoff's energy, so that a body may turn by any angle.  In the equation of the damage stands the largest psi that a point has seen, so
 that what is broken does not heal.  A crack is a band some four lengths wide that takes Gc per area of its section;
 cells are to be a third of the length.  The damage has no mass.
 
@@ -83,10 +83,11 @@ def state_names(p):
 def residual(u, v, state, p):
     displacement, d = ufl.split(u)
     virtual, virtual_d = ufl.split(v)
-    stress = _left(d, p) * _sound_stress(displacement, p)
+    h, g = ufl.grad(displacement), ufl.grad(virtual)
+    stress = _left(d, p) * _law(_green(displacement), p)
     crack = p.Gc / p.length * (d * virtual_d + p.length**2 * ufl.dot(ufl.grad(d), ufl.grad(virtual_d)))
     drive = 2 * (1 - d) * _largest(displacement, state, p) * virtual_d
-    return [(ufl.inner(stress, ufl.sym(ufl.grad(virtual))) + crack - drive, Quadrature(2))]
+    return [(ufl.inner(stress, ufl.sym(g + h.T * g)) + crack - drive, Quadrature(2))]
 
 
 def update(u, state, p):
@@ -130,13 +131,23 @@ def _left(d, p):
     return (1 - d) ** 2 + p.residual
 
 
+def _green(displacement):
+    h = ufl.grad(displacement)
+    return (h + h.T + h.T * h) / 2
+
+
 def _sound_stress(displacement, p):
-    strain = ufl.sym(ufl.grad(displacement))
+    """Of small strains."""
+    return _law(ufl.sym(ufl.grad(displacement)), p)
+
+
+def _law(strain, p):
     return p.E / (1 + p.nu) * (strain + p.nu / (1 - 2 * p.nu) * ufl.tr(strain) * ufl.Identity(3))
 
 
 def _sound_energy(displacement, p):
-    return ufl.inner(_sound_stress(displacement, p), ufl.sym(ufl.grad(displacement))) / 2
+    strain = _green(displacement)
+    return ufl.inner(_law(strain, p), strain) / 2
 
 
 def _largest(displacement, state, p):
