@@ -19,7 +19,8 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns, refuse_turning_unknowns
+from flexmbd.continuum.interior.bonded_turns import BondedTurns
+from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
@@ -43,6 +44,7 @@ class BondedNodes:
         averaged: (n,) whether the frame moves as the mean of the nodes instead of holding them.
         mass: (n,) kg, what moves with the frame: of bonded nodes the lumped mass, of averaged ones a part of it.
         free_mass: kg, all other mass of nodes.
+        turns: unknowns of the nodes that turn with the frames.
         reach: m, the largest distance of a node from its frame's origin along one of the frame's axes.
     """
 
@@ -68,7 +70,6 @@ class BondedNodes:
             FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
                 or turn with the body, or springs on facets.
         """
-        refuse_turning_unknowns(body)
         body.refuse_surface_energy(by="a machine")
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
         check_frames(body.interfaces, parts, may_average=may_average)
@@ -82,6 +83,7 @@ class BondedNodes:
         lumped.array[: body.n_owned] = lumped_mass(body)
         lumped.scatter_forward()
         refuse_inertia_of_further_unknowns(body, lumped.array)
+        self.turns = BondedTurns(body)
         mass: FloatArray = body.layout.displacements(lumped.array)[:, 0]
         kinds = [isinstance(found, AveragedInterface) for found in body.interfaces]
         self.averaged = np.array(kinds)[self.frame_of]

@@ -181,6 +181,8 @@ class CondensedNewton:
         jump = np.zeros_like(body.layout.node_x)
         jump[self._held] = places[~self._bonds.averaged]
         jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
+        own = self._bonds.turns.own
+        jumped[self._bonds.turns.dofs[own]] = self._turned(equations, motion)[own]
         inertia = body.layout.at_dofs(self._frames.product(jump), owned=True) / equations.step.per_x
         residual = balance + self._product(jumped) - inertia
         left = self._without_constraint_forces(residual, constraints)
@@ -234,7 +236,15 @@ class CondensedNewton:
         places = axes.increment(bonds.positions(motion), bonds.nodes)
         gap = places - layout.displacements(increment)[bonds.nodes]
         increment[layout.displacement_dofs[self._held]] = places[~bonds.averaged]
+        increment[bonds.turns.dofs] = self._turned(equations, motion)
         return increment, self._averages.constraints(motion, axes.R, displacement=gap)
+
+    def _turned(self, equations: StepEquations, motion: FrameMotion) -> FloatArray:
+        """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
+        turns = self._bonds.turns
+        if not turns.any:
+            return np.zeros(0)
+        return turns.values(motion.R, equations.axes.R) - self._body.displacement[turns.dofs]
 
     def _factor(self, matrix: PETSc.Mat, constraints: LinearConstraints | None) -> None:
         """Factor a tangent, which is changed. Collective."""
@@ -281,11 +291,12 @@ class CondensedNewton:
     ) -> tuple[FloatArray, FloatArray]:
         """Wrenches (k, 6) and slopes (6 k, 6 k) where the linearised nodes are in balance. Collective."""
         frames, bonds, R = self._frames, self._bonds, equations.axes.R
+        couples = bonds.turns.wrenches(residual, R)
         residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
         if not fresh and self._kept is not None:
             arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
             forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
-            return bonds.wrenches(forces, arms), _turned(self._kept.slopes, R)
+            return bonds.wrenches(forces, arms) + couples, _turned(self._kept.slopes, R)
         x, a = equations.motion(corrected)
         a -= equations.step.gravity
         constraints = self._averages.constraints(motion, R)
@@ -303,6 +314,7 @@ class CondensedNewton:
             apparent_acceleration=a,
             dead_load=equations.axes.to_inertial(equations.loads.dead),
             slopes=equations.step.scheme.slopes(equations.step.h),
+            couples=couples,
         )
         n = len(response.slopes)
         turn = np.kron(np.eye(n // 3), R)

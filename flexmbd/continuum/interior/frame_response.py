@@ -93,6 +93,7 @@ class Condensation:
         apparent_acceleration: FloatArray,
         dead_load: FloatArray,
         slopes: tuple[float, float],
+        couples: FloatArray,
     ) -> FrameResponse:
         """Condense. Collective.
 
@@ -104,6 +105,7 @@ class Condensation:
             apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
             dead_load: (owned nodes, 3) N, in inertial axes, the part of the loads that does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
+            couples: (k, 6) wrenches of what holds unknowns that turn with the frames (`BondedTurns.wrenches`).
         """
         matrix = tangent()
         full_tangent = matrix.copy()
@@ -117,6 +119,7 @@ class Condensation:
             apparent_acceleration=apparent_acceleration,
             dead_load=dead_load,
             slopes=slopes,
+            couples=couples,
         )
         full_tangent.destroy()
         return response
@@ -132,6 +135,7 @@ class Condensation:
         apparent_acceleration: FloatArray,
         dead_load: FloatArray,
         slopes: tuple[float, float],
+        couples: FloatArray,
     ) -> FrameResponse:
         """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
         body, bonds = self.body, self.bonds
@@ -157,10 +161,16 @@ class Condensation:
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
-        left = multiply(tangent, self.columns(relative @ R)) + multiply(self.mass, self.columns(accelerations @ R))
+        given = self.columns(relative @ R)
+        if bonds.turns.any:
+            which = bonds.turns.own
+            for j, (_, _, turn, _) in enumerate(moves):
+                given[bonds.turns.dofs[which], j] = bonds.turns.follow(turn, j // 6, R)[which]
+        left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
         left += self.columns(turned @ R)
         followed = inverse(-left - self.columns(constraint_forces @ R))
-        changes = self._fields(left + multiply(tangent, followed)) @ R.T
+        change = left + multiply(tangent, followed)
+        changes = self._fields(change) @ R.T
         moved = self._fields(followed) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j, (_, da, turn, _) in enumerate(moves):
@@ -172,9 +182,14 @@ class Condensation:
             arm_changes[averaged] += moved[j, nodes[averaged]]
             wrench = bonds.wrenches(forces, arms)
             wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
+            if bonds.turns.any:
+                wrench += bonds.turns.wrenches(change[:, j], R)
+                wrench[:, 3:] += _crossed(turn, couples[:, 3:]) if j < 6 else 0.0
             derivative[:, j] = wrench.reshape(-1)
         relative += moved
-        wrenches = bonds.wrenches(nodal_forces, arms)
+        wrenches = bonds.wrenches(nodal_forces, arms) + couples
+        if bonds.turns.any:
+            followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
         in_axes = self.columns(relative @ R, further=followed)
         return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
 

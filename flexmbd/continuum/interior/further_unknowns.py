@@ -19,7 +19,7 @@ from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
 
-_REMEDY = "load it slowly (flexmbd.continuum.follow), or reduce it (craig_bampton)"
+_REMEDY = "give it none where it is small, load it slowly (flexmbd.continuum.follow), or reduce it (craig_bampton)"
 
 
 def owned_further_dofs(body: NonlinearModel) -> NDArray[np.int64]:
@@ -48,19 +48,6 @@ def with_unit_rows_of_further_unknowns(body: NonlinearModel, mass: PETSc.Mat) ->
     matrix.axpy(1.0, ones, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     ones.destroy()
     return matrix
-
-
-def refuse_turning_unknowns(body: NonlinearModel) -> None:
-    """Refuse unknowns beside the displacement that turn with the body, as rotations do. Collective; may compile.
-
-    Raises:
-        FormulationError: on all ranks: there are some.
-    """
-    if body.turns:
-        raise FormulationError(
-            f"{body.groups[0].form_name} has unknowns besides the displacement that turn with the body (rigid_motion), "
-            f"which a body with history that moves does not carry; {_REMEDY}"
-        )
 
 
 def refuse_inertia_of_further_unknowns(body: NonlinearModel, lumped: FloatArray) -> None:

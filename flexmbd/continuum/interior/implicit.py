@@ -123,7 +123,8 @@ class ImplicitContinuum:
         self.mass = self._bonds.free_mass
         self._bonded = bonds.nodes[~bonds.averaged]
         dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
-        self._prescribed = np.sort(dofs.reshape(-1)).astype(np.int32)
+        turning = bonds.turns.dofs[bonds.turns.own]
+        self._prescribed = np.sort(np.concatenate([dofs.reshape(-1), turning])).astype(np.int32)
         self._newton = Newton(body, self._prescribed, solver=solver, convergence=_CONVERGENCE)
         # what has no mass has no acceleration
         still = np.union1d(self._prescribed, owned_further_dofs(body)).astype(np.int32)
@@ -174,7 +175,8 @@ class ImplicitContinuum:
         axes = self._axes(motion)
         self._loads.now = self._loads.after(t, now.x, axes.R)
         self._forget()
-        return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now)
+        couples = self._bonds.turns.wrenches(internal, axes.R)
+        return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now) + couples
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
@@ -197,6 +199,7 @@ class ImplicitContinuum:
             apparent_acceleration=still - self._gravity,
             dead_load=axes.to_inertial(loads.dead),
             slopes=_AT_REST,
+            couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
         )
         return response.wrenches, response.slopes
 
@@ -219,6 +222,7 @@ class ImplicitContinuum:
             motion,
             internal=axes.to_inertial(internal) - dead_load,
             dead_load=dead_load,
+            couples=self._bonds.turns.wrenches(internal, axes.R),
             x=now.x,
             apparent_acceleration=apparent_acceleration,
             modes=modes,
@@ -255,6 +259,7 @@ class ImplicitContinuum:
             apparent_acceleration=self._trial.state.a - self._gravity,
             dead_load=axes.to_inertial(equations.loads.dead),
             slopes=scheme.slopes(h),
+            couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
         )
         return response.wrenches, response.slopes
 
@@ -425,6 +430,9 @@ class ImplicitContinuum:
         gap = steps - layout.displacements(moved)[bonds.nodes]
         moved[layout.displacement_dofs[self._bonded]] = steps[~bonds.averaged]
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
+        if bonds.turns.any:
+            turned = bonds.turns.values(motion.R, axes.R)
+            moved[bonds.turns.dofs] = turned - self.body.displacement[bonds.turns.dofs]
         target = moved[self._prescribed]
         return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
 

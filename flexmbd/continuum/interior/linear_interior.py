@@ -33,6 +33,7 @@ def linear_equations(
     x: FloatArray,
     apparent_acceleration: FloatArray,
     dead_load: FloatArray,
+    couples: FloatArray,
     modes: InteriorModes,
     prescribed: NDArray[np.int32],
 ) -> LinearInterior:
@@ -45,6 +46,7 @@ def linear_equations(
         x: (local nodes, 3) m, of the nodes.
         apparent_acceleration: (local nodes, 3) m/s^2, minus gravity.
         dead_load: (owned nodes, 3) N, the part of the loads that does not turn with the body, in inertial axes.
+        couples: (k, 6) wrenches of what holds unknowns that turn with the frames.
         modes: how many vibrations.
         prescribed: owned dofs that move with the frames.
 
@@ -58,7 +60,7 @@ def linear_equations(
     stiffness = matrix.copy()
     response = frames.condense(
         lambda: matrix, residual, motion, x=x, apparent_acceleration=apparent_acceleration, dead_load=dead_load,
-        slopes=(np.inf, 1.0),
+        slopes=(np.inf, 1.0), couples=couples,
     )
     fixed_modes = _fixed_interface_modes(frames, stiffness.copy(), motion, modes=modes, prescribed=prescribed)
     static_modes: FloatArray = frames.columns(response.fields @ R, further=response.relative)

@@ -26,10 +26,11 @@ from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
-from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns, refuse_turning_unknowns
+from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import checked
@@ -99,6 +100,7 @@ class NodalMotion:
         bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
         bonded: NDArray[np.int32] | None = None,
+        turns: BondedTurns | None = None,
     ) -> None:
         """Find masses and the stable step.
 
@@ -110,6 +112,7 @@ class NodalMotion:
             bulk_viscosity: coefficients, if there is to be any.
             loads: on all nodes.
             bonded: owned nodes that somebody else moves.
+            turns: unknowns that turn with these, if any.
 
         Raises:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
@@ -138,7 +141,7 @@ class NodalMotion:
                 "it out, or give the form a dissipation"
             )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
-        self.mesh = CarriedMesh(body, self.masses, bulk=bulk)
+        self.mesh = CarriedMesh(body, self.masses, bulk=bulk, turns=turns)
         n = len(self.masses)
         self.bonded: NDArray[np.int32] = np.zeros(0, dtype=np.int32) if bonded is None else bonded
         self._moves: FloatArray = np.ones((n, 3))
@@ -227,12 +230,13 @@ class NodalMotion:
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
 
-    def advance(self, h: float, bonded: FloatArray | None = None) -> None:
+    def advance(self, h: float, bonded: FloatArray | None = None, frames: FloatArray | None = None) -> None:
         """Step by h (s). Collective.
 
         Args:
             h: s.
             bonded: (bonded nodes, 3) m, where they are at the end.
+            frames: (k, 3, 3) axes of the frames at the end, of bodies with unknowns that turn with them.
 
         Raises:
             ConvergenceError: on all ranks: a cell is turned inside out.
@@ -250,7 +254,7 @@ class NodalMotion:
         before = [getattr(self, name) for name in _WORKING]
         self.x += move
         self._went = np.asarray(move / h)
-        self.force = self._pull(h)
+        self.force = self._pull(h, frames)
         self.t += h
         if self.loads.any:
             self.load = self.loads_at(self.t - _BESIDE * h)
@@ -262,9 +266,9 @@ class NodalMotion:
         for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
 
-    def _pull(self, h: float) -> FloatArray:
+    def _pull(self, h: float, frames: FloatArray | None) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
-        force = self.mesh.pull(self.x, dt=h)
+        force = self.mesh.pull(self.x, dt=h, frames=frames)
         self._viscous = self.mesh.viscous
         if self.body.springs is not None and self.mesh.fields is None:
             # to the ground, on which a body by itself began

@@ -50,11 +50,12 @@ class StaggeredFields:
         lost: J, work of what was left of their equations.
     """
 
-    def __init__(self, body: NonlinearModel) -> None:
+    def __init__(self, body: NonlinearModel, given: NDArray[np.int32] | None = None) -> None:
         """Nothing is computed yet.
 
         Args:
             body: with unknowns beside the displacement, without mass.
+            given: owned dofs of these that somebody else moves.
 
         Raises:
             FormulationError: it has springs on facets.
@@ -64,9 +65,10 @@ class StaggeredFields:
                 f"{body.form_name} has springs on facets and unknowns besides the displacement, which together do not "
                 "step explicitly; take ImplicitContinuum, or load the body slowly (follow)"
             )
-        self._body, self.rows = body, owned_further_dofs(body)
+        held = np.zeros(0, dtype=np.int32) if given is None else given
+        self._body, self.rows = body, np.setdiff1d(owned_further_dofs(body), held)
         self._displaced = body.displacement_dofs[: body.layout.n_owned_nodes].reshape(-1)
-        self._linear = TangentSolver(body, self._displaced, LinearSolver())
+        self._linear = TangentSolver(body, np.union1d(self._displaced, held).astype(np.int32), LinearSolver())
         self._own: PETSc.Mat | None = None  # of the further unknowns alone, by which sizes are measured
         self._ghosted = fem.Function(body.space).x
         self.corrections, self.lost = 0, 0.0
