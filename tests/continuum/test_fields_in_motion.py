@@ -26,7 +26,7 @@ from flexmbd.continuum import (
     follow,
     load_form,
 )
-from flexmbd.errors import FormulationError
+from flexmbd.errors import FormulationError, InterfaceError
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
 
@@ -392,12 +392,33 @@ def test_ranks_share_fields(steps):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("name", ["pressure", "potential", "micro-rotation"])
+def test_frames_are_pushed_alike_on_any_number_of_ranks(name):
+    make, size = BODIES[name]
+    answers = []
+    for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
+        interior = ImplicitContinuum(make(comm=comm))
+        start = turning(interior)
+        interior.begin(0.0, start, np.array([0.0, 1.0, -9.81]))
+        wrenches, slopes = interior.trial(H, H, scheme(), moved(start, np.zeros(12), size=size))
+        interior.commit()
+        answers.append((wrenches, slopes, interior.snapshot()["further unknowns"]))
+    for alone, together in zip(*answers, strict=True):
+        assert together == pytest.approx(alone, rel=1e-6, abs=1e-7 * abs(alone).max())
+
+
+@pytest.mark.mpi
 def test_what_a_body_cannot_carry_is_refused():
     comm = MPI.COMM_WORLD
     mesh = meshes.block(0.3, 0.05, 0.05, divisions=(3, 1, 1), comm=comm)
+    sheet = meshes.sheet(0.3, 0.05, divisions=(3, 1), comm=comm)
+    plate = forms.plate_mitc
     for kind in (ImplicitContinuum, ExplicitContinuum):
-        p = forms.solid_micropolar.reference().parameters
-        body = NonlinearModel(mesh, forms.solid_micropolar, p, degree=1, interfaces=list(ENDS))
+        with pytest.raises(FormulationError, match=r"a kinetic energy of their own.*give it none where it is small"):
+            kind(cellular(micro_inertia=1e-4, comm=comm))
+        with pytest.raises(InterfaceError, match=r"turn with the body.*Coupling.RIGID"):
+            kind(cellular(comm=comm, interfaces=AVERAGED))
+        body = NonlinearModel(sheet, plate, plate.reference().parameters, degree=1, interfaces=list(ENDS))
         with pytest.raises(FormulationError, match=r"turn with the body \(rigid_motion\).*load it slowly"):
             kind(body)
     with pytest.raises(FormulationError, match=r"not determined by it.*take ImplicitContinuum"):

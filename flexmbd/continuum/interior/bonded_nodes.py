@@ -19,7 +19,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.interior.bonded_turns import BondedTurns
+from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.errors import InterfaceError
@@ -70,6 +70,7 @@ class BondedNodes:
             FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
                 or turn with the body, or springs on facets.
         """
+        refuse_turning_unknowns(body)
         body.refuse_surface_energy(by="a machine")
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
         check_frames(body.interfaces, parts, may_average=may_average)

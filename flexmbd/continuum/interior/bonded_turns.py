@@ -31,7 +31,6 @@ class BondedTurns:
         """Find them.
 
         Raises:
-            FormulationError: on all ranks: unknowns of cells that are no solids turn, or translations move them.
             InterfaceError: on all ranks: an averaged interface of a body with such unknowns.
         """
         self.any, self._comm, count = body.turns, body.comm, len(body.interfaces)
@@ -50,13 +49,6 @@ class BondedTurns:
                 "give its interfaces Coupling.RIGID"
             )
         columns = layout.rigid_columns(np.zeros(3), np.eye(3))
-        shifted = bool(columns[layout.further_dofs, :3].any())
-        if body.mesh.dim < 3 or any(body.comm.allgather(shifted)):
-            raise FormulationError(
-                f"{body.groups[0].form_name} has unknowns besides the displacement that turn with the body "
-                "(rigid_motion), and is no solid of micro-rotations; as a body with history load it slowly "
-                "(flexmbd.continuum.follow), or reduce it (craig_bampton)"
-            )
         parts = [np.setdiff1d(found.dofs, layout.displacement_dofs) for found in body.interfaces]
         self.dofs = np.concatenate([np.zeros(0, dtype=np.int32), *parts]).astype(np.int32)
         self.frame_of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
@@ -87,8 +79,20 @@ class BondedTurns:
 
 
 def refuse_turning_unknowns(body: NonlinearModel) -> None:
-    """Refuse, of a body without frames, what `BondedTurns` refuses. Collective."""
-    if body.turns:
-        BondedTurns(body)
+    """Refuse unknowns besides the displacement that rigid motions move, but micro-rotations of solids. Collective.
+
+    Raises:
+        FormulationError: on all ranks: the cells are no solids, or a translation moves such unknowns.
+    """
+    if not body.turns:
+        return
+    columns = body.layout.rigid_columns(np.zeros(3), np.eye(3))
+    shifted = bool(columns[body.layout.further_dofs, :3].any())
+    if body.mesh.dim < 3 or any(body.comm.allgather(shifted)):
+        raise FormulationError(
+            f"{body.groups[0].form_name} has unknowns besides the displacement that turn with the body (rigid_motion), "
+            "and is no solid of micro-rotations, which alone move as full bodies; load it slowly "
+            "(flexmbd.continuum.follow), or reduce it (craig_bampton)"
+        )
 
 
