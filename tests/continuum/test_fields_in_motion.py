@@ -105,7 +105,7 @@ def test_a_bar_that_breaks_in_motion_takes_the_work_of_fracture(steps):
 
 @pytest.mark.parametrize("steps", STEPS)
 def test_a_bar_that_breaks_while_it_swings(steps):
-    """A ball on a weak bar that turns: the bar breaks as by a pull, and the ball goes on straight, as fast as it was."""
+    """A ball on a weak bar that turns: the bar breaks as by a pull, and the ball goes on straight."""
     kind, integrator = steps
     body, mass = bar(), 1.0
     rod = fm.ContinuumBody(kind(body, rigid_parts={"x_max": fm.RigidBody(mass, (1e-3, 1e-3, 1e-3))}))
@@ -223,7 +223,12 @@ def cellular(*, micro_inertia=0.0, comm=MPI.COMM_SELF, interfaces=ENDS):
     return NonlinearModel(mesh, MICROPOLAR, p, degree=2, interfaces=list(interfaces))
 
 
-BODIES = {"pressure": (rubber, 5e-4), "potential": (ceramic, 1e-6), "damage": (bar, 1e-5), "micro-rotation": (cellular, 1e-5)}
+BODIES = {
+    "pressure": (rubber, 5e-4),
+    "potential": (ceramic, 1e-6),
+    "damage": (bar, 1e-5),
+    "micro-rotation": (cellular, 1e-5),
+}
 AVERAGED = (Interface("x_min"), Interface("x_max", coupling=fm.Coupling.AVERAGED))
 
 
@@ -410,17 +415,16 @@ def test_frames_are_pushed_alike_on_any_number_of_ranks(name):
 @pytest.mark.mpi
 def test_what_a_body_cannot_carry_is_refused():
     comm = MPI.COMM_WORLD
-    mesh = meshes.block(0.3, 0.05, 0.05, divisions=(3, 1, 1), comm=comm)
     sheet = meshes.sheet(0.3, 0.05, divisions=(3, 1), comm=comm)
     plate = forms.plate_mitc
     for kind in (ImplicitContinuum, ExplicitContinuum):
         with pytest.raises(FormulationError, match=r"a kinetic energy of their own.*give it none where it is small"):
             kind(cellular(micro_inertia=1e-4, comm=comm))
-        with pytest.raises(InterfaceError, match=r"turn with the body.*Coupling.RIGID"):
-            kind(cellular(comm=comm, interfaces=AVERAGED))
         body = NonlinearModel(sheet, plate, plate.reference().parameters, degree=1, interfaces=list(ENDS))
         with pytest.raises(FormulationError, match=r"turn with the body \(rigid_motion\).*load it slowly"):
             kind(body)
+    with pytest.raises(InterfaceError, match=r"turn with the body.*Coupling.RIGID"):
+        ImplicitContinuum(cellular(comm=comm, interfaces=AVERAGED))
     with pytest.raises(FormulationError, match=r"not determined by it.*take ImplicitContinuum"):
         ExplicitContinuum(rubber(nu=0.5, comm=comm))
     with pytest.raises(FormulationError, match="no bulk viscosity"):
