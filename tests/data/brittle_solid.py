@@ -3,8 +3,8 @@
     W = ((1 - d)^2 + residual) psi(u) + Gc / (2 length) (d^2 + length^2 |grad d|^2)
 
 psi is Saint Venant's and Kirchhoff's energy, so that a body may turn by any angle.  In the equation of the damage
-stands the largest psi that a point has seen, so that what is broken does not heal.  A crack is a band some four lengths wide that takes Gc per area of its section;
-cells are to be a third of the length.  The damage has no mass.
+stands the largest psi that a point has seen, so that what is broken does not heal.  A crack is a band some four lengths
+wide that takes Gc per area of its section; cells are to be a third of the length.  The damage has no mass.
 
 References: Bourdin, Francfort & Marigo 2000, doi:10.1016/S0022-5096(99)00028-9 (the energy, AT2); Miehe, Hofacker &
 Welschinger 2010, doi:10.1016/j.cma.2010.04.011 (the history).

@@ -34,8 +34,9 @@ class BondedTurns:
             InterfaceError: on all ranks: an averaged interface of a body with such unknowns.
         """
         self.any, self._comm, count = body.turns, body.comm, len(body.interfaces)
-        none = np.zeros(0, dtype=np.int32)
-        self.dofs, self.frame_of, self._rows = none, none, np.zeros((0, 3))
+        self.dofs: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+        self.frame_of: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._rows: FloatArray = np.zeros((0, 3))
         self._axes = np.array([found.R for found in body.interfaces]).reshape(count, 3, 3)
         if self.any:
             self._find(body)
