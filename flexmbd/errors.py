@@ -227,6 +227,13 @@ class DamageWarning(UserWarning):
     """
 
 
+class ResolutionWarning(UserWarning):
+    """Cells do not resolve the band in which a body is damaged: cracks take too much work of fracture.
+
+    Remedy: cells of a third of the form's length where it breaks, or a longer length.
+    """
+
+
 class StepsWarning(UserWarning):
     """Steps do not suit the machine: far more of an explicit method than its motion asks for, or too long fixed ones.
 

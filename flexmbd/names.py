@@ -27,6 +27,7 @@ from flexmbd.errors import PulseWarning as PulseWarning
 from flexmbd.errors import RangeWarning as RangeWarning
 from flexmbd.errors import RecordError as RecordError
 from flexmbd.errors import ReductionError as ReductionError
+from flexmbd.errors import ResolutionWarning as ResolutionWarning
 from flexmbd.errors import SceneError as SceneError
 from flexmbd.errors import StartWarning as StartWarning
 from flexmbd.errors import StepsWarning as StepsWarning

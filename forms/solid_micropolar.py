@@ -51,7 +51,8 @@ class Parameters(IsotropicElastic):
     Attributes:
         coupling: modulus of rotation against the displacement's own, Pa, positive.
         length: m, positive; of the curvature's energy.
-        micro_inertia: square of the micro-structure's radius of gyration about any axis, m^2, positive.
+        micro_inertia: square of the micro-structure's radius of gyration about any axis, m^2, at least zero; a
+            body that moves as a whole, without being reduced, takes none.
 
     Raises:
         ValueError: a value is not a finite number inside its range.
@@ -63,7 +64,9 @@ class Parameters(IsotropicElastic):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, ("coupling", "length", "micro_inertia"))
+        check_positive(self, ("coupling", "length"))
+        if not 0.0 <= self.micro_inertia < float("inf"):
+            raise ValueError(f"micro_inertia must be at least 0 and finite (m^2), got {self.micro_inertia}")
 
 
 @dataclass(frozen=True)

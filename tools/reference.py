@@ -69,7 +69,8 @@ PAGES = {
         "FlexmbdError AssemblyError ConvergenceError EnsembleError ExportError FormulationError InterfaceError "
         "MeshError MissingLibraryError OutOfMemoryError PathError PictureError RecordError ReductionError SceneError "
         "VersionError EquilibriumWarning EventWarning DamageWarning LockingWarning MeshWarning ModesWarning "
-        "PathWarning PulseWarning RangeWarning StartWarning StepsWarning TableWarning ToleranceWarning UnitWarning",
+        "PathWarning PulseWarning RangeWarning ResolutionWarning StartWarning StepsWarning TableWarning "
+        "ToleranceWarning UnitWarning",
         "",
     ),
 }

@@ -1,12 +1,12 @@
-"""The road of a form to a machine, tried on a small part: reduced or loaded slowly, and moved.
+"""The road of a form to a machine, tried on a small part: reduced, loaded slowly, and moved.
 
-What `flexmbd check` does besides the contract suite: what passes here reduces, and moves in machines.
+What `flexmbd check` does besides the contract suite, as far as the form's unknowns allow; where it stops it says why.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,14 @@ import numpy as np
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, ImplicitContinuum, Interface, NonlinearModel, TaggedMesh
+from flexmbd.continuum import (
+    ContinuumModel,
+    ExplicitContinuum,
+    ImplicitContinuum,
+    Interface,
+    NonlinearModel,
+    TaggedMesh,
+)
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.contract_suite.check_report import CheckResult, places
@@ -26,6 +33,7 @@ from flexmbd.continuum.contract_suite.outcome import Check, Figure, Outcome, Rem
 from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.continuum.finite_elements.surface_group import Surfaces
 from flexmbd.continuum.slow_loading.static_path import clamped_dofs, follow
+from flexmbd.errors import FormulationError
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.reduction import craig_bampton
 
@@ -36,6 +44,9 @@ _UNHELD = (
     "not reduced: a constant of a further unknown, as of an electric potential, does nothing, and static shapes are "
     "not determined; give the form a surface_energy that holds it, a ground, on some facets"
 )
+
+# Of the part as a full body: enough to tell whether it gains energy.
+_EXPLICIT_STEPS = 100
 
 # A slow load's strain, of those that leave something behind; none of a form without a history.
 _STRAIN = 1e-4
@@ -134,8 +145,8 @@ def free_motion(road: Road) -> Outcome:
     return [Figure(name, float(value), _CLOSED) for name, value in zip(names, found, strict=True)]
 
 
-class SlowRoad(Road):
-    """A form with a residual: its part is loaded slowly, and moves as a body with history."""
+class FullRoad(Road):
+    """The part as a full body, without modes: loaded slowly, and in motion by implicit and by explicit steps."""
 
     def __init__(self, form: Formulation, cell: str, degree: int) -> None:
         """Not collective."""
@@ -147,7 +158,7 @@ class SlowRoad(Road):
         """At rest between checks."""
         return NonlinearModel(
             self.mesh, self.form, self.parameters, degree=self.degree, interfaces=self.interfaces,  # type: ignore[arg-type]
-            surfaces={},
+            surfaces=self.surfaces,
         )
 
     @cached_property
@@ -185,29 +196,51 @@ class SlowRoad(Road):
         return float(2 * np.pi * np.sqrt(momentum.dot(moved) / stiffness))
 
 
-def slow_loading(road: SlowRoad) -> Outcome:
+def slow_loading(road: FullRoad) -> Outcome:
     """With one end clamped and the other moved, equilibria are found, and what holds both ends is in balance."""
+    if optional_entries(road.form).gyroscopic is not None:
+        return Remark(Verdict.SKIP, "rotors inside the body (gyroscopic): reduced bodies alone have their forces")
+    if road.has_free_constants:
+        return Remark(Verdict.NOTE, _UNHELD)
     held, reactions = road.pulled[0], road.reactions
     directions = road.body.displacement_dofs.T
     sums = [reactions[np.isin(held, dofs)].sum() for dofs in directions]
     return [Figure("reactions out of balance by", float(np.abs(sums).max() / np.abs(reactions).max()), 1e-6)]
 
 
-def history_in_motion(road: SlowRoad) -> Outcome:
-    """On a hinge, thrown and under its weight: it moves, and gains no energy."""
-    if road.body.has_rotations:
-        told = "unknowns besides the displacement and a residual: loaded slowly (follow), such a form does not move"
-        return Remark(Verdict.SKIP, told)
+def history_in_motion(road: FullRoad) -> Outcome:
+    """On a hinge, thrown and under its weight, by implicit steps: it moves, and gains no energy."""
+    try:
+        interior = ImplicitContinuum(road.body)
+    except FormulationError as reason:
+        return Remark(Verdict.SKIP, str(reason))
+    return _moved(road, interior, road.period, rtol=1e-3, integrator=fm.GeneralizedAlpha())
+
+
+def explicit_steps(road: FullRoad) -> Outcome:
+    """The same by some explicit steps."""
+    rest = road.body.snapshot()
+    try:
+        interior = ExplicitContinuum(road.body)
+    except FormulationError as reason:
+        road.body.restore(rest)
+        return Remark(Verdict.SKIP, str(reason))
+    t_end = min(road.period, _EXPLICIT_STEPS * interior.stable_step())
+    return _moved(road, interior, t_end, integrator=fm.CentralDifference())
+
+
+def _moved(road: FullRoad, interior: ImplicitContinuum | ExplicitContinuum, t_end: float, **how: Any) -> Outcome:
+    """What an interior gains of energy on a hinge, thrown and under its weight, until t_end (s)."""
     turning = 2 * np.pi / road.period
     scene = fm.System(gravity=(0.0, -1e-4 * turning**2, 0.0))
     rest = road.body.snapshot()
-    body = scene.add(fm.ContinuumBody(ImplicitContinuum(road.body)), name="part")
+    body = scene.add(fm.ContinuumBody(interior), name="part")
     hinge = scene.connect(fm.joint.Revolute(axis="z"), scene.ground.frame(), body.frame(road.ends[0]))
     hinge.velocity = 0.02 * turning
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", fm.ToleranceWarning)  # updates of first order gain no energy by that
-            run = scene.simulate(road.period, rtol=1e-3, integrator=fm.GeneralizedAlpha())
+            run = scene.simulate(t_end, **how)
     finally:
         road.body.restore(rest)
     parts, machine = run.energies(body), run.energy()
@@ -224,25 +257,28 @@ REDUCED = (
 )
 """Of forms with a strain energy, on each element."""
 
-LOADED = (
+FULL = (
     Check("slow loading", slow_loading, "residual must do no work in rigid motions, and its tangent be its derivative"),
-    Check("motion with history", history_in_motion, "energies must be those of the stress in residual"),
+    Check("motion, full body", history_in_motion, "energies must be those of the stress in residual"),
+    Check("explicit steps, full body", explicit_steps, "energies must be those of the stress in residual"),
 )
-"""Of forms with a residual, on one element."""
+"""Of all forms, on one element."""
 
 
 def road_checks(form: Formulation) -> list[CheckResult]:
-    """Reduce or load a part of a form, and move it; on this rank alone. Compiles.
+    """Reduce a part of a form and load it slowly, and move both, as far as that goes; on this rank alone. Compiles.
 
     Args:
         form: a checked form file.
     """
-    if optional_entries(form).residual is None:
-        checks: Sequence[Check] = REDUCED
-        roads = {place: Road(form, *place) for place in places(form)}
-    else:
-        place = history_place(places(form))
-        checks, roads = LOADED, {place: SlowRoad(form, *place)}
+    place = history_place(places(form))
+    full = _along(FULL, {place: FullRoad(form, *place)})
+    if optional_entries(form).residual is not None:
+        return full
+    return [*_along(REDUCED, {place: Road(form, *place) for place in places(form)}), *full]
+
+
+def _along(checks: Sequence[Check], roads: Mapping[tuple[str, int], Road]) -> list[CheckResult]:
     results: list[CheckResult] = []
     for check in checks:
         outcomes = {place: _attempted(check, road, results) for place, road in roads.items()}

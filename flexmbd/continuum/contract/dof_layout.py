@@ -104,6 +104,48 @@ class DofLayout:
         moved: NDArray[np.bool_] = np.any(self.rigid_columns(np.zeros(3), np.eye(3)), axis=1)
         return moved
 
+    @property
+    def has_further(self) -> bool:
+        """Whether there are unknowns beside the displacement."""
+        return self.displacement_dofs.size != self.n_local
+
+    @cached_property
+    def further_dofs(self) -> NDArray[np.int64]:
+        """(m,) dofs of this rank, ghosts included, that are not displacements; ascending."""
+        others = np.ones(self.n_local, dtype=bool)
+        others[self.displacement_dofs] = False
+        return np.flatnonzero(others)
+
+    def displacements(self, values: FloatArray) -> FloatArray:
+        """The displacements among values at dofs; a view of them where there is nothing else.
+
+        Args:
+            values: (owned dofs, ...) or (local dofs including ghosts, ...).
+
+        Returns:
+            (owned nodes, 3, ...), or (local nodes including ghosts, 3, ...).
+        """
+        if not self.has_further:
+            return values.reshape(-1, 3, *values.shape[1:])
+        n = len(self.displacement_dofs) if len(values) == self.n_local else self.n_owned_nodes
+        return np.asarray(values[self.displacement_dofs[:n]])
+
+    def at_dofs(self, nodal: FloatArray, *, owned: bool) -> FloatArray:
+        """Values of nodes as those of dofs, zero at all others; a view of them where there are no others.
+
+        Args:
+            nodal: (owned nodes, 3, ...), or (local nodes including ghosts, 3, ...).
+            owned: whether they are of owned nodes alone.
+
+        Returns:
+            (owned dofs, ...), or (local dofs including ghosts, ...).
+        """
+        if not self.has_further:
+            return nodal.reshape(-1, *nodal.shape[2:])
+        values = np.zeros((self.n_owned if owned else self.n_local, *nodal.shape[2:]))
+        values[self.displacement_dofs[: len(nodal)]] = nodal
+        return values
+
     def nodes_on(self, dim: int, entities: Indices) -> Indices:
         """The displacement's nodes on entities of the mesh with their borders. Collective.
 

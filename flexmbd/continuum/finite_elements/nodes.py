@@ -81,9 +81,7 @@ def _number_middles(
 
 def further_dofs(model: Discretisation) -> NDArray[np.int64]:
     """(m,) dofs of this rank, ghosts included, that are not displacements; ascending, and not collective."""
-    others = np.ones(model.layout.n_local, dtype=bool)
-    others[model.layout.displacement_dofs] = False
-    return np.flatnonzero(others)
+    return model.layout.further_dofs
 
 
 def dof_numbers(model: Discretisation, dofs: NDArray[np.int64]) -> IntArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx import la
+from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
@@ -52,7 +52,7 @@ class AppliedLoads:
 
         Raises:
             SceneError: on all ranks: something that is no load, two of one name, or the ranks were given others.
-            FormulationError: on all ranks: the body has unknowns besides its displacement.
+            FormulationError: on all ranks: the body has unknowns that turn with it.
             MeshError: on all ranks: facets or nodes that the mesh has not.
         """
         self._body, self._comm = body, body.comm
@@ -60,9 +60,9 @@ class AppliedLoads:
         self.names = tuple(load.name for load in self.loads)
         self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
         self.any = bool(self.loads)
-        if self.any and body.has_rotations:
+        if self.any and body.turns:
             raise FormulationError(
-                f"loads act on nodes that move without turning, and {body.groups[0].form_name} has further unknowns; "
+                f"loads act on nodes that move without turning, and {body.groups[0].form_name} has unknowns that turn; "
                 "give follow its forces as load=, a vector over the load parameter"
             )
         parallel.check_same(body.comm, SceneError, loads=[_told(load) for load in self.loads])
@@ -136,7 +136,8 @@ class AppliedLoads:
             values: of the factors.
             x: (owned nodes, 3) m, in the axes of the matrix' unknowns.
         """
-        places, blocks = self._with_ghosts(x), self._body.layout.node_space.dofmap.index_map
+        places, layout = self._with_ghosts(x), self._body.layout
+        blocks, width = layout.space.dofmap.index_map, layout.space.dofmap.index_map_bs
         for k, load in enumerate(self.loads):
             if k in self._units or values[k] == 0.0:
                 continue
@@ -150,8 +151,9 @@ class AppliedLoads:
             else:
                 slopes = patch.traction_slopes(np.asarray(load.traction), places)  # type: ignore[union-attr]
             size = 3 * patch.nodes.shape[1]
-            numbers = blocks.local_to_global(patch.nodes.reshape(-1)).reshape(patch.nodes.shape)
-            dofs = (3 * numbers[:, :, None] + np.arange(3)).reshape(-1, size).astype(PETSc.IntType)
+            local = layout.displacement_dofs[patch.nodes].reshape(-1)
+            numbers = width * blocks.local_to_global((local // width).astype(np.int32)) + local % width
+            dofs = numbers.reshape(-1, size).astype(PETSc.IntType)
             for rows, block in zip(dofs, slopes.reshape(-1, size, size), strict=True):
                 matrix.setValues(rows, rows, -values[k] * block, addv=PETSc.InsertMode.ADD_VALUES)
         matrix.assemble()
@@ -185,14 +187,18 @@ class AppliedLoads:
         else:
             traction = np.asarray(load.traction)  # type: ignore[union-attr]
             part = patch.traction(traction, places if load.follows else None)  # type: ignore[union-attr]
-        total = self._body.vector()
+        total = self._vector()
         total.array[:] = 0.0
         np.add.at(total.array.reshape(-1, 3), patch.nodes, part)
         total.scatter_reverse(la.InsertMode.add)
         return np.asarray(total.array.reshape(-1, 3)[: self._n].copy())
 
+    def _vector(self) -> la.Vector:
+        """A vector of nodal values, (local nodes including ghosts * 3,)."""
+        return fem.Function(self._body.layout.node_space).x
+
     def _with_ghosts(self, x: FloatArray) -> FloatArray:
-        vector = self._body.vector()
+        vector = self._vector()
         vector.array[: 3 * self._n] = x[: self._n].reshape(-1)
         vector.scatter_forward()
         return np.asarray(vector.array.reshape(-1, 3).copy())
@@ -218,7 +224,8 @@ class TrialLoads:
         """(owned dofs,) N, at a displacement (local dofs,) m. Collective."""
         if not self.loads.any_follow:
             return self.dead
-        return self.dead + self.loads.following(self.values, self._places(increment)).reshape(-1)
+        following = self.loads.following(self.values, self._places(increment))
+        return self.dead + self.body.layout.at_dofs(following, owned=True)
 
     def subtract_slopes(self, matrix: PETSc.Mat, increment: FloatArray) -> PETSc.Mat:
         """The matrix less the derivative of ``force`` by the displacement; it is changed. Collective."""
@@ -227,7 +234,7 @@ class TrialLoads:
         return matrix
 
     def _places(self, increment: FloatArray) -> FloatArray:
-        return np.asarray(self.body.node_x + increment.reshape(-1, 3))
+        return np.asarray(self.body.node_x + self.body.layout.displacements(increment))
 
 
 def beside(t: float, side: int) -> float:
@@ -258,7 +265,11 @@ def _times(matrix: PETSc.Mat, nodal: FloatArray) -> FloatArray:
 
 def _mass_times(body: NonlinearModel, S: FloatArray) -> PETSc.Mat:
     """The consistent mass matrix times a matrix (3, 3) at each node. Collective."""
-    body.check_displacement_alone()
+    if body.has_rotations:
+        raise FormulationError(
+            f"{body.form_name} has unknowns besides the displacement, with which no CentrifugalLoad is taken; let the "
+            "body turn in a machine"
+        )
     mass = body.mass()
     blocks = PETSc.Mat().createAIJ(mass.getSizes(), nnz=3, comm=body.comm)
     first, end = blocks.getOwnershipRange()
@@ -274,13 +285,12 @@ def _mass_times(body: NonlinearModel, S: FloatArray) -> PETSc.Mat:
 
 def _row_sums(body: NonlinearModel) -> FloatArray:
     """(owned nodes,) kg, what of the mass a unit acceleration makes act on each node. Collective."""
-    body.check_displacement_alone()
-    matrix = body.mass()
+    matrix, dofs = body.mass(), body.displacement_dofs[: body.layout.n_owned_nodes]
     right, left = matrix.createVecs()
-    right.array.reshape(-1, 3)[:] = [1.0, 0.0, 0.0]
+    right.array[dofs[:, 0]] = 1.0
     matrix.mult(right, left)
     matrix.destroy()
-    return np.asarray(left.array.reshape(-1, 3)[:, 0].copy())
+    return np.asarray(left.array[dofs[:, 0]])
 
 
 def _listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:

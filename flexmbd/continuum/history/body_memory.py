@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.nodes import dof_numbers, node_numbers
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 
 FloatArray = NDArray[np.float64]
@@ -33,6 +33,11 @@ class BodyMemory:
         self._cells, self._all_cells = int(cells.size_local), int(cells.size_local + cells.num_ghosts)
         numbers = topology.original_cell_index
         self._cell, self._cells_of, self._cell_count = _places(body.comm, numbers, self._cells)
+        if body.layout.has_further:
+            further = body.layout.further_dofs
+            self._n_further = int(np.count_nonzero(further < body.n_owned))
+            numbers = dof_numbers(body, further)
+            self._further, self._further_of, self._further_count = _places(body.comm, numbers, self._n_further)
 
     def gather_nodes(self, values: FloatArray) -> FloatArray:
         """Values (local nodes, m) as those of all nodes by number, the same on every rank. Collective."""
@@ -44,7 +49,11 @@ class BodyMemory:
 
     def gather(self, snapshot: HistorySnapshot) -> dict[str, FloatArray]:
         """A snapshot as arrays of the whole body. Collective."""
-        arrays = {"displacement": self.gather_nodes(snapshot.displacement.reshape(-1, 3))}
+        layout = self._body.layout
+        arrays = {"displacement": self.gather_nodes(layout.displacements(snapshot.displacement))}
+        if layout.has_further:
+            further = snapshot.displacement[layout.further_dofs[: self._n_further]]
+            arrays["further unknowns"] = self._gather(self._further_of, further, self._further_count)
         for k, history in enumerate(snapshot.history):
             if self._comm.allreduce(history.size, op=MPI.MAX):
                 rows = history.reshape(self._all_cells, -1)[: self._cells]
@@ -60,7 +69,10 @@ class BodyMemory:
             if f"history {k}" in arrays:
                 now.reshape(self._all_cells, -1)[:] = arrays[f"history {k}"][self._cell]
             histories.append(now)
-        displacement = self.scatter_nodes(arrays["displacement"]).reshape(-1)
+        layout = self._body.layout
+        displacement = layout.at_dofs(self.scatter_nodes(arrays["displacement"]), owned=False)
+        if layout.has_further:
+            displacement[layout.further_dofs] = arrays["further unknowns"][self._further]
         return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)))
 
     def _gather(self, places: list[NDArray[np.int64]], rows: FloatArray, count: int) -> FloatArray:

@@ -36,8 +36,8 @@ class NodalFields:
         Raises:
             FormulationError: the body is not made of solid cells.
         """
-        if body.has_rotations or body.mesh.dim != 3:
-            raise FormulationError("fields are shown of bodies of solid cells whose unknown is the displacement")
+        if body.mesh.dim != 3:
+            raise FormulationError("fields are shown of bodies of solid cells")
         self._body = body
         self.nodes = GatheredNodes(body, body.layout.node_x)
         corners = compat.interpolation_points(body.layout.node_space)

@@ -26,6 +26,7 @@ from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.continuum.history.damage_bands import DamageBands
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.stress_predictor import StressPredictor, can_be_predicted
 from flexmbd.continuum.history.trial_body import TrialBody
@@ -118,6 +119,10 @@ class NonlinearModel(TrialBody):
             condense=condense,
         )
         super().__init__(forms, means=degree == 1 if cell_means is None else cell_means)
+        self._bands: DamageBands | None = None
+        if self.layout.has_further and mesh.dim == 3:
+            self._bands = DamageBands(self.layout, lambda unknown: self.force(unknown, dt=0.0))
+            self.revert()
 
     def vector(self) -> la.Vector:
         """A vector of the space with its ghosts, for scattering; not collective."""
@@ -281,6 +286,12 @@ class NonlinearModel(TrialBody):
             raise ConvergenceError("the internal forces are not finite; take a smaller step")
         self._accept(increment)
         return force
+
+    def _accept(self, increment: FloatArray) -> None:
+        """As `TrialBody`; tells of bands of damage that the cells do not resolve."""
+        super()._accept(increment)
+        if self._bands is not None and self._bands.is_to_be_looked_at:
+            self._bands.look(self.displacement)
 
     def revert(self) -> None:
         """Forget every trial since the last accepted step."""

@@ -54,6 +54,18 @@ class SurfaceSprings:
         for form in self._forces:
             fem.assemble_vector(forces, form)
 
+    def push(self, displacements: NDArray[np.integer]) -> bool:
+        """Whether they pull at the displacements, as a ground of a potential does not. Collective.
+
+        Args:
+            displacements: (owned nodes * 3,) their dofs.
+        """
+        some = np.random.default_rng(0).uniform(-1.0, 1.0, len(self._u.x.array))
+        self._sum.array[:] = 0.0
+        self.add(self._sum.array, some)
+        self._sum.scatter_reverse(la.InsertMode.add)
+        return any(self._space.mesh.comm.allgather(bool(self._sum.array[displacements].any())))
+
     def of_nodes(self, displacement: FloatArray) -> FloatArray:
         """(owned nodes, 3) N, that hold the springs of a body of displacements alone at that of its nodes. Collective.
 

@@ -12,6 +12,7 @@ The mesh itself is moved only while something is assembled.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property
 
 from mpi4py import MPI
 
@@ -114,28 +115,31 @@ class TrialBody(DiscretisedBody):
         """Whether there are unknowns besides the displacement, as a beam's rotations."""
         return self.layout.displacement_dofs.size != self.layout.n_local
 
-    def check_displacement_alone(self) -> None:
-        """Refuse unknowns besides the displacement, whose inertia is not a mass; the same on every rank.
+    @cached_property
+    def turns(self) -> bool:
+        """Whether there are unknowns besides the displacement that rigid motions move, as rotations. Collective."""
+        if not self.layout.has_further:
+            return False
+        return any(self.comm.allgather(bool(self.layout.kinematic[self.layout.further_dofs].any())))
 
-        Raises:
-            FormulationError: there are some.
-        """
-        if self.has_rotations:
-            raise FormulationError(
-                f"{self.groups[0].form_name} has unknowns besides the displacement, which is not possible in a body "
-                "that moves by itself or in a machine; load it slowly (flexmbd.continuum.follow)"
-            )
+    @cached_property
+    def holds_places(self) -> bool:
+        """Whether springs on facets pull at displacements, and not at further unknowns alone. Collective."""
+        return self.springs is not None and (
+            not self.layout.has_further
+            or self.springs.push(self.displacement_dofs[: self.layout.n_owned_nodes].reshape(-1))
+        )
 
     def refuse_surface_energy(self, *, by: str) -> None:
-        """Refuse springs on facets, which reach to the body's axes; the same on every rank.
+        """Refuse springs on facets, which reach to the body's axes. Collective.
 
         Args:
             by: what has axes that turn.
 
         Raises:
-            FormulationError: there are some.
+            FormulationError: on all ranks: there are some.
         """
-        if self.has_surface_energy:
+        if self.holds_places:
             raise FormulationError(
                 f"springs on facets (surface_energy) reach to the axes of the body, which {by} does not hold still: "
                 "load the body slowly (follow), run it by itself (ExplicitRun), reduce it (craig_bampton), or connect "
@@ -148,7 +152,7 @@ class TrialBody(DiscretisedBody):
         Raises:
             InvertedCellError: on all ranks; names the cell by its place in the mesh file and its centre.
         """
-        if self.has_rotations:  # a beam's sections, not its cells, have an outside
+        if self.has_rotations and self.mesh.dim < 3:  # a beam's sections, not its cells, have an outside
             return
         with self.present_mesh():
             inverted = find_inverted_cell(self._histories, self._u)

@@ -68,7 +68,8 @@ def refuse_without_limit(groups: Sequence[CellGroup]) -> None:
 def find_inverted_cell(histories: Sequence[History], u: fem.Function) -> int | None:
     """A cell of this rank that the displacement u turns inside out, if there is one; not collective."""
     inverted: int | None = None
-    stretch = ufl.det(ufl.Identity(3) + ufl.grad(u))
+    displacement = u if u.ufl_shape == (3,) else ufl.as_vector([u[k] for k in range(3)])
+    stretch = ufl.det(ufl.Identity(3) + ufl.grad(displacement))
     for history in histories:
         values = history.evaluate(stretch)
         if values.size and not values.min() > 0.0:

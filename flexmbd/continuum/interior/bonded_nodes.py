@@ -19,6 +19,8 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.finite_elements.lumping import lumped_mass
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
+from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
@@ -42,6 +44,7 @@ class BondedNodes:
         averaged: (n,) whether the frame moves as the mean of the nodes instead of holding them.
         mass: (n,) kg, what moves with the frame: of bonded nodes the lumped mass, of averaged ones a part of it.
         free_mass: kg, all other mass of nodes.
+        turns: unknowns of the nodes that turn with the frames.
         reach: m, the largest distance of a node from its frame's origin along one of the frame's axes.
     """
 
@@ -64,10 +67,10 @@ class BondedNodes:
             InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
                 with another, a rigid part of another name, or nodes whose inertia about an axis is zero where no
                 rigid part helps.
-            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement, or springs
-                on facets.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
+                or turn with the body, or springs on facets.
         """
-        body.check_displacement_alone()
+        refuse_turning_unknowns(body)
         body.refuse_surface_energy(by="a machine")
         parts, names = dict(rigid_parts or {}), [found.name for found in body.interfaces]
         check_frames(body.interfaces, parts, may_average=may_average)
@@ -75,11 +78,14 @@ class BondedNodes:
         self.nodes = np.concatenate([found.nodes for found in body.interfaces])
         self.frame_of = np.repeat(np.arange(len(names)), [len(found.nodes) for found in body.interfaces])
         self.own = self.nodes < body.layout.n_owned_nodes
+        self._dofs = body.displacement_dofs[self.nodes]
         self._refuse_shared(names)
         lumped = body.vector()
         lumped.array[: body.n_owned] = lumped_mass(body)
         lumped.scatter_forward()
-        mass: FloatArray = lumped.array.reshape(-1, 3)[:, 0]
+        refuse_inertia_of_further_unknowns(body, lumped.array)
+        self.turns = BondedTurns(body)
+        mass: FloatArray = body.layout.displacements(lumped.array)[:, 0]
         kinds = [isinstance(found, AveragedInterface) for found in body.interfaces]
         self.averaged = np.array(kinds)[self.frame_of]
         self.mass = np.where(self.averaged, LENT, 1.0) * mass[self.nodes]
@@ -128,9 +134,11 @@ class BondedNodes:
 
     def take_lent_mass(self, mass: PETSc.Mat) -> None:
         """Subtract from a mass matrix the nodal masses that frames of averaged interfaces carry. Collective."""
-        mine, diagonal = self.own & self.averaged, mass.getDiagonal()
-        diagonal.array.reshape(-1, 3)[self.nodes[mine]] -= self.mass[mine, None]
-        mass.setDiagonal(diagonal)
+        mine, first = self.own & self.averaged, mass.getOwnershipRange()[0]
+        for dofs, lent in zip(self._dofs[mine] + first, self.mass[mine], strict=True):
+            for dof in dofs:
+                mass.setValue(dof, dof, -lent, addv=PETSc.InsertMode.ADD_VALUES)
+        mass.assemble()
 
     def pose(self, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """Position (3,) and axes (3, 3) of the body frame that the first interface carries, in inertial axes."""

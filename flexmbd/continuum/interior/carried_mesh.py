@@ -18,7 +18,9 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bonded_turns import BondedTurns
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
+from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 
 FloatArray = NDArray[np.float64]
 
@@ -32,18 +34,35 @@ class CarriedMesh:
         masses: (owned nodes,) kg.
         p, R: origin (m) and rotation of the body axes in inertial ones.
         bulk: the forces of bulk viscosity, if any.
+        fields: unknowns besides the displacement, if any.
+        couples: (k, 6) wrenches on frames, inertial, of unknowns that turn with them, at the last `pull`.
         viscous: (owned nodes, 3) N, these at the last `pull`, a part of what that returned.
     """
 
-    def __init__(self, body: NonlinearModel, masses: FloatArray, *, bulk: BulkForces | None = None) -> None:
+    def __init__(
+        self,
+        body: NonlinearModel,
+        masses: FloatArray,
+        *,
+        bulk: BulkForces | None = None,
+        turns: BondedTurns | None = None,
+    ) -> None:
         """Not collective.
 
         Args:
             body: at rest and undeformed.
             masses: (owned nodes,) kg, lumped.
             bulk: the forces of bulk viscosity, if any.
+            turns: unknowns that turn with frames, if any.
+
+        Raises:
+            FormulationError: as `StaggeredFields`.
         """
         self.body, self.masses = body, masses
+        self._turns = turns if turns is not None and turns.any else None
+        given = None if self._turns is None else self._turns.dofs[self._turns.own]
+        self.fields = StaggeredFields(body, given) if body.layout.has_further else None
+        self.couples: FloatArray = np.zeros((0, 6))
         self.bulk = bulk
         self.viscous: FloatArray = np.zeros((len(masses), 3))
         self.X: FloatArray = body.layout.node_x[: len(masses)].copy()
@@ -62,15 +81,19 @@ class CarriedMesh:
             (owned nodes, 3) m, places of the nodes in inertial axes.
         """
         self.body.restore(self._rest)
+        if self.fields is not None:
+            self.fields.forget()
+            self.fields.lost = 0.0
         self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
         return self.p + self.X @ self.R.T
 
-    def pull(self, x: FloatArray, *, dt: float) -> FloatArray:
+    def pull(self, x: FloatArray, *, dt: float, frames: FloatArray | None = None) -> FloatArray:
         """Move to the nodes' places and accept what that does. Collective.
 
         Args:
             x: (owned nodes, 3) m, in inertial axes.
             dt: s, that the way there has taken.
+            frames: (k, 3, 3) axes of the frames, where unknowns turn with them.
 
         Returns:
             (owned nodes, 3) N: what the deformed body exerts on its nodes, in inertial axes.
@@ -86,9 +109,11 @@ class CarriedMesh:
         self.R = left @ proper @ right
         self.p = centre - self.R @ self._centre
         y = (x - centre) @ self.R
-        force = self._step(y - self._arms, dt)
+        force = self._step(y - self._arms, dt, frames)
         stretch = right.T @ (proper * s) @ right
         moment = self.sum(np.cross(y, force).sum(axis=0))
+        if self._turns is not None:
+            moment = moment - self.couples[:, 3:].sum(axis=0) @ self.R
         turn = np.linalg.solve(np.trace(stretch) * np.eye(3) - stretch, moment)
         return -(force - self.masses[:, None] * np.cross(turn, self._arms)) @ self.R.T
 
@@ -100,11 +125,21 @@ class CarriedMesh:
         """Sum over the ranks, in their order, so that it is the same on all. Collective."""
         return np.asarray(sum(self.body.comm.allgather(np.asarray(part, dtype=float))))
 
-    def _step(self, u: FloatArray, dt: float) -> FloatArray:
+    def _step(self, u: FloatArray, dt: float, frames: FloatArray | None = None) -> FloatArray:
         """Forces (owned nodes, 3) in body axes that hold the body at the whole displacement u."""
-        owned = self.body.n_owned
-        self._increment.array[:owned] = u.ravel() - self.body.displacement[:owned]
+        owned, layout = self.body.n_owned, self.body.layout
+        change = u - layout.displacements(self.body.displacement[:owned])
+        self._increment.array[:owned] = layout.at_dofs(change, owned=True)
+        if self._turns is not None and frames is not None:
+            own = self._turns.own
+            dofs = self._turns.dofs[own]
+            self._increment.array[dofs] = self._turns.values(frames, self.R)[own] - self.body.displacement[dofs]
         self._increment.scatter_forward()
+        if self.fields is not None:
+            whole = self.fields.step(self._increment.array, dt=dt)
+            if self._turns is not None:
+                self.couples = self._turns.wrenches(whole, self.R)
+            return layout.displacements(whole)
         force = self.body.step(self._increment.array, dt=dt).reshape(-1, 3)
         if self.bulk is None:
             return force

@@ -25,6 +25,7 @@ from flexmbd.continuum.history.displacement_newton import NO_FORCES, TRIALS, WOR
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver, TangentSolver
 from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.continuum.interior.further_unknowns import kinds_of_unknowns
 from flexmbd.continuum.interior.step_equations import StepEquations
 from flexmbd.continuum.matrices.blocks import inner
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
@@ -49,7 +50,7 @@ class _KeptTangent:
     Attributes:
         per_x: s^2, of the step that it was made for.
         slopes: (6 k, 6 k) of the wrenches by the frames' motions.
-        fields: (6 k, owned nodes, 3) m, displacement of the nodes by a unit motion of each frame.
+        fields: (6 k, owned dofs) m, displacement of the nodes, and further unknowns, by a unit motion of each frame.
     """
 
     per_x: float
@@ -113,6 +114,7 @@ class CondensedNewton:
         self._bonds, self._averages = frames.bonds, frames.averages
         self._linear = TangentSolver(body, prescribed, solver)
         self._held = self._bonds.nodes[~self._bonds.averaged]
+        self._parts = kinds_of_unknowns(body)
         self._tangent: PETSc.Mat = PETSc.Mat()  # with its rows of nodes on frames; no handle before the first
         self._vector = body.vector()
         self._responses: FloatArray = np.zeros((body.n_owned, 0))  # displacement by unit forces along the constraints
@@ -176,10 +178,12 @@ class CondensedNewton:
         if fresh:
             self._factor(self._begun_tangent(equations, increment), constraints)
         # held nodes go with their frames, whose accelerations they have
-        jump = np.zeros((body.layout.n_local // 3, 3))
+        jump = np.zeros_like(body.layout.node_x)
         jump[self._held] = places[~self._bonds.averaged]
-        jumped = jump.reshape(-1)[: body.n_owned]
-        inertia = self._frames.product(jump) / equations.step.per_x
+        jumped = body.layout.at_dofs(jump[: body.layout.n_owned_nodes], owned=True)
+        own = self._bonds.turns.own
+        jumped[self._bonds.turns.dofs[own]] = self._turned(equations, motion)[own]
+        inertia = body.layout.at_dofs(self._frames.product(jump), owned=True) / equations.step.per_x
         residual = balance + self._product(jumped) - inertia
         left = self._without_constraint_forces(residual, constraints)
         change, forces, norm = self._correction(left, constraints)
@@ -226,13 +230,21 @@ class CondensedNewton:
         change = share * last.change
         if self._kept is not None:
             moves = _small_motions(last.motion, motion, axes.R)
-            change += np.tensordot(moves, self._kept.fields, axes=1).reshape(-1)
+            change += moves @ self._kept.fields
         increment = self._with_ghosts(last.increment, change)
-        nodal = increment.reshape(-1, 3)
+        layout = self._body.layout
         places = axes.increment(bonds.positions(motion), bonds.nodes)
-        gap = places - nodal[bonds.nodes]
-        nodal[self._held] = places[~bonds.averaged]
+        gap = places - layout.displacements(increment)[bonds.nodes]
+        increment[layout.displacement_dofs[self._held]] = places[~bonds.averaged]
+        increment[bonds.turns.dofs] = self._turned(equations, motion)
         return increment, self._averages.constraints(motion, axes.R, displacement=gap)
+
+    def _turned(self, equations: StepEquations, motion: FrameMotion) -> FloatArray:
+        """(m,) how far unknowns that turn with frames have turned since the last accepted step."""
+        turns = self._bonds.turns
+        if not turns.any:
+            return np.zeros(0)
+        return turns.values(motion.R, equations.axes.R) - self._body.displacement[turns.dofs]
 
     def _factor(self, matrix: PETSc.Mat, constraints: LinearConstraints | None) -> None:
         """Factor a tangent, which is changed. Collective."""
@@ -256,8 +268,9 @@ class CondensedNewton:
         if constraints is not None:
             change = self._constrained(change[:, None], constraints)[:, 0]
         forces = self._product(change)
-        energy = float(self._bonds.total(np.array(change @ forces)))
-        return change, forces, float(np.sqrt(abs(energy)))
+        # each kind of unknown by itself: in one sum a pressure's energy may take away the displacement's
+        energies = self._bonds.total(np.array([np.vdot(change[part], forces[part]) for part in self._parts]))
+        return change, forces, float(np.sqrt(abs(energies).sum()))
 
     def _constrained(self, solution: FloatArray, constraints: LinearConstraints) -> FloatArray:
         """Solutions (owned dofs, k) with the forces that keep the constraints. Collective."""
@@ -278,11 +291,12 @@ class CondensedNewton:
     ) -> tuple[FloatArray, FloatArray]:
         """Wrenches (k, 6) and slopes (6 k, 6 k) where the linearised nodes are in balance. Collective."""
         frames, bonds, R = self._frames, self._bonds, equations.axes.R
+        couples = bonds.turns.wrenches(residual, R)
         residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
         if not fresh and self._kept is not None:
             arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
             forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
-            return bonds.wrenches(forces, arms), _turned(self._kept.slopes, R)
+            return bonds.wrenches(forces, arms) + couples, _turned(self._kept.slopes, R)
         x, a = equations.motion(corrected)
         a -= equations.step.gravity
         constraints = self._averages.constraints(motion, R)
@@ -300,10 +314,11 @@ class CondensedNewton:
             apparent_acceleration=a,
             dead_load=equations.axes.to_inertial(equations.loads.dead),
             slopes=equations.step.scheme.slopes(equations.step.h),
+            couples=couples,
         )
         n = len(response.slopes)
         turn = np.kron(np.eye(n // 3), R)
-        fields = (turn.T @ response.relative.reshape(n, -1)).reshape(n, -1, 3)
+        fields = turn.T @ response.relative.T
         self._kept = _KeptTangent(equations.step.per_x, _turned(response.slopes, R.T), fields)
         return response.wrenches, response.slopes
 

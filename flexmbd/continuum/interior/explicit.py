@@ -79,7 +79,7 @@ class ExplicitContinuum:
         self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
         self.motion = NodalMotion(
             body, supports=supports, planes=planes, damping=damping, loads=loads, bonded=self._nodes,
-            bulk_viscosity=bulk_viscosity,
+            bulk_viscosity=bulk_viscosity, turns=self._bonds.turns,
         )
         self.frames, self.mass = self._bonds.frames, self._bonds.free_mass
         self._wrenches: FloatArray = np.zeros((len(self.frames), 6))
@@ -109,8 +109,10 @@ class ExplicitContinuum:
         mean = np.zeros_like(self._wrenches)
         for frames in path_of_frames(start, end, h=h, steps=steps):
             before = self._wrenches
-            self.motion.advance(h / steps, self._bonds.positions(frames)[self._bonds.own])
+            self.motion.advance(h / steps, self._bonds.positions(frames)[self._bonds.own], frames.R)
             self._wrenches = self._on_frames(frames, self.motion.force + self.motion.load)
+            if self._bonds.turns.any:
+                self._wrenches = self._wrenches + self.motion.mesh.couples
             mean += (before + self._wrenches) / (2 * steps)
         return Push(self._wrenches.copy(), mean)
 

@@ -36,7 +36,7 @@ class FaceAverages:
             body: the body.
             bonds: its nodes on interfaces.
         """
-        self._comm, self._n_owned, self._bonds = body.comm, body.n_owned, bonds
+        self._comm, self._layout, self._n_owned, self._bonds = body.comm, body.layout, body.n_owned, bonds
         self._faces: list[tuple[int, FloatArray, NDArray[np.int32], FloatArray]] = []
         for k, found in enumerate(body.interfaces):
             if not isinstance(found, AveragedInterface):
@@ -75,8 +75,8 @@ class FaceAverages:
             columns[dofs.ravel(), 6 * i : 6 * i + 6] = np.einsum("ab,nbi->nai", turn, basis).reshape(-1, 6)
         gap: FloatArray = np.zeros(columns.shape[1])
         if displacement is not None:
-            bonds, field = self._bonds, np.zeros((self._n_owned // 3, 3))
+            bonds, field = self._bonds, np.zeros((self._layout.n_owned_nodes, 3))
             mine = bonds.own & bonds.averaged
             field[bonds.nodes[mine]] = displacement[mine]
-            gap = bonds.total(np.asarray(columns.T @ field.reshape(-1)))
+            gap = bonds.total(np.asarray(columns.T @ self._layout.at_dofs(field, owned=True)))
         return LinearConstraints(columns, gap)

@@ -32,7 +32,8 @@ class FrameResponse:
         wrenches: (k, 6) on them.
         slopes: (6 k, 6 k) their derivative, as `ImplicitInterior.trial` has it.
         fields: (6 k, owned nodes, 3) m, displacement of all nodes by a unit motion of each frame, in inertial axes.
-        relative: (6 k, owned nodes, 3) m, what of it is not the rigid motion of the body's axes, in these.
+        relative: (owned dofs, 6 k) what of it is not the rigid motion of the body's axes, in these, m, and the
+            change of further unknowns.
         nodal_forces: (interface nodes, 3) N, on the frames.
     """
 
@@ -62,22 +63,23 @@ class Condensation:
     mass: PETSc.Mat
 
     def product(self, nodal: FloatArray) -> FloatArray:
-        """(owned dofs,) mass matrix times (local nodes, 3). Collective."""
+        """(owned nodes, 3) mass matrix times (local nodes, 3). Collective."""
+        layout = self.body.layout
         right, left = self.mass.createVecRight(), self.mass.createVecLeft()
-        right.array[:] = np.ascontiguousarray(nodal).reshape(-1)[: self.body.n_owned]
+        right.array[:] = layout.at_dofs(np.ascontiguousarray(nodal[: layout.n_owned_nodes]), owned=True)
         self.mass.mult(right, left)
-        return np.asarray(left.array.copy())
+        return np.array(layout.displacements(left.array))
 
     def nodal_forces(self, residual: FloatArray, apparent_acceleration: FloatArray) -> FloatArray:
         """(interface nodes, 3) N, on the frames: the nodes' constraint forces less inertia of the bonded ones' mass.
 
         Args:
-            residual: (owned dofs,) N, in inertial axes.
+            residual: (owned nodes, 3) N, in inertial axes.
             apparent_acceleration: (held nodes, 3) m/s^2, acceleration less gravity of the nodes that frames hold.
         """
         bonds = self.bonds
         forces = np.zeros((len(bonds.nodes), 3))
-        forces[bonds.own] = -residual.reshape(-1, 3)[bonds.nodes[bonds.own]]
+        forces[bonds.own] = -residual[bonds.nodes[bonds.own]]
         forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * apparent_acceleration
         return forces
 
@@ -91,17 +93,19 @@ class Condensation:
         apparent_acceleration: FloatArray,
         dead_load: FloatArray,
         slopes: tuple[float, float],
+        couples: FloatArray,
     ) -> FrameResponse:
         """Condense. Collective.
 
         Args:
             tangent: of the residual, in body axes; with the nodes' inertia by the scheme.
-            residual: (owned dofs,) N, of internal and inertia forces less loads, in inertial axes.
+            residual: (owned nodes, 3) N, of internal and inertia forces less loads, in inertial axes.
             motion: of the frames.
             x: (local nodes, 3) m.
             apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
-            dead_load: (owned dofs,) N, in inertial axes, the part of the loads that does not turn with the body.
+            dead_load: (owned nodes, 3) N, in inertial axes, the part of the loads that does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
+            couples: (k, 6) wrenches of what holds unknowns that turn with the frames (`BondedTurns.wrenches`).
         """
         matrix = tangent()
         full_tangent = matrix.copy()
@@ -115,6 +119,7 @@ class Condensation:
             apparent_acceleration=apparent_acceleration,
             dead_load=dead_load,
             slopes=slopes,
+            couples=couples,
         )
         full_tangent.destroy()
         return response
@@ -130,6 +135,7 @@ class Condensation:
         apparent_acceleration: FloatArray,
         dead_load: FloatArray,
         slopes: tuple[float, float],
+        couples: FloatArray,
     ) -> FrameResponse:
         """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
         body, bonds = self.body, self.bonds
@@ -149,17 +155,23 @@ class Condensation:
             if j < 6:
                 carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
                 relative[j] -= carried[j]
-                turned[j] = _crossed(turn, internal.reshape(-1, 3))
+                turned[j] = _crossed(turn, internal)
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
-        left = multiply(tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
-        left += _columns(turned @ R)
-        moved = inverse(-left - _columns(constraint_forces @ R))
-        changes = (left + multiply(tangent, moved)).T.reshape(len(columns), n, 3) @ R.T
-        moved = moved.T.reshape(len(columns), n, 3) @ R.T
+        given = self.columns(relative @ R)
+        if bonds.turns.any:
+            which = bonds.turns.own
+            for j, (_, _, turn, _) in enumerate(moves):
+                given[bonds.turns.dofs[which], j] = bonds.turns.follow(turn, j // 6, R)[which]
+        left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
+        left += self.columns(turned @ R)
+        followed = inverse(-left - self.columns(constraint_forces @ R))
+        change = left + multiply(tangent, followed)
+        changes = self._fields(change) @ R.T
+        moved = self._fields(followed) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j, (_, da, turn, _) in enumerate(moves):
             forces = np.zeros((len(nodes), 3))
@@ -170,15 +182,34 @@ class Condensation:
             arm_changes[averaged] += moved[j, nodes[averaged]]
             wrench = bonds.wrenches(forces, arms)
             wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
+            if bonds.turns.any:
+                wrench += bonds.turns.wrenches(change[:, j], R)
+                wrench[:, 3:] += _crossed(turn, couples[:, 3:]) if j < 6 else 0.0
             derivative[:, j] = wrench.reshape(-1)
         relative += moved
-        wrenches = bonds.wrenches(nodal_forces, arms)
-        return FrameResponse(wrenches, derivative, carried + relative, relative @ R, nodal_forces)
+        wrenches = bonds.wrenches(nodal_forces, arms) + couples
+        if bonds.turns.any:
+            followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
+        in_axes = self.columns(relative @ R, further=followed)
+        return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
 
+    def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:
+        """(owned dofs, k) from k fields (k, owned nodes, 3), and at further unknowns what columns like these have."""
+        layout = self.body.layout
+        if not layout.has_further:
+            return np.asarray(fields.reshape(len(fields), -1).T)
+        columns = layout.at_dofs(fields.transpose(1, 2, 0), owned=True)
+        if further is not None:
+            rows = layout.further_dofs[layout.further_dofs < layout.n_owned]
+            columns[rows] = further[rows]
+        return columns
 
-def _columns(fields: FloatArray) -> FloatArray:
-    """(owned dofs, k) from k fields (k, owned nodes, 3)."""
-    return np.asarray(fields.reshape(len(fields), -1).T)
+    def _fields(self, columns: FloatArray) -> FloatArray:
+        """(k, owned nodes, 3) from columns (owned dofs, k)."""
+        layout = self.body.layout
+        if not layout.has_further:
+            return columns.T.reshape(columns.shape[1], -1, 3)
+        return layout.displacements(columns).transpose(2, 0, 1)
 
 
 def _crossed(w: FloatArray, vectors: FloatArray) -> FloatArray:

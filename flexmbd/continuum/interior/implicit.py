@@ -26,6 +26,7 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.condensed_newton import CondensedNewton
 from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
+from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
@@ -122,8 +123,12 @@ class ImplicitContinuum:
         self.mass = self._bonds.free_mass
         self._bonded = bonds.nodes[~bonds.averaged]
         dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
-        self._prescribed = np.sort(dofs.reshape(-1)).astype(np.int32)
+        turning = bonds.turns.dofs[bonds.turns.own]
+        self._prescribed = np.sort(np.concatenate([dofs.reshape(-1), turning])).astype(np.int32)
         self._newton = Newton(body, self._prescribed, solver=solver, convergence=_CONVERGENCE)
+        # what has no mass has no acceleration
+        still = np.union1d(self._prescribed, owned_further_dofs(body)).astype(np.int32)
+        self._accelerated = Newton(body, still, solver=solver) if body.layout.has_further else self._newton
         self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
         self._memory = BodyMemory(body)
         self._observer = BodyObserver(body, self._memory)
@@ -131,8 +136,10 @@ class ImplicitContinuum:
         self._undeformed = body.snapshot()
         eps = float(np.finfo(float).eps)
         # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
-        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps)
-        self._round_off = eps * stiffness.getDiagonal().norm() * self._extent_of(body.layout.node_x)
+        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps).getDiagonal()
+        self._round_off = eps * body.norm(body.layout.displacements(stiffness.array_r).ravel()) * self._extent_of(
+            body.layout.node_x
+        )
         self._mass_size = eps * self._M.getDiagonal().norm()
         self._gravity: FloatArray = np.zeros(3)
         self._state: NodalState | None = None
@@ -157,7 +164,7 @@ class ImplicitContinuum:
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
-        return self._start_accelerations(motion, -self._loads.now.reshape(-1))
+        return self._start_accelerations(motion, -self._loads.now)
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
@@ -168,7 +175,8 @@ class ImplicitContinuum:
         axes = self._axes(motion)
         self._loads.now = self._loads.after(t, now.x, axes.R)
         self._forget()
-        return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now.reshape(-1))
+        couples = self._bonds.turns.wrenches(internal, axes.R)
+        return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now) + couples
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
@@ -181,7 +189,7 @@ class ImplicitContinuum:
         solution = self._solve(guess, motion, axes, at_rest)
         x: FloatArray = axes.positions(solution.increment)
         v = still + motion.v[0]
-        force = axes.to_inertial(loads.force(solution.increment)).reshape(-1, 3)
+        force = axes.to_inertial(loads.force(solution.increment))
         self._trial = _Trial(NodalState(t, x, v, still, still, 0.0), solution.increment, force, 0.0)
         response = self._frames.condense(
             lambda: at_rest.tangent(solution.increment),
@@ -191,6 +199,7 @@ class ImplicitContinuum:
             apparent_acceleration=still - self._gravity,
             dead_load=axes.to_inertial(loads.dead),
             slopes=_AT_REST,
+            couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
         )
         return response.wrenches, response.slopes
 
@@ -207,12 +216,13 @@ class ImplicitContinuum:
         internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         axes = self._axes(motion)
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
-        dead_load = self._loads.after(now.t, now.x, axes.R).reshape(-1)
+        dead_load = self._loads.after(now.t, now.x, axes.R)
         found = linear_equations(
             self._frames,
             motion,
             internal=axes.to_inertial(internal) - dead_load,
             dead_load=dead_load,
+            couples=self._bonds.turns.wrenches(internal, axes.R),
             x=now.x,
             apparent_acceleration=apparent_acceleration,
             modes=modes,
@@ -227,7 +237,10 @@ class ImplicitContinuum:
         """See `ImplicitInterior.trial`. Collective."""
         equations = self._equations(self._step_to(t_end, h, scheme), motion)
         axes = equations.axes
-        guess = axes.increment(equations.step.coasted()).reshape(-1) if self._trial is None else self._trial.increment
+        if self._trial is None:
+            guess = self.body.layout.at_dofs(axes.increment(equations.step.coasted()), owned=False)
+        else:
+            guess = self._trial.increment
         try:
             solution = self._solve(guess, motion, axes, equations)
         except ConvergenceError:
@@ -246,6 +259,7 @@ class ImplicitContinuum:
             apparent_acceleration=self._trial.state.a - self._gravity,
             dead_load=axes.to_inertial(equations.loads.dead),
             slopes=scheme.slopes(h),
+            couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
         )
         return response.wrenches, response.slopes
 
@@ -398,11 +412,11 @@ class ImplicitContinuum:
     def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> _Trial:
         """A trial's end. Collective."""
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
-        load = equations.axes.to_inertial(equations.loads.force(increment)).reshape(-1, 3)
+        load = equations.axes.to_inertial(equations.loads.force(increment))
         return _Trial(state, increment, load, equations.step.h)
 
     def _inertia(self, a: FloatArray) -> FloatArray:
-        """(owned dofs,) N, M (a - g), in inertial axes. Collective."""
+        """(owned nodes, 3) N, M (a - g), in inertial axes. Collective."""
         return self._frames.product(a - self._gravity)
 
     def _solve(
@@ -411,17 +425,21 @@ class ImplicitContinuum:
         """Newton's solution with the frames as ``motion`` says. Collective."""
         bonds = self._bonds
         # the first step moves the bonded nodes, and the others with them
-        moved, steps = guess.reshape(-1, 3).copy(), axes.increment(bonds.positions(motion), bonds.nodes)
-        gap = steps - moved[bonds.nodes]
-        moved[self._bonded] = steps[~bonds.averaged]
+        layout, moved = self.body.layout, guess.copy()
+        steps = axes.increment(bonds.positions(motion), bonds.nodes)
+        gap = steps - layout.displacements(moved)[bonds.nodes]
+        moved[layout.displacement_dofs[self._bonded]] = steps[~bonds.averaged]
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
-        target = moved.reshape(-1)[self._prescribed]
+        if bonds.turns.any:
+            turned = bonds.turns.values(motion.R, axes.R)
+            moved[bonds.turns.dofs] = turned - self.body.displacement[bonds.turns.dofs]
+        target = moved[self._prescribed]
         return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
 
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""
         self._gravity = gravity
-        self._weight = self._frames.product(np.tile(gravity, (self.body.layout.n_local // 3, 1))).reshape(-1, 3)
+        self._weight = self._frames.product(np.tile(gravity, (len(self.body.layout.node_x), 1)))
 
     def _forget(self) -> None:
         """Forget trials, guesses and factors."""
@@ -434,7 +452,7 @@ class ImplicitContinuum:
         return float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
 
     def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
-        """Set the accelerations that internal forces (owned dofs,) N, in inertial axes, cause. Collective.
+        """Set the accelerations that internal forces (owned nodes, 3) N, in inertial axes, cause. Collective.
 
         Returns:
             (k, 6) wrenches on the frames.
@@ -443,15 +461,15 @@ class ImplicitContinuum:
         a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
         a[self._bonded] = carried[~bonds.averaged]
         constraints = self._averages.constraints(motion, np.eye(3), displacement=carried)
-        matrix = self._M.copy()
-        forces = -(internal + self._inertia(a)).reshape(-1, 1)
-        found = self._newton.solve_columns(matrix, forces, constraints)[:, 0]
-        self._newton.discard_factor()
+        matrix = with_unit_rows_of_further_unknowns(body, self._M)
+        forces = body.layout.at_dofs(-(internal + self._inertia(a)), owned=True).reshape(-1, 1)
+        found = self._accelerated.solve_columns(matrix, forces, constraints)[:, 0]
+        self._accelerated.discard_factor()
         matrix.destroy()
         vector = body.vector()
         vector.array[: body.n_owned] = found
         vector.scatter_forward()
-        a = np.asarray(a + vector.array.reshape(-1, 3))
+        a = np.asarray(a + body.layout.displacements(vector.array))
         self._state = replace(now, a=a, auxiliary=a.copy())
         nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
         return bonds.wrenches(nodal_forces, bonds.arms(motion))

@@ -33,6 +33,7 @@ def linear_equations(
     x: FloatArray,
     apparent_acceleration: FloatArray,
     dead_load: FloatArray,
+    couples: FloatArray,
     modes: InteriorModes,
     prescribed: NDArray[np.int32],
 ) -> LinearInterior:
@@ -41,10 +42,11 @@ def linear_equations(
     Args:
         frames: the body and its frames.
         motion: of the frames.
-        internal: (owned dofs,) N, internal forces less loads, in inertial axes.
+        internal: (owned nodes, 3) N, internal forces less loads, in inertial axes.
         x: (local nodes, 3) m, of the nodes.
         apparent_acceleration: (local nodes, 3) m/s^2, minus gravity.
-        dead_load: (owned dofs,) N, the part of the loads that does not turn with the body, in inertial axes.
+        dead_load: (owned nodes, 3) N, the part of the loads that does not turn with the body, in inertial axes.
+        couples: (k, 6) wrenches of what holds unknowns that turn with the frames.
         modes: how many vibrations.
         prescribed: owned dofs that move with the frames.
 
@@ -58,10 +60,10 @@ def linear_equations(
     stiffness = matrix.copy()
     response = frames.condense(
         lambda: matrix, residual, motion, x=x, apparent_acceleration=apparent_acceleration, dead_load=dead_load,
-        slopes=(np.inf, 1.0),
+        slopes=(np.inf, 1.0), couples=couples,
     )
     fixed_modes = _fixed_interface_modes(frames, stiffness.copy(), motion, modes=modes, prescribed=prescribed)
-    static_modes: FloatArray = (response.fields @ R).reshape(len(response.fields), -1).T
+    static_modes: FloatArray = frames.columns(response.fields @ R, further=response.relative)
     fields = np.asfortranarray(np.hstack([static_modes, fixed_modes.shapes]))
     k, n = static_modes.shape[1], fixed_modes.shapes.shape[1]
     mass = inner(comm, fields, multiply(frames.mass, fields))
@@ -73,7 +75,7 @@ def linear_equations(
     stiffness_matrix[:k, k:] -= _averaged_moments(frames, response, fixed_modes.shapes, R)
     stiffness_matrix[k:, k:] = inner(comm, fixed_modes.shapes, forces)
     damping = _damping_matrix(frames, fields)
-    unbalanced = inner(comm, fixed_modes.shapes, (residual.reshape(-1, 3) @ R).reshape(-1, 1))[:, 0]
+    unbalanced = inner(comm, fixed_modes.shapes, frames.columns((residual @ R)[None]))[:, 0]
     stiffness.destroy()
     residual_load = np.concatenate([-response.wrenches.reshape(-1), unbalanced])
     return LinearInterior(0.5 * (mass + mass.T), damping, stiffness_matrix, residual_load)
@@ -133,7 +135,7 @@ def _bonded_mass(frames: Condensation, static_modes: FloatArray) -> FloatArray:
     """(6 k, 6 k) mass matrix of the bonded nodes' lumped mass, which is the frames'. Collective."""
     bonds = frames.bonds
     mine = bonds.own & ~bonds.averaged
-    moved = static_modes.reshape(-1, 3, static_modes.shape[1])[bonds.nodes[mine]]
+    moved = frames.body.layout.displacements(static_modes)[bonds.nodes[mine]]
     weighted = bonds.mass[mine, None, None] * moved
     columns = static_modes.shape[1]
     return inner(frames.body.comm, moved.reshape(-1, columns), weighted.reshape(-1, columns))
@@ -145,7 +147,7 @@ def _averaged_moments(frames: Condensation, response: FrameResponse, shapes: Flo
     mine = bonds.own & bonds.averaged
     for j, shape in enumerate(shapes.T):
         arms = np.zeros((len(bonds.nodes), 3))
-        arms[mine] = shape.reshape(-1, 3)[bonds.nodes[mine]] @ R.T
+        arms[mine] = frames.body.layout.displacements(shape)[bonds.nodes[mine]] @ R.T
         wrench = bonds.wrenches(response.nodal_forces, arms)
         wrench[:, :3] = 0.0
         columns[:, j] = wrench.reshape(-1)

@@ -61,7 +61,7 @@ class LoadsInMotion:
 
     def at(self, factors: FloatArray, axes: BodyAxes) -> TrialLoads:
         """The nodal forces on the body at trial displacements in these axes. Not collective."""
-        dead = axes.to_body(self.applied.dead(factors, self.R_begun).reshape(-1))
+        dead = axes.to_body(self.applied.dead(factors, self.R_begun))
         return TrialLoads(self._body, self.applied, factors, dead)
 
     def accept(self, moved: FloatArray, load: FloatArray) -> None:

@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 def kinetic_energy(frames: Condensation, v: FloatArray) -> float:
     """J, at velocities (local nodes, 3) m/s. Collective."""
-    momentum = frames.product(v).reshape(-1, 3)
+    momentum = frames.product(v)
     nodes, mass = _held(frames)
     energy = 0.5 * (momentum * v[: len(momentum)]).sum() - 0.5 * (mass[:, None] * v[nodes] ** 2).sum()
     return float(frames.bonds.total(np.array(energy)))

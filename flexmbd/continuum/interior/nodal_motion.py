@@ -26,11 +26,13 @@ from flexmbd.continuum.history.applied_loads import AppliedLoads
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
+from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.stable_step import StableStep
-from flexmbd.errors import SceneError
+from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +43,9 @@ _NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped", "_viscou
 # Forces whose works are summed up: of the deformation, of loads, of contact and friction, of damping, and of bulk
 # viscosity, which is a part of the first.
 _WORKING = ("force", "load", "_met", "_rubbed", "_damped", "_viscous")
+
+# Energies of the formulation that have a place of their own in the account.
+_NAMED = ("elastic", "plastic", "viscous")
 
 # Part of a step by which loads are asked for beside its end: they may jump there.
 _BESIDE = 1e-6
@@ -95,6 +100,7 @@ class NodalMotion:
         bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
         bonded: NDArray[np.int32] | None = None,
+        turns: BondedTurns | None = None,
     ) -> None:
         """Find masses and the stable step.
 
@@ -106,15 +112,16 @@ class NodalMotion:
             bulk_viscosity: coefficients, if there is to be any.
             loads: on all nodes.
             bonded: owned nodes that somebody else moves.
+            turns: unknowns that turn with these, if any.
 
         Raises:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
-            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement; springs on
-                facets are not linear.
+            FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
+                or turn with the body; springs on facets are not linear.
             SceneError: the ranks were given different supports, planes, loads or damping; damping is negative, or no
                 number; a plane and a load have one name; a load is for slow loading alone.
         """
-        body.check_displacement_alone()
+        refuse_turning_unknowns(body)
         plane_values = [(p.point.tolist(), p.normal.tolist(), p.friction, p.penalty) for p in planes]  # type: ignore[union-attr]
         if not 0.0 <= damping < float("inf"):
             raise SceneError(f"damping must be finite and at least 0 (1/s), got {damping!r}")
@@ -125,10 +132,16 @@ class NodalMotion:
         parallel.check_same(body.comm, SceneError, **self.surroundings)
         self._damping = float(damping)
         self.body, self.planes = body, tuple(planes)
-        masses = lumped_mass(body)
-        self.masses: FloatArray = masses[::3].copy()
+        lumped = lumped_mass(body)
+        refuse_inertia_of_further_unknowns(body, lumped)
+        self.masses: FloatArray = body.layout.displacements(lumped)[:, 0].copy()
+        if bulk_viscosity is not None and body.layout.has_further:
+            raise FormulationError(
+                f"{body.form_name} has unknowns besides the displacement, with which there is no bulk viscosity; leave "
+                "it out, or give the form a dissipation"
+            )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
-        self.mesh = CarriedMesh(body, self.masses, bulk=bulk)
+        self.mesh = CarriedMesh(body, self.masses, bulk=bulk, turns=turns)
         n = len(self.masses)
         self.bonded: NDArray[np.int32] = np.zeros(0, dtype=np.int32) if bonded is None else bonded
         self._moves: FloatArray = np.ones((n, 3))
@@ -152,7 +165,7 @@ class NodalMotion:
         if both:
             raise SceneError(f"a plane and a load are both called {sorted(both)[0]!r}; give each its own name")
         self.memory = BodyMemory(body)
-        self._stable = StableStep(body, masses, self.memory, bulk=bulk)
+        self._stable = StableStep(body, self.masses, self.memory, bulk=bulk, fields=self.mesh.fields)
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
@@ -217,12 +230,13 @@ class NodalMotion:
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
 
-    def advance(self, h: float, bonded: FloatArray | None = None) -> None:
+    def advance(self, h: float, bonded: FloatArray | None = None, frames: FloatArray | None = None) -> None:
         """Step by h (s). Collective.
 
         Args:
             h: s.
             bonded: (bonded nodes, 3) m, where they are at the end.
+            frames: (k, 3, 3) axes of the frames at the end, of bodies with unknowns that turn with them.
 
         Raises:
             ConvergenceError: on all ranks: a cell is turned inside out.
@@ -240,7 +254,7 @@ class NodalMotion:
         before = [getattr(self, name) for name in _WORKING]
         self.x += move
         self._went = np.asarray(move / h)
-        self.force = self._pull(h)
+        self.force = self._pull(h, frames)
         self.t += h
         if self.loads.any:
             self.load = self.loads_at(self.t - _BESIDE * h)
@@ -252,11 +266,11 @@ class NodalMotion:
         for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
 
-    def _pull(self, h: float) -> FloatArray:
+    def _pull(self, h: float, frames: FloatArray | None) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
-        force = self.mesh.pull(self.x, dt=h)
+        force = self.mesh.pull(self.x, dt=h, frames=frames)
         self._viscous = self.mesh.viscous
-        if self.body.springs is not None:
+        if self.body.springs is not None and self.mesh.fields is None:
             # to the ground, on which a body by itself began
             force -= self.body.springs.of_nodes(self.x - self.mesh.X)
         return force
@@ -268,7 +282,9 @@ class NodalMotion:
         impacts), "friction" and "damping" (lost), "gravitational";
         "viscous" (lost) by bulk viscosity and formulations that dissipate;
         "springs" on facets, where there are some;
-        "loads" where there are some: minus the work that they have done, on bonded nodes as well.
+        "loads" where there are some: minus the work that they have done, on bonded nodes as well;
+        "splitting" (lost) where the form has unknowns besides the displacement (`staggered_fields`), and what else the
+        formulation tells, as the energy of its cracks.
         """
         body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
@@ -286,13 +302,17 @@ class NodalMotion:
             "friction": float(sums[3]),
             "damping": float(sums[4]),
             "gravitational": float(sums[1]),
+            **{name: value for name, value in body_energies.items() if name not in _NAMED},
             **self._spring_energy(),
+            **({} if self.mesh.fields is None else {"splitting": -self.mesh.fields.lost}),
             **outer,
         }
 
     def _spring_energy(self) -> dict[str, float]:
         springs = self.body.springs
-        return {} if springs is None else {"springs": springs.energy_of_nodes(self.x - self.mesh.X)}
+        if springs is None or self.mesh.fields is not None:
+            return {}
+        return {"springs": springs.energy_of_nodes(self.x - self.mesh.X)}
 
     def internal_work(self) -> float:
         """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""
@@ -320,6 +340,9 @@ class NodalMotion:
         own = [self._h, self._limit, *self._stable.memory, self.t]
         axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own, self._R_begun.ravel()])
         sums = {"works": works, "axes": axes, "plane forces": self.mesh.sum(self.plane_forces)}
+        if self.mesh.fields is not None:
+            sums["splitting"] = np.array(self.mesh.fields.lost)
+            self.mesh.fields.forget()  # as whoever goes on from here
         return {**nodal, **self.memory.gather(self.body.snapshot()), **sums}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
@@ -336,6 +359,9 @@ class NodalMotion:
         self._stable.memory = float(axes[17]), float(axes[18])
         self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
         self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
+        if self.mesh.fields is not None:
+            self.mesh.fields.lost = float(memory["splitting"])
+            self.mesh.fields.forget()
 
     def loads_at(self, t: float) -> FloatArray:
         """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""

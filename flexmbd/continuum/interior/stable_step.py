@@ -13,6 +13,8 @@ on purpose.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from petsc4py import PETSc
 
 import basix
@@ -24,8 +26,9 @@ from numpy.typing import NDArray
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
+from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
-from flexmbd.errors import FormulationError
+from flexmbd.errors import ConvergenceError, FormulationError
 
 FloatArray = NDArray[np.float64]
 
@@ -40,24 +43,34 @@ class StableStep:
     """Estimates the stable step, and follows it."""
 
     def __init__(
-        self, body: NonlinearModel, masses: FloatArray, memory: BodyMemory, *, bulk: BulkForces | None = None
+        self,
+        body: NonlinearModel,
+        masses: FloatArray,
+        memory: BodyMemory,
+        *,
+        bulk: BulkForces | None = None,
+        fields: StaggeredFields | None = None,
     ) -> None:
         """Collective; compiles.
 
         Args:
             body: at rest and undeformed.
-            masses: (owned dofs,) kg, lumped.
+            masses: (owned nodes,) kg, lumped.
             memory: of the body, whose numbers of nodes tell where Lanczos' method begins on any ranks.
             bulk: the forces of bulk viscosity, if any.
+            fields: unknowns besides the displacement, if any: the nodes vibrate with these in balance.
+
+        Raises:
+            FormulationError: unknowns besides the displacement have no balance at given displacements.
         """
-        self._body, self._root = body, np.sqrt(masses)
+        self._body, self._root, self._fields = body, np.repeat(np.sqrt(masses), 3), fields
         begin = np.random.default_rng(0).standard_normal((memory.node_count, 3))
-        self._begin: FloatArray = memory.scatter_nodes(begin).reshape(-1)[: body.n_owned]
+        self._begin: FloatArray = memory.scatter_nodes(begin).reshape(-1)[: len(self._root)]
         self._u = fem.Function(body.space)
-        self._sum = fem.Function(body.space).x
-        v = ufl.TestFunction(body.space)
+        moved, v = fem.Function(body.layout.node_space), ufl.TestFunction(body.layout.node_space)
+        self._moved, self._sum = moved.x, fem.Function(body.layout.node_space).x
         rule = {"quadrature_degree": 2 * body.degree}
-        self._shapes = fem.form(ufl.inner(ufl.grad(self._u), ufl.grad(v)) * ufl.dx(metadata=rule))
+        self._shapes = fem.form(ufl.inner(ufl.grad(moved), ufl.grad(v)) * ufl.dx(metadata=rule))
         domain = body.mesh.mesh
         points, _ = basix.make_quadrature(basix.CellType[domain.topology.cell_name()], 2 * body.degree)
         inverse = ufl.inv(ufl.Jacobian(domain))
@@ -72,8 +85,10 @@ class StableStep:
                 f"springs on facets of {body.form_name} are not linear in the displacement, and explicit steps have no "
                 "stable length; load the body slowly (follow), or give them an energy that is quadratic"
             )
-        squared = largest_eigenvalue(body.comm, self._by_differences, body.n_owned, begin=self._begin)
+        squared = self._largest(self._by_differences)
         body.revert()
+        if fields is not None:
+            fields.forget()
         self._elastic = self._found = 2.0 / float(np.sqrt(squared))
 
     @property
@@ -136,11 +151,11 @@ class StableStep:
         x, y = matrix.createVecs()
 
         def by_rates(w: FloatArray) -> FloatArray:
-            x.array[:] = w / self._root
+            x.array[:] = self._at_dofs(w / self._root)
             matrix.mult(x, y)
-            return np.asarray(y.array / self._root)
+            return np.asarray(body.layout.displacements(y.array).reshape(-1) / self._root)
 
-        found = largest_eigenvalue(body.comm, by_rates, body.n_owned, begin=self._begin)
+        found = self._largest(by_rates)
         matrix.destroy()
         return float(found)
 
@@ -152,12 +167,19 @@ class StableStep:
 
     def _of_shapes(self) -> float:
         with self._body.present_mesh():
-            return largest_eigenvalue(self._body.comm, self._by_shapes, self._body.n_owned, begin=self._begin)
+            return self._largest(self._by_shapes)
+
+    def _largest(self, apply: Callable[[FloatArray], FloatArray]) -> float:
+        return largest_eigenvalue(self._body.comm, apply, len(self._root), begin=self._begin)
+
+    def _at_dofs(self, displacements: FloatArray) -> FloatArray:
+        """(owned dofs,) from (owned nodes * 3,)."""
+        return self._body.layout.at_dofs(displacements.reshape(-1, 3), owned=True)
 
     def _by_shapes(self, w: FloatArray) -> FloatArray:
-        owned = self._body.n_owned
-        self._u.x.array[:owned] = w / self._root
-        self._u.x.scatter_forward()
+        owned = len(self._root)
+        self._moved.array[:owned] = w / self._root
+        self._moved.scatter_forward()
         self._sum.array[:] = 0.0
         fem.assemble_vector(self._sum.array, self._shapes)
         self._sum.scatter_reverse(la.InsertMode.add)
@@ -167,9 +189,17 @@ class StableStep:
     def _by_differences(self, w: FloatArray) -> FloatArray:
         body, owned = self._body, self._body.n_owned
         u = self._u.x
-        u.array[:owned] = w / self._root
+        u.array[:owned] = self._at_dofs(w / self._root)
         u.scatter_forward()
         size = _SMALL * self._size / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
         u.array[:] *= size
-        image: FloatArray = body.force(u.array, dt=0.0) / (size * self._root)
-        return image
+        if self._fields is None:
+            return np.asarray(body.force(u.array, dt=0.0) / (size * self._root))
+        try:
+            force = self._fields.balanced(u.array, dt=0.0)[1]
+        except ConvergenceError as reason:
+            raise FormulationError(
+                f"{body.form_name} has unknowns besides the displacement that are not determined by it, as the "
+                "pressure of what keeps its volume: explicit steps have no stable length; take ImplicitContinuum"
+            ) from reason
+        return np.asarray(body.layout.displacements(force).reshape(-1) / (size * self._root))

@@ -61,21 +61,22 @@ class BodyAxes:
 
     def positions(self, increment: FloatArray, nodes: NDArray[np.integer] | slice = slice(None)) -> FloatArray:
         """(n, 3) m, of nodes in inertial axes at a displacement (local dofs,) m."""
-        moved = (self.body.displacement + increment).reshape(-1, 3)[nodes]
+        moved = self.body.layout.displacements(self.body.displacement + increment)[nodes]
         return np.asarray(self.p + (self.body.layout.node_x[nodes] + moved) @ self.R.T)
 
     def increment(self, x: FloatArray, nodes: NDArray[np.integer] | slice = slice(None)) -> FloatArray:
         """(n, 3) m, displacement of nodes at inertial positions x (n, 3)."""
-        before = self.body.layout.node_x[nodes] + self.body.displacement.reshape(-1, 3)[nodes]
+        layout = self.body.layout
+        before = layout.node_x[nodes] + layout.displacements(self.body.displacement)[nodes]
         return np.ascontiguousarray((x - self.p) @ self.R - before)
 
     def to_inertial(self, forces: FloatArray) -> FloatArray:
-        """(dofs,) in inertial axes."""
-        return np.asarray((forces.reshape(-1, 3) @ self.R.T).reshape(-1))
+        """(owned nodes, 3) N in inertial axes, of forces (owned dofs,) N in the body's."""
+        return np.asarray(self.body.layout.displacements(forces) @ self.R.T)
 
     def to_body(self, forces: FloatArray) -> FloatArray:
-        """(dofs,) in the body's axes."""
-        return np.asarray((forces.reshape(-1, 3) @ self.R).reshape(-1))
+        """(owned dofs,) N in the body's axes, of forces (owned nodes, 3) N in inertial ones."""
+        return self.body.layout.at_dofs(forces @ self.R, owned=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ class SlowLoads:
         dead = np.zeros(n) if self.load is None else self._answer("load", self.load, t, n)
         values = self.applied.values(t)
         if self.applied.any:
-            dead = dead + self.applied.dead(values, np.eye(3)).reshape(-1)
+            dead = dead + self.body.layout.at_dofs(self.applied.dead(values, np.eye(3)), owned=True)
         return TrialLoads(self.body, self.applied, values, dead)
 
     def balance(self, outer: TrialLoads, increment: FloatArray, *, dt: float = 0.0, least: float = 0.0) -> Balance:
