@@ -19,9 +19,12 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
+from flexmbd.multibody.contact.shapes import Sphere
+from flexmbd.multibody.contact.surface_contact import Elastic, SurfaceContact, surface_contacts
+from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
@@ -233,18 +236,28 @@ class MachineAssembly:
     ) -> tuple[Contact, ...]: ...
 
     @overload
-    def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
+    def touch(self, one: ElasticSurface, other: Sphere, law: NormalLaw) -> tuple[SurfaceContact, ...]: ...
+
+    @overload
+    def touch(
+        self, one: Elastic | Touching, other: Elastic | Touching, law: Hard
+    ) -> tuple[HardContact | HardGroup | SurfaceContact, ...]: ...
 
     def touch(
-        self, one: Touching, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
-    ) -> tuple[Contact | HardContact | HardGroup, ...]:
+        self,
+        one: Elastic | Touching,
+        other: Elastic | Touching,
+        law: NormalLaw | Hard,
+        *,
+        friction: Friction | None = None,
+    ) -> tuple[AnyContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
         ground touches what a joint holds on it.  A list given as both touches within itself.
 
         Args:
-            one: a shape of ``flexmbd.contact``, or a list of them.
+            one: a shape of ``flexmbd.contact``, or a list of them; an ElasticSurface touches shapes by its patches.
             other: likewise.
             law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...); or fm.contact.Hard(...), which
                 nothing enters, with friction and impacts of its own.
@@ -265,7 +278,15 @@ class MachineAssembly:
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined
 
-        first, second = shapes_of(one), shapes_of(other)
+        surfaces = surface_contacts(one, other, law, friction=friction)
+        if surfaces is not None:
+            for touched in surfaces:
+                self._check_force(touched)
+            for touched in surfaces:
+                self._touched.add(*touched.touching, joined=())
+            self._forces.extend(surfaces)
+            return tuple(surfaces)
+        first, second = shapes_of(cast(Touching, one)), shapes_of(cast(Touching, other))
         found = contacts(first, second, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:
             self._check_force(contact)

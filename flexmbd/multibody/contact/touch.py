@@ -32,6 +32,7 @@ from flexmbd.multibody.contact.shapes import (
     corners,
     ends,
 )
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.contact.touched_pairs import ShapeKey, shape_key
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +40,7 @@ FloatArray = NDArray[np.float64]
 _BYTES = 2500.0  # of a contact of lists, its names and numbers in a compiled scene included, about
 
 Touching = TouchShape | Sequence[TouchShape]
-AnyContact = Contact | HardContact | HardGroup
+AnyContact = Contact | HardContact | HardGroup | SurfaceContact
 
 
 def contacts(

@@ -1,0 +1,204 @@
+"""Surfaces of elastic bodies that touch: patches of a record, which give way by modes and by residual flexibility.
+
+Their kernels: ``kernels.elements.surface_forces``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import refuse_other
+from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.contact.shapes import SHAPES, TouchedShape
+from flexmbd.multibody.contact.triangle_surface import TriangleSurface
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
+from flexmbd.record.contact_patches import ContactPatches
+from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.round_off import SEVEN_DIGITS, WORTHLESS_PIVOT
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
+_SUPPORT = 1.75
+
+_tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float], SharedNumbers]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticSurface:
+    """A surface of a reduced elastic body, by whose contact patches it touches rigid shapes and other surfaces.
+
+    What gives way is the body: its modes, and of each patch what these leave out, the record's residual flexibility
+    (`ContactPatches`).  Patches of one surface give way together.
+
+    Attributes:
+        body: a flexible body whose record has contact patches.
+        name: of a surface among ``record.contact.names``; None: all patches.
+        shape: what it is undeformed, on the body's frame, where other surfaces touch it: an open or closed
+            ``TriangleSurface``, or what has a formula, as a ``Cylinder``.  None: its facets, of a record that keeps the
+            modes at its nodes.
+
+    Raises:
+        SceneError: the record has no patches, none of this name, or patches that give way by the modes alone.
+    """
+
+    body: FlexibleBody
+    name: str | None = None
+    shape: TouchedShape | None = None
+
+    def __post_init__(self) -> None:
+        refuse_other(self.body, FlexibleBody, "the body of an ElasticSurface", wanted="fm.FlexibleBody(record)")
+        group = self.body.record.contact
+        label = self.body.name or "the body"
+        if group is None:
+            raise SceneError(
+                f"ElasticSurface of {label}: its record has no contact patches; reduce the part again with "
+                "craig_bampton(..., contact=[Patch(name, size=...)]): they need the factor of its stiffness, which no "
+                "record holds"
+            )
+        if self.name is not None and self.name not in group.names:
+            there = ", ".join(map(repr, group.names))
+            raise SceneError(f"ElasticSurface of {label}: no surface {self.name!r}; its record has {there}")
+        self._refuse_stiff(group)
+        if self.shape is not None:
+            refuse_other(self.shape, SHAPES, f"{self.what}: its shape", wanted="a shape as fm.contact.Cylinder(...)")
+            if not self._is_own(self.shape.frame):
+                raise SceneError(f"{self.what}: its shape must be on the body's own frame, {label}.frame()")
+
+    @property
+    def frame(self) -> Frame:
+        """The body's frame."""
+        return self.body.frame()
+
+    @property
+    def what(self) -> str:
+        """Its name in messages."""
+        return f"elastic surface {self.name or 'of all patches'!s} of {self.body.name or 'a flexible body'}"
+
+    @cached_property
+    def patches(self) -> IntArray:
+        """(p,) its patches, by their rows in ``record.contact``."""
+        group = self._group
+        if self.name is None:
+            return np.arange(len(group.area))
+        return np.flatnonzero(group.surface == group.names.index(self.name))
+
+    @cached_property
+    def touched(self) -> TouchedShape:
+        """What it is undeformed, where other surfaces touch it.
+
+        Raises:
+            SceneError: nothing says it.
+        """
+        if self.shape is not None:
+            return self.shape
+        group, modes = self._group, self.body.record.modes
+        if modes is None or not len(group.facet):
+            raise SceneError(
+                f"{self.what}: other surfaces touch it by what it is undeformed, and its record keeps no nodes: reduce "
+                "it with keep=Keep(modes=True), or give ElasticSurface(..., shape=), as contact.TriangleSurface("
+                "body.frame(), points, triangles, open=True) or a Cylinder, Sphere or HalfSpace on the body's frame"
+            )
+        own = np.isin(group.patch, self.patches)
+        corners = np.searchsorted(modes.node, group.facet[own])
+        if corners.shape[1] == 4:
+            corners = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+        used, places = np.unique(corners, return_inverse=True)
+        return TriangleSurface(self.body.frame(), modes.x[used], places.reshape(-1, 3), open=True)
+
+    @property
+    def parts(self) -> tuple[ElasticSurface, ...]:
+        """The named surfaces that it is of."""
+        if self.name is not None:
+            return (self,)
+        return tuple(ElasticSurface(self.body, name) for name in self._group.names)
+
+    @property
+    def area(self) -> FloatArray:
+        """(p,) m^2 of its patches."""
+        return self._group.area[self.patches]
+
+    @property
+    def table(self) -> SharedNumbers:
+        """What the kernels know of it (``kernels.elements.surface_layout``)."""
+        return self.table_without_dents(np.inf)
+
+    def table_without_dents(self, modulus: float) -> SharedNumbers:
+        """The same, less what loads on patches dent a half space of this E / (1 - nu^2) (Pa); infinite: not at all.
+
+        Which a law of the dent of bodies that are much larger than where they touch has in its depth: loads spread over
+        discs of the patches' areas, by the mean displacement of a disc (Johnson 1985, section 3.4), and of others by
+        their distance.
+        """
+        known = _tables.setdefault(self.body.record, {})
+        key = self.name, modulus
+        if key not in known:
+            group, rows = self._group, self.patches
+            far = np.linalg.norm(group.x[rows, None] - group.x[rows], axis=2)
+            np.fill_diagonal(far, 3.0 * np.pi / 16.0 * np.sqrt(group.area[rows] / np.pi))
+            known[key] = SharedNumbers(_table(group, rows, 1.0 / (np.pi * far * modulus)))
+        return known[key]
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether the normals of all patches are one."""
+        normals = self._group.axes[self.patches, :, 0]
+        return bool(np.abs(normals - normals[0]).max() < SEVEN_DIGITS)
+
+    @property
+    def patch_radius(self) -> float:
+        """m, of the disc of the smallest patch's area."""
+        return float(np.sqrt(self.area.min() / np.pi))
+
+    @property
+    def _group(self) -> ContactPatches:
+        group = self.body.record.contact
+        assert group is not None  # noqa: S101  (refused when it was made)
+        return group
+
+    def _is_own(self, frame: Frame) -> bool:
+        """Whether a frame is the body's."""
+        placed = bool(np.any(frame.p_BF_B)) or not np.array_equal(frame.R_BF, np.eye(3)) or frame.modes is not None
+        return frame.body is self.body and not placed
+
+    def _refuse_stiff(self, group: ContactPatches) -> None:
+        """Raise SceneError where patches have no flexibility of their own along their normals."""
+        along = 3 * self.patches
+        G = group.G[np.ix_(along, along)]
+        size = np.sqrt(np.maximum(np.diag(G), 0.0))
+        none = np.flatnonzero(~(size > 0.0))
+        remedy = "keep fewer modes, or take patches of another size"
+        if len(none):
+            k = int(self.patches[none[0]])
+            raise SceneError(
+                f"{self.what}: the modes leave nothing of the dent of patch {k} of {group.names[group.surface[k]]!r}, "
+                f"so that nothing but its mass would resist a contact there: {remedy}"
+            )
+        least = float(np.linalg.eigvalsh(G / np.outer(size, size))[0])
+        if not least > WORTHLESS_PIVOT:
+            raise SceneError(
+                f"{self.what}: some loads on its patches dent it by the modes alone (the least eigenvalue of its "
+                f"residual flexibility is {least:.2g} of the patches'): {remedy}"
+            )
+
+
+def _table(group: ContactPatches, rows: IntArray, dents: FloatArray) -> FloatArray:
+    """Of some patches, less ``dents`` (p, p) m/N."""
+    p, n = len(rows), group.phi.shape[2]
+    x, axes = group.x[rows], group.axes[rows]
+    phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
+    G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
+    G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
+    centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
+    radius = np.linalg.norm(x - centre, axis=1).max()
+    support = _SUPPORT * np.sqrt(group.area[rows].max())
+    most = np.linalg.norm(phi, axis=1).max(axis=0)
+    parts = ([p, n], centre, [radius, support], most, x, phi, G)
+    return np.concatenate([np.ravel(np.asarray(one, float)) for one in parts])
