@@ -135,10 +135,22 @@ class Outline:
         """m, radius where the fillet begins."""
         return self.root + _FILLET * self.module
 
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return self.foot, self.tip
+
     def half_angle(self, radius: FloatArray) -> FloatArray:
         """rad, between the middle of a tooth and its flank."""
         at_pitch = (0.5 * np.pi * self.module - self.backlash) / (2.0 * self.pitch)
         return at_pitch + _involute(self.pressure_angle) - _involute(self._slant(radius))
+
+    def along_flank(self, share: FloatArray) -> FloatArray:
+        """m, radii of points from the fillet (0) to the tip (1), by shares of the flank's length."""
+        low, high = (r - self.base if r < self.base else 0.5 * (r**2 / self.base - self.base) for r in self._ends)
+        length = low + (high - low) * share
+        radius = np.where(length < 0.0, self.base + length, np.sqrt(self.base**2 + 2.0 * self.base * abs(length)))
+        radius[[0, -1]] = self._ends
+        return radius
 
     def fillet(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
         """m and rad, of points from the flank (0) to the root circle (1): a parabola that is tangent to both."""
@@ -200,7 +212,7 @@ def _profile(
     first = numbers.size
     for tooth, turn in enumerate(turns):
         rows = along if tooth in fine else min(along, _COARSE)
-        heights = np.linspace(shape.foot, shape.tip, degree * rows + 1)
+        heights = shape.along_flank(np.linspace(0.0, 1.0, degree * rows + 1))
         r, half = shape.fillet(np.linspace(0.5, 0.0, degree + 1)[1:])
         r, half = np.concatenate([r, heights[1:]]), np.concatenate([half, shape.half_angle(heights[1:])])
         spread_angles = half[:, None] * np.linspace(-1.0, 1.0, len(middle))
