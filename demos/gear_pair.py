@@ -6,9 +6,9 @@
 # radius of the base circle.
 #
 # A spur gear is meshed and reduced; two of the record make a pair. Its modes know how teeth bend and how the rim turns
-# on its hub; its contact patches, sixty-four along each flank that bears, know the dents (`record.contact`). So the pair's
-# equilibrium is one of a few dozen forces: for the gaps g between the flanks, which are known in closed form, and the
-# flexibility C of the patches of both gears,
+# on its hub; its contact patches, sixty-four along each flank that bears, know the dents (`record.contact`). So the
+# pair's equilibrium is one of a few dozen forces: for the gaps g between the flanks, which are known in closed form,
+# and the flexibility C of the patches of both gears,
 #
 #     g - x + C N >= 0,   N >= 0,   one of both is zero,   sum N = T / r_b,
 #
@@ -61,8 +61,9 @@ def say(text: str = "") -> None:
 
 # ## Involutes
 #
-# A point of a flank is the end of a taut string that is unwound from the base circle. Its free length s tells the point;
-# the flank that turns ahead begins on the base circle HALF before the tooth's middle. The string is the flank's normal.
+# A point of a flank is the end of a taut string that is unwound from the base circle. Its free length s tells the
+# point; the flank that turns ahead begins on the base circle HALF ahead of the tooth's middle. The string is the
+# flank's normal.
 
 HALF = 0.25 * STEP + np.tan(ALPHA) - ALPHA
 
@@ -119,15 +120,14 @@ def gear_model(on: MPI.Comm, along: int) -> ContinuumModel:
 
 began = time.process_time()
 model = gear_model(comm, ALONG)
-flanks = [
-    Patch(f"flank_{tooth % TEETH}", size=1.001 * np.sqrt(WIDTH * length / ALONG), facets=lambda x, k=tooth: is_on_flank(x, k))
-    for tooth in BEARING
-]
+size = 1.001 * np.sqrt(WIDTH * length / ALONG)
+flanks = [Patch(f"flank_{k % TEETH}", size=size, facets=lambda x, k=k: is_on_flank(x, k)) for k in BEARING]
 gear = craig_bampton(model, modes=10, frame="hub", contact=flanks, geometric_stiffness=False)
 assert gear.contact is not None
 seconds = time.process_time() - began
-say(f"gear: {model.K.getSize()[0]} degrees of freedom, reduced to {gear.n_modes} modes and {len(gear.contact.area)} patches")
-say(f"in {seconds:.1f} s; {gear.provenance['contact flank_0'].splitlines()[-1]}")
+say(f"gear: {model.K.getSize()[0]} degrees of freedom, reduced to {gear.n_modes} modes and")
+say(f"{len(gear.contact.area)} patches in {seconds:.1f} s; of a patch's deflection the modes leave out")
+say(f"{gear.provenance['contact flank_0'].splitlines()[-1]}")
 say()
 
 # ## A pair of them
@@ -138,7 +138,12 @@ say()
 
 @dataclass(frozen=True)
 class Flanks:
-    """Where a gear may be touched, and what it gives there: A (2 m, 2 m) m/N in its plane, of points s (teeth, m / teeth)."""
+    """Points where a gear may be touched, and how much they give.
+
+    Attributes:
+        s: (teeth, m) m, free length of the string, ascending.
+        A: (2 teeth m, 2 teeth m) m/N, of forces in the gear's plane, x and y of each point.
+    """
 
     s: FloatArray
     A: FloatArray
@@ -229,10 +234,11 @@ if root:
     reduced = by_record(gear)
     errors = {torque: np.array([transmission_error(reduced, turn, torque) for turn in cycle]) for torque in TORQUES}
     once_more = transmission_error(reduced, cycle[0] + STEP, TORQUES[0])
-    full, size = by_full_mesh(32 if SHORT else 64)
+    full, dofs = by_full_mesh(32 if SHORT else 64)
     chosen = np.arange(1, count, count // 10)
-    say(f"unreduced: {size} degrees of freedom")
-    say("torque, N m   least, um   largest, um   peak to peak, um   off the unreduced, %: median, largest   harmonics 1 to 3, um")
+    say(f"unreduced: {dofs} degrees of freedom")
+    say("transmission error, um, off the unreduced in per cent of the mean, and its first three harmonics, um:")
+    say("torque, N m     least   largest   peak to peak   off: median, largest            harmonics")
     others, apart = {}, {}
     for torque, found in errors.items():
         others[torque] = np.array([transmission_error(full, turn, torque) for turn in cycle[chosen]])
@@ -241,7 +247,7 @@ if root:
         listed = " ".join(f"{1e6 * one:.2f}" for one in harmonics)
         told = f"{np.median(apart[torque]):.2f}, {apart[torque].max():.2f}"
         low, high = 1e6 * found.min(), 1e6 * found.max()
-        say(f"{torque:11g} {low:11.2f} {high:13.2f} {high - low:18.2f} {told:>37} {listed:>23}")
+        say(f"{torque:11g} {low:9.2f} {high:9.2f} {high - low:14.2f} {told:>22} {listed:>20}")
     say()
 
 # ## Picture

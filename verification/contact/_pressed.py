@@ -14,6 +14,7 @@ import flexmbd as fm
 from flexmbd import contact, meshes
 from flexmbd.continuum import ContinuumModel, Interface, SymmetryPlane
 from flexmbd.forms import solid_linear
+from flexmbd.record.pressed_patches import contact_patches
 from flexmbd.reduction import Patch, craig_bampton
 
 E, NU, RADIUS = 1.0e7, 0.3, 1.0  # Pa, and m of the ball
@@ -69,7 +70,7 @@ def reduced(mesh: meshes.TaggedMesh, *, size: float, modes: int) -> fm.ReducedBo
 
 def pressed(body: fm.ReducedBody, approach: float, *, is_ball: bool) -> contact.PressedPatches:
     """By a rigid ball, or a roller along y, that comes in by so much (m)."""
-    x = body.contact.x  # type: ignore[union-attr]
+    x = contact_patches(body).x
     squares = x[:, 0] ** 2 + (x[:, 1] ** 2 if is_ball else 0.0)
     return contact.press(body, gap=squares / (2.0 * RADIUS) - approach, normal=(0, 0, -1))
 

@@ -1,8 +1,9 @@
 """Ball and roller on an elastic block that has contact patches (Hertz).
 
 A rigid ball of 1 m is pressed into a block until its contact is 0.12 and 0.24 m in radius, a rigid roller until its
-half width is 0.12 m: statics of a reduced body. The block is finite: what its far part gives grows with the force alone and drops out of two
-loads. Radius and half width are those of the second moments of the forces, 2/5 a^2 and 1/4 a^2.
+half width is 0.12 m: statics of a reduced body. The block is finite: what its far part gives grows with the force
+alone and drops out of two loads. Radius and half width are those of the second moments of the forces, 2/5 a^2 and
+1/4 a^2.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 import flexmbd as fm
+from flexmbd.record.pressed_patches import contact_patches
 from verification.contact._pressed import FINE, MODULUS, RADIUS, approach_of, pressed, quarter_block, reduced
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
@@ -35,9 +37,8 @@ REFERENCES = (
 
 
 def second_moment(body: fm.ReducedBody, approach: float, *, is_ball: bool) -> tuple[float, float]:
-    """m^2 and Pa: mean square of the forces' distance from the middle, patches' own extent included; largest pressure."""
-    found, patches = pressed(body, approach, is_ball=is_ball), body.contact
-    assert patches is not None
+    """m^2 and Pa: mean square of the distance from the middle, patches' own extent included; largest pressure."""
+    found, patches = pressed(body, approach, is_ball=is_ball), contact_patches(body)
     squares = patches.x[:, 0] ** 2 + (patches.x[:, 1] ** 2 if is_ball else 0.0)
     own = (patches.area / 6.0) if is_ball else SIZES[0] ** 2 / 12.0  # of squares
     return float(found.force @ (squares + own) / found.force.sum()), float(found.pressure.max())
