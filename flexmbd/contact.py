@@ -10,6 +10,8 @@ from flexmbd.multibody.contact.contact_laws import Friction as Friction
 from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
 from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface as ElasticSurface
+from flexmbd.multibody.contact.elastic_surface import SurfaceContact as SurfaceContact
 from flexmbd.multibody.contact.hard_contact import Hard as Hard
 from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
@@ -37,5 +39,6 @@ from flexmbd.multibody.contact.triangle_surface import TriangleSurface as Triang
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries
 from flexmbd.multibody.results.contact_series import HardContactSeries as HardContactSeries
 from flexmbd.multibody.results.contact_series import HardGroupSeries as HardGroupSeries
+from flexmbd.multibody.results.surface_series import SurfaceSeries as SurfaceSeries
 from flexmbd.record.pressed_patches import PressedPatches as PressedPatches
 from flexmbd.record.pressed_patches import press as press

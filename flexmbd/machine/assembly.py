@@ -19,6 +19,7 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface, SurfaceContact, surface_contacts
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
@@ -43,6 +44,7 @@ FloatArray = NDArray[np.float64]
 
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
+ElasticTouching = Touching | ElasticSurface | Sequence[ElasticSurface]
 CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
 
 
@@ -235,16 +237,21 @@ class MachineAssembly:
     @overload
     def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
 
+    @overload
     def touch(
-        self, one: Touching, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
-    ) -> tuple[Contact | HardContact | HardGroup, ...]:
+        self, one: ElasticTouching, other: ElasticTouching, law: Hard
+    ) -> tuple[HardContact | HardGroup | SurfaceContact, ...]: ...
+
+    def touch(
+        self, one: ElasticTouching, other: ElasticTouching, law: NormalLaw | Hard, *, friction: Friction | None = None
+    ) -> tuple[Contact | HardContact | HardGroup | SurfaceContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
         ground touches what a joint holds on it.  A list given as both touches within itself.
 
         Args:
-            one: a shape of ``flexmbd.contact``, or a list of them.
+            one: a shape of ``flexmbd.contact``, or a list of them; an ElasticSurface touches shapes by its patches.
             other: likewise.
             law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...); or fm.contact.Hard(...), which
                 nothing enters, with friction and impacts of its own.
@@ -265,6 +272,14 @@ class MachineAssembly:
         def are_joined(a: Body, b: Body) -> bool:
             return frozenset((id(a), id(b))) in joined
 
+        surfaces = surface_contacts(one, other, law, friction=friction)
+        if surfaces is not None:
+            for touched in surfaces:
+                self._check_force(touched)
+            for touched in surfaces:
+                self._touched.add(touched.surface.parts, (touched.shape,), joined=())
+            self._forces.extend(surfaces)
+            return tuple(surfaces)
         first, second = shapes_of(one), shapes_of(other)
         found = contacts(first, second, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:

@@ -13,6 +13,7 @@ from flexmbd.force import PlasticJointSpring, PlasticSpring
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.touch import AnyContact
+from flexmbd.multibody.results.surface_series import SurfaceSeries
 from flexmbd.run.series import columns as table
 from flexmbd.run.series.columns import Answers, ResultColumns
 from flexmbd.run.trajectory import Trajectory
@@ -105,6 +106,8 @@ def _contact_columns(label: str, contact: AnyContact) -> ResultColumns:
 
     def values(run: Answers, t: FloatArray | None) -> FloatArray:
         (found,) = run.contacts(contact, t=t)
+        if isinstance(found, SurfaceSeries):  # of all patches together
+            return np.column_stack([found.gap.min(axis=1), found.normal_force.sum(axis=1), found.force.sum(axis=1)])
         return np.column_stack([found.gap, found.normal_force, found.force])
 
     names = tuple(f"{label}.{ending}" for ending in ("gap", "normal_force", "fx", "fy", "fz"))

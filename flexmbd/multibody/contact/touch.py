@@ -14,6 +14,7 @@ from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
+from flexmbd.multibody.contact.elastic_surface import SurfaceContact
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.lowest_points import LowestPoint, ProfileOutline, Rim
@@ -39,7 +40,7 @@ FloatArray = NDArray[np.float64]
 _BYTES = 2500.0  # of a contact of lists, its names and numbers in a compiled scene included, about
 
 Touching = TouchShape | Sequence[TouchShape]
-AnyContact = Contact | HardContact | HardGroup
+AnyContact = Contact | HardContact | HardGroup | SurfaceContact
 
 
 def contacts(

@@ -11,11 +11,13 @@ import numpy as np
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.contact.shapes import ConvexPolytope, HalfSpace, HollowSphere, Sphere, TouchShape, Vertex
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.rotation import z_onto
 
 ShapeKey: TypeAlias = tuple[str, str, bytes]  # the body's name, and what tells a shape on it
+AnyShape: TypeAlias = TouchShape | ElasticSurface
 _Joined: TypeAlias = frozenset[frozenset[str]]
 _NONE_JOINED: _Joined = frozenset()
 
@@ -24,8 +26,8 @@ _NONE_JOINED: _Joined = frozenset()
 class _Call:
     """The shapes of both sides of one call of ``System.touch``, and the pairs of bodies that it left out."""
 
-    one: dict[ShapeKey, TouchShape]
-    other: dict[ShapeKey, TouchShape]
+    one: dict[ShapeKey, AnyShape]
+    other: dict[ShapeKey, AnyShape]
     joined: _Joined
 
     def holds(self, a: ShapeKey, b: ShapeKey) -> bool:
@@ -42,7 +44,7 @@ class TouchedPairs:
         self._lists: list[_Call] = []
 
     def add(
-        self, one: Sequence[TouchShape], other: Sequence[TouchShape], *, joined: Iterable[tuple[Body, Body]]
+        self, one: Sequence[AnyShape], other: Sequence[AnyShape], *, joined: Iterable[tuple[Body, Body]]
     ) -> None:
         """Take those of a call; of lists the pairs ``joined`` do not touch.
 
@@ -79,17 +81,19 @@ def _refuse_common(call: _Call, known: _Call) -> None:
                     )
 
 
-def _told(shape: TouchShape) -> str:
+def _told(shape: AnyShape) -> str:
+    if isinstance(shape, ElasticSurface):
+        return shape.what
     return f"{type(shape).__name__} on {shape.frame.label}"
 
 
-def _by_key(shapes: Sequence[TouchShape]) -> dict[ShapeKey, TouchShape]:
+def _by_key(shapes: Sequence[AnyShape]) -> dict[ShapeKey, AnyShape]:
     """The shapes by what tells them.
 
     Raises:
         SceneError: two are alike.
     """
-    found: dict[ShapeKey, TouchShape] = {}
+    found: dict[ShapeKey, AnyShape] = {}
     for shape in shapes:
         known = found.setdefault(shape_key(shape), shape)
         if known is not shape:
@@ -97,12 +101,14 @@ def _by_key(shapes: Sequence[TouchShape]) -> dict[ShapeKey, TouchShape]:
     return found
 
 
-def shape_key(shape: TouchShape) -> ShapeKey:
+def shape_key(shape: AnyShape) -> ShapeKey:
     """What tells a shape from all others: its body, place and size; equal of copies."""
     frame = shape.frame
     place, turn = frame.p_BF_B, frame.R_BF
     told: list[object] = [frame.interface]
-    if isinstance(shape, HalfSpace):
+    if isinstance(shape, ElasticSurface):
+        told, values = [shape.name], np.zeros(0)
+    elif isinstance(shape, HalfSpace):
         normal = turn @ z_onto(shape.normal)[:, 2]
         values = np.array([*normal, normal @ place])
     elif isinstance(shape, Sphere | HollowSphere):

@@ -14,6 +14,7 @@ from flexmbd.given import checked, is_number, refuse_other, shown
 from flexmbd.integrate.moreau.moreau_jean import MoreauJean
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.elastic_surface import SurfaceContact
 from flexmbd.multibody.contact.hard_contact import HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.touch import AnyContact
@@ -43,6 +44,7 @@ from flexmbd.multibody.results.contact_series import (
 )
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
+from flexmbd.multibody.results.surface_series import SurfaceSeries, surface_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.input_values import evaluate_inputs
@@ -57,6 +59,7 @@ from flexmbd.run.series.repeated_impulses import (
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
+AnySeries = ContactSeries | HardGroupSeries | SurfaceSeries
 
 _RTOL_OF_IMPULSES = 1e-6  # to which impulses are found again
 
@@ -279,23 +282,24 @@ class ForceSeries(MotionSeries):
     @overload
     def contacts(
         self,
-        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        touching: AnyContact | Sequence[AnyContact],
         *,
         t: ArrayLike | None = None,
         rtol: float = 1e-6,
-    ) -> tuple[ContactSeries | HardGroupSeries, ...]: ...
+    ) -> tuple[AnySeries, ...]: ...
 
     @checked("t")
     def contacts(
         self,
-        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        touching: AnyContact | Sequence[AnyContact],
         *,
         t: ArrayLike | None = None,
         rtol: float = 1e-6,
-    ) -> tuple[ContactSeries | HardGroupSeries, ...]:
+    ) -> tuple[AnySeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
-        Of hard contacts they are ``HardContactSeries``, of groups ``HardGroupSeries``: the run's steps are taken once
+        Of elastic surfaces they are ``SurfaceSeries``, patch by patch; of hard contacts ``HardContactSeries``, of groups
+        ``HardGroupSeries``: the run's steps are taken once
         more, for the rows hold no impulses, by ``rtol`` as of ``simulate``.  Each acts as a force over its step; of
         impacts that were located as events there is an ``impulse`` and no force.
 
@@ -304,7 +308,7 @@ class ForceSeries(MotionSeries):
         """
         if not (is_number(rtol) and 0.0 < rtol < 1.0):
             raise SceneError(f"rtol = {shown(rtol)} of a contact's series must lie between 0 and 1")
-        kinds = (Contact, HardContact, HardGroup)
+        kinds = (Contact, HardContact, HardGroup, SurfaceContact)
         some = [*touching] if isinstance(touching, Sequence) else [touching]
         for one in some:
             refuse_other(one, kinds, "what run.contacts is asked for", wanted="a contact, or all, as scene.touch gave")
@@ -313,7 +317,7 @@ class ForceSeries(MotionSeries):
     @checked("t")
     def contact_forces(
         self,
-        touching: Contact | HardContact | HardGroup | Sequence[Contact | HardContact | HardGroup],
+        touching: AnyContact | Sequence[AnyContact],
         *,
         t: ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
@@ -333,6 +337,8 @@ class ForceSeries(MotionSeries):
             (series,) = self.contacts(one, t=None if isinstance(one, HardGroup) else times)
             if isinstance(series, HardGroupSeries):
                 found.append(series.at_rows(rows))
+            elif isinstance(series, SurfaceSeries):
+                found.append((series.point, series.force))
             else:
                 found.append((series.point[:, None], series.force[:, None]))
         places, forces = zip(*found, strict=True)
@@ -342,14 +348,14 @@ class ForceSeries(MotionSeries):
         """``contact_forces`` of these by times (k,) s, for pictures; None of none."""
         return (lambda t: self.contact_forces(contacts, t=t)) if len(contacts) else None
 
-    def _contact(
-        self, one: Contact | HardContact | HardGroup, t: ArrayLike | None, rtol: float
-    ) -> ContactSeries | HardGroupSeries:
+    def _contact(self, one: AnyContact, t: ArrayLike | None, rtol: float) -> AnySeries:
         if isinstance(one, HardGroup):
             if t is not None:
                 raise SceneError(f"{one.what}: its points are told at the ends of steps alone; leave `t` out")
             return group_series(self.scene, one, self._impulses(rtol).groups, rows=len(self.t))
         series = (self.x, self.v, self.a) if t is None else self.motion(t)
+        if isinstance(one, SurfaceContact):
+            return surface_rows(self.scene, one, *series)
         if isinstance(one, HardContact):
             return hard_contact_rows(self.scene, one, *series, impulses_at(self._impulses(rtol).pairs, self.t, t))
         times = self.t if t is None else np.atleast_1d(np.asarray(t, dtype=np.float64))

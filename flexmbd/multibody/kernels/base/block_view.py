@@ -1,4 +1,4 @@
-"""One block of a sparse matrix as an array whose rows and columns are counted as the whole matrix's."""
+"""Views of stretches of an array as matrices, which kernels may not reshape: no memory is counted in them."""
 
 from __future__ import annotations
 
@@ -25,6 +25,31 @@ def block_view(typingctx, values, base, stride, n):
             data=builder.gep(own.data, [arguments[1]]),
             shape=[arguments[3], arguments[3]],
             strides=[builder.mul(arguments[2], word(size)), word(size)],
+            itemsize=word(size),
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    return kind(values, types.intp, types.intp, types.intp), codegen
+
+
+@intrinsic
+def matrix_view(typingctx, values, base, rows, columns):
+    """The array (rows, columns), row by row, that begins at ``values[base]``, of an array (n,)."""
+    kind = types.Array(values.dtype, 2, "C")
+
+    def codegen(context, builder, signature, arguments):
+        from numba.np.arrayobj import make_array, populate_array
+
+        array = make_array(kind)(context, builder)
+        own = make_array(signature.args[0])(context, builder, arguments[0])
+        size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+        word = context.get_value_type(types.intp)
+        populate_array(
+            array,
+            data=builder.gep(own.data, [arguments[1]]),
+            shape=[arguments[2], arguments[3]],
+            strides=[builder.mul(arguments[3], word(size)), word(size)],
             itemsize=word(size),
             meminfo=None,
         )

@@ -164,4 +164,19 @@ class PairsElement:
         return self.push if self.stores else None
 
 
-ElementKind = CoordinateLaw | FrameElement | GeneralisedForce | PairsElement
+@dataclass(frozen=True, eq=False)
+class SurfaceElement:
+    """Forces between frame F and the patches of an elastic body, whose frame is G, on its modes too.
+
+    Its kernels stand in ``elements.surface_forces``; there is one kind.
+
+    Attributes:
+        behaviour: what integrators must know.
+        energy: what stores; for ``table.stores``.
+    """
+
+    behaviour: Behaviour
+    energy: Any
+
+
+ElementKind = CoordinateLaw | FrameElement | GeneralisedForce | PairsElement | SurfaceElement

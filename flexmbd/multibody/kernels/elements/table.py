@@ -28,6 +28,7 @@ from flexmbd.multibody.kernels.elements.element import (
     FrameElement,
     GeneralisedForce,
     PairsElement,
+    SurfaceElement,
 )
 from flexmbd.multibody.kernels.elements.frame_law import FRAME_LAW, STORING_FRAME_LAW
 from flexmbd.multibody.kernels.elements.frame_states import FRAME_STATES
@@ -46,6 +47,7 @@ from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
 from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.stop import STOP
+from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 
@@ -56,7 +58,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
     STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
     HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES, GRAVITATION, PAIRS_LAW, STORING_PAIRS_LAW, CONTACT, ROUGH_CONTACT,
-    HARD_CONTACT, HARD_GROUP,
+    HARD_CONTACT, HARD_GROUP, ELASTIC_SURFACE,
 )  # fmt: skip
 
 
@@ -101,7 +103,7 @@ def couple_all(plan: Plan) -> NDArray[np.bool_]:
 
 def act_between_frames(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan acts between two frames."""
-    return _by_kind(plan, lambda one: isinstance(one, FrameElement))
+    return _by_kind(plan, lambda one: isinstance(one, FrameElement | SurfaceElement))
 
 
 def own_links(plan: Plan, row: IntArray) -> range:
@@ -110,6 +112,21 @@ def own_links(plan: Plan, row: IntArray) -> range:
         return range(0)
     first = int(plan.data[row[at.EL_DATA] + 2])
     return range(first, first + int(plan.data[row[at.EL_DATA]]))
+
+
+def touched_modes(plan: Plan, row: IntArray) -> range:
+    """The velocities of the modes that an element's patches move by; of others none."""
+    if row[at.EL_KIND] != kind_of(ELASTIC_SURFACE):
+        return range(0)
+    link = plan.tree[plan.frame_of[row[at.EL_G], at.FRAME_BODY]]
+    if link[at.FLEX] < 0:
+        return range(0)
+    return range(int(link[at.MODAL_V]), int(link[at.MODAL_V] + plan.flex[link[at.FLEX], at.N_MODES]))
+
+
+def of_surfaces(plan: Plan) -> NDArray[np.bool_]:
+    """(k,) whether each element of a plan acts on the patches of an elastic surface."""
+    return are_of(plan, ELASTIC_SURFACE)
 
 
 def of_pairs(plan: Plan) -> NDArray[np.bool_]:
@@ -161,12 +178,13 @@ _changes_piece = _calls(GeneralisedForce, "changes_piece")
 
 # by the numbers of kinds
 _LAWS = _kinds(*(isinstance(one, CoordinateLaw) for one in ELEMENTS))
-_BETWEEN_FRAMES = _kinds(*(isinstance(one, FrameElement | PairsElement) for one in ELEMENTS))
+_BETWEEN_FRAMES = _kinds(*(isinstance(one, FrameElement | PairsElement | SurfaceElement) for one in ELEMENTS))
 _OF_PAIRS = _kinds(*(isinstance(one, PairsElement) for one in ELEMENTS))
 _SLOPED = _kinds(*(_has(one, PairsElement, "slope") for one in ELEMENTS))
 _STORING_PAIRS = _kinds(*(isinstance(one, PairsElement) and one.stores for one in ELEMENTS))
 _STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
 _STATES = kind_of(STATES)
+_SURFACE = kind_of(ELASTIC_SURFACE)
 _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
 _TOUCHING = _kinds(*(_has(one, FrameElement, "gap") for one in ELEMENTS))
 
@@ -264,6 +282,12 @@ def is_of_pairs(kind):
 
 
 @kernel
+def is_of_surface(kind):
+    """Whether a kind acts between a frame and the patches of an elastic body."""
+    return kind == _SURFACE
+
+
+@kernel
 def stores_of_pairs(kind):
     """Whether such a kind stores energy."""
     return _STORING_PAIRS[kind]
@@ -319,7 +343,7 @@ def is_coordinate_law(kind):
 
 @kernel
 def is_between_frames(kind):
-    """Whether a kind acts between two frames, or between those of a group."""
+    """Whether a kind acts between two frames, between those of a group, or on patches."""
     return _BETWEEN_FRAMES[kind]
 
 

@@ -34,6 +34,17 @@ def _transpose(m):
     return (m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8])
 
 
+@kernel
+def relative_rates(plan, work, f, g):
+    """d = p_FG_F, R_FG, and the velocity and angular velocity of G against F, all in F's axes."""
+    p_F, R_F, v_F, w_F, _, _ = frame_motion(plan, work, f)
+    p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
+    d = rotate_back(R_F, sub3(p_G, p_F))
+    R = compose(_transpose(R_F), R_G)
+    rate = sub3(rotate(R, v_G), add3(v_F, cross3(w_F, d)))
+    return d, R, rate, sub3(rotate(R, w_G), w_F)
+
+
 @entry_kernel
 def relative_motion(plan, work, f, g):
     """p_FG_F, R_FG and the velocity and acceleration of G against F, all in F's axes.

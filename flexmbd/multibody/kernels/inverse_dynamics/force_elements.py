@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, compose, cross3, rotate, rotate_back, scale3, sub3
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, rotate_back, scale3
 from flexmbd.multibody.kernels.base import plan_layout as at
-from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.frame_states import load_states
 from flexmbd.multibody.kernels.elements.state_rates import put_outputs
@@ -17,13 +16,16 @@ from flexmbd.multibody.kernels.elements.table import (
     is_between_frames,
     is_coordinate_law,
     is_of_pairs,
+    is_of_surface,
     is_state_equations,
     stores_between_frames,
     stores_of_pairs,
     subtract_force,
 )
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.pair_forces import load_pairs, pairs_energy
-from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion, load_frame
+from flexmbd.multibody.kernels.inverse_dynamics.recursion import load_frame
+from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import load_surface, stored_by_surface
 
 
 @deferred_kernel()
@@ -37,18 +39,6 @@ def subtract_coordinate_forces(plan, work, x, v, out):
             out[k] -= coordinate_law(plan, row, x[row[at.EL_X]], v[k])[0]
         elif not is_between_frames(kind):
             subtract_force(plan, work, row, x, v, out)
-
-
-@kernel
-def relative_rates(plan, work, f, g):
-    """d = p_FG_F, R_FG, and the velocity and angular velocity of G against F, all in F's axes."""
-    p_F, R_F, v_F, w_F, _, _ = frame_motion(plan, work, f)
-    p_G, R_G, v_G, w_G, _, _ = frame_motion(plan, work, g)
-    d = rotate_back(R_F, sub3(p_G, p_F))
-    back = (R_F[0], R_F[3], R_F[6], R_F[1], R_F[4], R_F[7], R_F[2], R_F[5], R_F[8])
-    R = compose(back, R_G)
-    rate = sub3(rotate(R, v_G), add3(v_F, cross3(w_F, d)))
-    return d, R, rate, sub3(rotate(R, w_G), w_F)
 
 
 @deferred_kernel()
@@ -67,6 +57,9 @@ def load_elements(plan, work, x, v, out):
             continue
         if is_of_pairs(row[at.EL_KIND]):
             load_pairs(plan, work, row, out)
+            continue
+        if is_of_surface(row[at.EL_KIND]):
+            load_surface(plan, work, row, x, v, out)
             continue
         f, g = row[at.EL_F], row[at.EL_G]
         d, R, rate, spin = relative_rates(plan, work, f, g)
@@ -94,6 +87,8 @@ def elements_energy(plan, work, x):
             energy += frame_energy(plan, work, row, d, R, rate, spin)
         elif stores_of_pairs(kind):
             energy += pairs_energy(plan, work, row)
+        elif is_of_surface(kind):
+            energy += stored_by_surface(plan, work, row, x)
         elif not is_between_frames(kind):
             energy += force_energy(plan, work, row, x)
     return energy

@@ -10,7 +10,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.table import frame_gap, may_touch
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 
 _GRAZED = 1e-6  # of the gaps at its ends: a dip that is no deeper is none

@@ -7,7 +7,7 @@ from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.memory_path import write_memory
 from flexmbd.multibody.kernels.elements.table import write_frame_memory
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 
 

@@ -10,7 +10,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 from flexmbd.multibody.kernels.elements.differences import STEP
 from flexmbd.multibody.kernels.elements.pairs import frame_of_pair, line
 from flexmbd.multibody.kernels.elements.table import element_wrench, frame_energy, pair_push
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.pair_forces import frame_place
 from flexmbd.multibody.kernels.physics.constraint_laws import unit
 

@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.elements.beam_wrench import BEAM_ELEMENT, REST, strain_and_rate
 from flexmbd.multibody.kernels.elements.table import are_of
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.reading.force_tables import without_loads
 

@@ -21,7 +21,7 @@ from flexmbd.multibody.kernels.contact.signed_distance import distance
 from flexmbd.multibody.kernels.elements.contact_wrench import centre_motion, law_numbers
 from flexmbd.multibody.kernels.elements.table import element_wrench
 from flexmbd.multibody.kernels.impulses.touching import nearest_point, relative_velocity
-from flexmbd.multibody.kernels.inverse_dynamics.force_elements import relative_rates
+from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import (
     forward_kinematics,
     frame_motion,

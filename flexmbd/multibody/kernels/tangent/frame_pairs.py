@@ -29,6 +29,7 @@ from flexmbd.multibody.kernels.elements.table import (
     element_wrench_variation,
     is_between_frames,
     is_of_pairs,
+    is_of_surface,
 )
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_motion
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import frame_motion
@@ -330,7 +331,7 @@ def add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix):
     """Add stiffness and damping of the force elements between frames."""
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
-        if is_between_frames(row[at.EL_KIND]) and not is_of_pairs(row[at.EL_KIND]):
+        if is_between_frames(row[at.EL_KIND]) and not (is_of_pairs(row[at.EL_KIND]) or is_of_surface(row[at.EL_KIND])):
             count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
             add_changes(tw, count, moved, matrix)
             if row[at.EL_V] >= 0:

@@ -27,6 +27,7 @@ from flexmbd.multibody.kernels.tangent.ground_forces import add_ground_forces
 from flexmbd.multibody.kernels.tangent.laws import add_laws, add_laws_of_joints
 from flexmbd.multibody.kernels.tangent.pair_tangent import add_pairs
 from flexmbd.multibody.kernels.tangent.row_pairs import add_closures
+from flexmbd.multibody.kernels.tangent.surface_tangent import add_surfaces
 from flexmbd.multibody.kernels.tangent.tangent_columns import (
     add_motion_products,
     add_products,
@@ -218,6 +219,7 @@ def tangent_after_residual(plan, work, tw, x, v, a, multipliers, per_x, per_v, p
     if plan.elements.shape[0] > 0:
         add_elements(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
         add_pairs(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
+        add_surfaces(plan, work, tw, x, v, a, per_x, per_v, per_a, matrix)
         add_laws(plan, work, tw, x, v, per_x, per_v, matrix)
     _ancestor_sweep(plan, tw, matrix)
 

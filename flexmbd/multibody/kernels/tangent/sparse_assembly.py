@@ -20,9 +20,11 @@ from flexmbd.multibody.kernels.elements.table import (
     coordinate_law,
     is_between_frames,
     is_coordinate_law,
+    is_of_surface,
     subtract_force_tangent,
 )
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term
+from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of
 from flexmbd.multibody.kernels.tangent import sparse_places as sp
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.body_moments import rigid_composite
@@ -41,6 +43,7 @@ from flexmbd.multibody.kernels.tangent.residual_tangent import (
     mode_block,
 )
 from flexmbd.multibody.kernels.tangent.row_pairs import put_group
+from flexmbd.multibody.kernels.tangent.surface_tangent import put_surface
 from flexmbd.multibody.kernels.tangent.tangent_columns import composite_change, frame_columns, joint_columns
 from flexmbd.multibody.kernels.tangent.tree_recursion import SHIFT, TURN
 from flexmbd.multibody.kernels.tangent.unknown_blocks import CUT, MOTION, WRENCH
@@ -233,16 +236,28 @@ def _add_changes(tw, to, e, count, moved, values):
 
 
 @deferred_kernel()
-def _add_rates(plan, tw, to, e, moved, values):
-    """Add the stored changes of the rates of a force element's own states, after ``_add_changes``."""
-    row, blocks = plan.elements[e], to.element_first[e + 1] - to.element_first[e]
-    for i in range(state_count(plan, row)):
-        r = row[at.EL_V] + i
+def _add_rates(tw, to, e, first, size, moved, values):
+    """Add the stored changes of a force element's own rows from ``first``, after ``_add_changes``.
+
+    They are the rates of its states, or the forces on the modes of its patches.
+    """
+    blocks = to.element_first[e + 1] - to.element_first[e]
+    for i in range(size):
+        r = first + i
         line = to.base_first[e] + blocks * to.local[to.block[r]]
         for j in range(moved):
             k = tw.path[j]
             place = line + to.local[to.block[k]]
             values[to.bases[place, 0] + to.bases[place, 1] * r + k] += tw.path_rates[i, k]
+
+
+@deferred_kernel()
+def _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g, values):
+    """Add the stiffness of an elastic surface that touches."""
+    count, moved = put_surface(plan, work, tw, plan.elements[e], x, v, a, per_x, per_v, per_a, at_f, at_g)
+    _add_changes(tw, to, e, count, moved, values)
+    _, first, n = modes_of(plan, plan.elements[e])
+    _add_rates(tw, to, e, first, n, moved, values)
 
 
 @kernel
@@ -251,10 +266,13 @@ def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     row, n = plan.elements[e], to.starts[2]
     f, g = _own_block(plan, to, row[at.EL_F]), _own_block(plan, to, row[at.EL_G])
     at_f, at_g = block_view(values, f[0], f[1], n), block_view(values, g[0], g[1], n)
+    if is_of_surface(row[at.EL_KIND]):
+        _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g, values)
+        return
     count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
     _add_changes(tw, to, e, count, moved, values)
     if row[at.EL_V] >= 0:
-        _add_rates(plan, tw, to, e, moved, values)
+        _add_rates(tw, to, e, row[at.EL_V], state_count(plan, row), moved, values)
 
 
 @deferred_kernel()

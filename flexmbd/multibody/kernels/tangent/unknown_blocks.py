@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import IntArray, Plan
-from flexmbd.multibody.kernels.elements.table import act_between_frames, own_links
+from flexmbd.multibody.kernels.elements.table import act_between_frames, of_surfaces, own_links, touched_modes
 from flexmbd.multibody.kernels.sparse.index_lists import IndexLists, distinct, flat, new_lists, owned
 
 #: Entries of a cut body's motion (phi', phi'', alpha, r', r, phi; see ``tangent_columns``), and then of its wrench.
@@ -143,9 +143,11 @@ class UnknownBlocks:
         rows = self.plan.elements
         frames = np.where(between[:, None], rows[:, [at.EL_F, at.EL_G]], -1)
         links = {int(e): own_links(self.plan, rows[e]) for e in np.flatnonzero(between & (rows[:, at.EL_V] >= 0))}
-        owner = np.repeat(np.array(list(links), np.int64), np.array([len(own) for own in links.values()], np.int64))
-        states = self.of[self.plan.tree[flat(links.values()), at.JOINT_V]]
-        return self._between(frames, owned(owner, states, len(rows)))
+        modes = {int(e): touched_modes(self.plan, rows[e])[:1] for e in np.flatnonzero(of_surfaces(self.plan))}
+        counts = [len(own) for own in chain(links.values(), modes.values())]
+        owner = np.repeat(np.array([*links, *modes], np.int64), np.array(counts, np.int64))
+        own = np.concatenate([self.plan.tree[flat(links.values()), at.JOINT_V], flat(modes.values())])
+        return self._between(frames, owned(owner, self.of[own], len(rows)))
 
     @cached_property
     def closures(self) -> IndexLists:

@@ -1,0 +1,88 @@
+"""What the patches of an elastic surface do along a motion, and overlaps with which it would begin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.contact.elastic_surface import SurfaceContact
+from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.elements.table import of_surfaces
+from flexmbd.multibody.kernels.sampling import surfaces as at
+from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.round_off import SEVEN_DIGITS
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSeries:
+    """The patches of an elastic surface along a motion, in the order of ``ElasticSurface.patches``; in inertial axes.
+
+    Attributes:
+        gap: (nt, p) m between each patch and the shape, along its normal; 0 where they touch.
+        normal: (nt, p, 3) out of the shape.
+        force: (nt, p, 3) N on the patch; the shape gets the opposite.
+        point: (nt, p, 3) m, the patch's centroid.
+        area: (p,) m^2.
+    """
+
+    gap: FloatArray
+    normal: FloatArray
+    force: FloatArray
+    point: FloatArray
+    area: FloatArray
+
+    @property
+    def normal_force(self) -> FloatArray:
+        """(nt, p) N along the normals."""
+        return np.asarray(np.einsum("tpi,tpi->tp", self.normal, self.force))
+
+    @property
+    def pressure(self) -> FloatArray:
+        """(nt, p) Pa, the same over the patches' areas."""
+        return self.normal_force / self.area
+
+    @property
+    def friction(self) -> FloatArray:
+        """(nt, p, 3) N on the patches in the tangent plane."""
+        return self.force - self.normal_force[..., None] * self.normal
+
+
+def surface_rows(
+    scene: CompiledScene, contact: SurfaceContact, x: FloatArray, v: FloatArray, a: FloatArray
+) -> SurfaceSeries:
+    """The series of an elastic surface's contact at rows x (nt, nx), v, a (nt, nv).
+
+    Raises:
+        SceneError: it is of another scene.
+    """
+    rows = scene.index.forces.get(contact)
+    if rows is None or not rows.elements:
+        raise SceneError(f"{contact.what} is not in this trajectory's scene")
+    area = contact.surface.area
+    out = np.zeros((len(x), len(area), at.N_PATCH))
+    at.surface_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, out)
+    gap, normal, force, point = np.split(out, [at.NORMAL, at.FORCE, at.POINT], axis=2)
+    return SurfaceSeries(gap[:, :, 0], normal, force, point, area)
+
+
+def overlapping_surfaces(scene: CompiledScene, work: Work, x: FloatArray) -> Iterator[str]:
+    """Complaints of elastic surfaces that are inside of shapes at a start x (nx,), their bodies undeformed."""
+    if not of_surfaces(scene.plan).any():
+        return
+    contacts = [one for one in scene.index.forces if isinstance(one, SurfaceContact)]
+    gap = np.zeros(len(contacts))
+    at.surface_overlaps(scene.plan, work, x, np.zeros(scene.nv), gap)
+    for one, least in zip(contacts, gap, strict=True):
+        bent = [x[scene.index.modes[end.body].x].any() for end in one.frames if isinstance(end.body, FlexibleBody)]
+        if least < -SEVEN_DIGITS * scene.extent and not any(bent):
+            yield (
+                f"{one.what}: they overlap by {-least:.3g} m at the start, where the body is undeformed, and spring "
+                "apart; begin with them apart or touching, or about an equilibrium (about=scene.equilibrium())"
+            )
