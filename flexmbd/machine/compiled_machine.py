@@ -29,6 +29,7 @@ from flexmbd.machine.variable_scene import VariableScene
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.plan.agreement import refuse_different, refuse_different_arguments
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.surface_series import tell_overlapping_surfaces
 from flexmbd.multibody.start.consistent_start import Start
 from flexmbd.multibody.start.motion_check import refuse_false_rates
 from flexmbd.multibody.team import Alone, on_every_rank
@@ -191,6 +192,8 @@ class CompiledMachine(VariableScene, Steppable):
         if start is None:
             refuse_false_rates(scene, settings.starts, settings.t_end)
             start = self.start_of(scene, settings.begun, settings.about)
+            if settings.about is None and settings.restart is None:
+                tell_overlapping_surfaces(start.scene, start.x, self.team)
         choice = choice_of(settings, start)
         method = choice.method
         if settings.restart is None:
@@ -271,6 +274,8 @@ class CompiledMachine(VariableScene, Steppable):
 
         def begin() -> SteppedScene:
             start = replace(self, team=steps).start_of(scene, settings.t_start, settings.about)
+            if settings.about is None:
+                tell_overlapping_surfaces(start.scene, start.x, steps)
             bodies = {body.name: body for body in self.bodies}
             return stepped_scene(
                 start, settings, bodies, self.controllers, steps, inputs=request.inputs, outputs=request.outputs,

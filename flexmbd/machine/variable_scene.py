@@ -22,7 +22,6 @@ from flexmbd.multibody.parameter.protocol import Parameter
 from flexmbd.multibody.plan.agreement import refuse_different
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.misplaced_elements import refuse_misplaced_elements
-from flexmbd.multibody.results.surface_series import overlapping_surfaces
 from flexmbd.multibody.plan.variation import vary
 from flexmbd.multibody.scene_index import IdentityMap
 from flexmbd.multibody.start.consistent_start import Start, consistent_start
@@ -136,8 +135,6 @@ class VariableScene:
         mark_compiled(STARTING)
         if about is None:  # a machine that has settled on a stop presses it
             refuse_misplaced_elements(scene.element_names, scene.plan, start.x)
-            for complaint in overlapping_surfaces(scene, work, start.x):
-                warn(complaint, StartWarning)
         refuse_false_energies(scene, work, start.x)
         forbidden = "" if about is not None else changed_velocities(start.scene, v, start.v, held=held)
         for complaint in (start.strain.warning, forbidden):

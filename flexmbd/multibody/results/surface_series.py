@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.errors import SceneError
+from flexmbd.errors import SceneError, StartWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import SurfaceContact
-from flexmbd.multibody.kernels.base.arrays import Work, new_work
+from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.elements.table import of_surfaces
 from flexmbd.multibody.kernels.sampling import surfaces as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.team import Team
 from flexmbd.round_off import SEVEN_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -72,17 +72,25 @@ def surface_rows(
     return SurfaceSeries(gap[:, :, 0], normal, force, point, area)
 
 
-def overlapping_surfaces(scene: CompiledScene, work: Work, x: FloatArray) -> Iterator[str]:
-    """Complaints of elastic surfaces that are inside of shapes at a start x (nx,), their bodies undeformed."""
-    if not of_surfaces(scene.plan).any():
+def tell_overlapping_surfaces(scene: CompiledScene, x: FloatArray, team: Team) -> None:
+    """Tell elastic surfaces that are inside of shapes where a run begins, at x (nx,), their bodies undeformed.
+
+    What is less than a millionth of the machine's extent is the digits of the values given.
+
+    Warns:
+        StartWarning: there is one; with the pair, how deep, and what to do.
+    """
+    if not (of_surfaces(scene.plan).any() and team.is_root):
         return
     contacts = [one for one in scene.index.forces if isinstance(one, SurfaceContact)]
     gap = np.zeros(len(contacts))
-    at.surface_overlaps(scene.plan, work, x, np.zeros(scene.nv), gap)
+    at.surface_overlaps(scene.plan, new_work(scene.plan), x, np.zeros(scene.nv), gap)
     for one, least in zip(contacts, gap, strict=True):
         bent = [x[scene.index.modes[end.body].x].any() for end in one.frames if isinstance(end.body, FlexibleBody)]
         if least < -SEVEN_DIGITS * scene.extent and not any(bent):
-            yield (
+            warn(
                 f"{one.what}: they overlap by {-least:.3g} m at the start, where the body is undeformed, and spring "
-                "apart; begin with them apart or touching, or about an equilibrium (about=scene.equilibrium())"
+                "apart; begin with them apart or touching, or about an equilibrium, about=scene.equilibrium()",
+                StartWarning,
+                subject=f"overlap of {one.what}",
             )

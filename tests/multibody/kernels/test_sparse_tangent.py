@@ -7,9 +7,11 @@ import pytest
 from large_machines import brick, lattice, marbles
 from mixed_machine import mixed_scene
 from particles import particle_body
+from patched import patched_body
 from random_trees import random_tree
 
 import flexmbd as fm
+from flexmbd import contact
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
@@ -100,6 +102,25 @@ def test_every_joint_and_body(kind):
     compare(compiled, 3)
     compare(compiled, 3, np.ones(len(compiled.plan.tree), bool))
     compare(compiled, 3, np.random.default_rng(3).random(len(compiled.plan.tree)) < 0.4)
+
+
+def test_elastic_surfaces():
+    """That touch what another body carries, and the ground, on a chain of which bodies are cut or not."""
+    scene = fm.System()
+    before = scene.ground.frame()
+    bodies = []
+    for k in range(3):
+        body = scene.add(patched_body(k, modes=4, patches=30, softness=0.1), name=f"limb {k}")
+        scene.connect(fm.joint.Spherical(), before, body.frame("root"))
+        before = body.frame("tip")
+        bodies.append(body)
+    scene.touch(contact.ElasticSurface(bodies[2]), contact.Sphere(bodies[0].frame("tip"), 0.5), contact.Hard())
+    scene.touch(contact.ElasticSurface(bodies[0]), contact.Sphere(bodies[2].frame("tip"), 0.5), contact.Hard())
+    scene.touch(contact.ElasticSurface(bodies[1]), contact.HalfSpace(scene.ground.frame(), "x"), contact.Hard())
+    compiled = scene.compile().scene
+    compare(compiled, 3)
+    compare(compiled, 3, np.ones(len(compiled.plan.tree), bool))
+    compare(compiled, 3, np.array([False, True, False]))
 
 
 def limbs():

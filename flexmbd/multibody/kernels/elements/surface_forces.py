@@ -259,11 +259,16 @@ ELASTIC_SURFACE = SurfaceElement(
 
 
 @kernel
-def _write_rows(plan, work, row, R, count):
+def _unit(c):
+    return (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
+
+
+@kernel
+def _write_rows(plan, work, row, R, count, K):
     """Write B, whose rows times a motion (translation and turn in F's axes, modes) are what the gaps change by.
 
-    At fixed forces, what turns of the normals change of C included; of curved shapes what translations do is left out,
-    of the order of the dent over the radius.
+    At fixed forces, what the body's turn changes of C included, whose second derivative is added to K; of curved
+    shapes what moves along them is left out, of the order of the dent over the radius.
     """
     t, p, n = sl.table_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
@@ -276,8 +281,13 @@ def _write_rows(plan, work, row, R, count):
         for b in range(count):
             j = int(order[b])
             G = sl.flexibility(p, n, t, int(near[j]), int(near[k]))
-            moved = scale3(f[j], times_matrix(plan.data, G, own))
-            turned = add3(turned, cross3(moved, load3(point[j], sl.OWN_NORMAL)))
+            other = load3(point[j], sl.OWN_NORMAL)
+            turned = add3(turned, cross3(scale3(f[j], times_matrix(plan.data, G, own)), other))
+            for c in range(3):
+                tilted = rotate_back(R, cross3(_unit(c), load3(point[k], sl.NORMAL)))
+                couple = rotate(R, cross3(times_matrix(plan.data, G, tilted), other))
+                for r in range(3):
+                    K[3 + r, 3 + c] -= f[j] * f[k] * couple[r]
         direction = load3(point[k], sl.DIRECTION)
         store3(B[a], 0, direction)
         store3(B[a], 3, add3(cross3(load3(point[k], sl.PLACE), direction), rotate(R, turned)))
@@ -323,7 +333,7 @@ def write_stiffness(plan, work, row, d, R, m, count):
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     K = matrix_view(work.generalized, sl.stiffness_place(p, n), 6 + n, 6 + n)
     K[:, :] = 0.0
-    _write_rows(plan, work, row, R, count)
+    _write_rows(plan, work, row, R, count, K)
     X = matrix_view(work.generalized, sl.rows_place(p), count, 6 + n)
     for i in range(6 + n):
         forward(matrix_view(work.generalized, sl.matrix_place(p, 1), m, m), count, X[:, i])
@@ -336,7 +346,7 @@ def write_stiffness(plan, work, row, d, R, m, count):
         k = int(order[a])
         place = load3(point[k], sl.PLACE)
         for c in range(3):
-            e = (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
+            e = _unit(c)
             _add_geometric(plan, work, row, k, R, d, c, e, _ZERO, _ZERO, K)
             _add_geometric(plan, work, row, k, R, d, 3 + c, cross3(e, place), e, _ZERO, K)
         o = sl.displacements(p, n, t, int(near[k]))

@@ -56,12 +56,11 @@ def put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    count = _enter_modes(tw, collect_paths(plan, tw, f, g), qv, n)
-    moved = 0
     if touching <= 0:
-        return count, moved
-    write_stiffness(plan, work, row, d, R, m, touching)
+        return 0, 0
     load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
+    count, moved = _enter_modes(tw, collect_paths(plan, tw, f, g), qv, n), 0
+    write_stiffness(plan, work, row, d, R, m, touching)
     _, p, _ = sl.table_of(plan, row)
     K = matrix_view(work.generalized, sl.stiffness_place(p, n), 6 + n, 6 + n)
     for j in range(count):
