@@ -39,7 +39,7 @@ MINUTES = 4.0
 PEERS: tuple[str, ...] = ("exudyn",)
 FOLDER = Path("out_simulation")
 
-LENGTH, FALL, G, SOFT = 10.0, 5.0, 10.0, 900.0  # m, m, m/s^2, Pa = EA in N
+LENGTH, SIDE, FALL, G, SOFT = 10.0, 0.1, 5.0, 10.0, 900.0  # m, m, m, m/s^2, N of EA, with 1 kg/m
 END, IMPULSE = 2.6, 800.0 / 3.0  # s, between two impacts; N s
 AFTER = (2.0, END)  # s, it flies
 ERROR = 0.01
@@ -113,13 +113,13 @@ def step_times(method: Any, h: float, *, steps: int, turns: int) -> dict[str, tu
 @cache
 def bar(modes: int, *, has_patches: bool) -> fm.ReducedBody:
     """It strains along x alone; body frame on its upper end."""
-    mesh = meshes.block(LENGTH, 1.0, 1.0, divisions=(200, 1, 1), comm=MPI.COMM_SELF)
+    mesh = meshes.block(LENGTH, SIDE, SIDE, divisions=(200, 1, 1), comm=MPI.COMM_SELF)
     sides = {"y_min": (0, 1, 0), "y_max": (0, 1, 0), "z_min": (0, 0, 1), "z_max": (0, 0, 1)}
     planes = [SymmetryPlane(name, along) for name, along in sides.items()]
     ends = [Interface("x_max")] if has_patches else [Interface("x_max"), Interface("x_min")]
-    soft = solid_linear.Parameters(E=SOFT, nu=0.0, rho=1.0)
+    soft = solid_linear.Parameters(E=SOFT / SIDE**2, nu=0.0, rho=1.0 / SIDE**2)
     model = ContinuumModel(mesh, solid_linear, soft, degree=2, interfaces=ends, supports=planes)
-    touched = [Patch("lower", size=1.0, facets="x_min")] if has_patches else []
+    touched = [Patch("lower", size=SIDE, facets="x_min")] if has_patches else []
     return craig_bampton(model, modes=modes, frame="x_max", geometric_stiffness=False, contact=touched)
 
 
