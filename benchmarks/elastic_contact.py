@@ -165,9 +165,9 @@ def given(centre: np.ndarray) -> float:
 
 
 def bar_matrices(modes: int, elements: int = 1000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Craig-Bampton matrices of the bar along itself: stiffness, mass, and 1 m/s^2; first the lower end, then the upper.
+    """Craig-Bampton matrices of the bar along itself, by finite elements of its own: K, M, M times 1 m/s^2.
 
-    By finite elements of its own, for exudyn.
+    Its coordinates are the lower end, the upper end, and modes.
     """
     h = LENGTH / elements
     K, M = np.zeros((elements + 1,) * 2), np.zeros((elements + 1,) * 2)
