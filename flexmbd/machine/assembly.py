@@ -277,7 +277,7 @@ class MachineAssembly:
             for touched in surfaces:
                 self._check_force(touched)
             for touched in surfaces:
-                self._touched.add(touched.surface.parts, (touched.shape,), joined=())
+                self._touched.add(touched.surface.parts, touched.touching, joined=())
             self._forces.extend(surfaces)
             return tuple(surfaces)
         first, second = shapes_of(one), shapes_of(other)

@@ -1,4 +1,4 @@
-"""Surfaces of elastic bodies that touch: contact patches of a record, which give way by modes and by residual flexibility.
+"""Surfaces of elastic bodies that touch: patches of a record, which give way by modes and by residual flexibility.
 
 Their kernels: ``kernels.elements.surface_forces``.
 """
@@ -19,6 +19,7 @@ from flexmbd.multibody.contact.hard_contact import Hard
 from flexmbd.multibody.contact.impact_law import ImpactLaw
 from flexmbd.multibody.contact.shapes import SHAPES, ConvexPolytope, TouchedShape, Vertex
 from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
+from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
 from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE
@@ -30,12 +31,15 @@ from flexmbd.round_off import WORTHLESS_PIVOT
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
+_SUPPORT = 1.75
+
 _tables: WeakKeyDictionary[ReducedBody, dict[str | None, SharedNumbers]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticSurface:
-    """A surface of a reduced elastic body, by whose contact patches it touches rigid shapes.
+    """A surface of a reduced elastic body, by whose contact patches it touches rigid shapes and other surfaces.
 
     What gives way is the body: its modes, and of each patch what these leave out, the record's residual flexibility
     (`ContactPatches`).  Patches of one surface give way together.
@@ -43,6 +47,9 @@ class ElasticSurface:
     Attributes:
         body: a flexible body whose record has contact patches.
         name: of a surface among ``record.contact.names``; None: all patches.
+        shape: what it is undeformed, on the body's frame, where other surfaces touch it: an open or closed
+            ``TriangleSurface``, or what has a formula, as a ``Cylinder``.  None: its facets, of a record that keeps the
+            modes at its nodes.
 
     Raises:
         SceneError: the record has no patches, none of this name, or patches that give way by the modes alone.
@@ -50,6 +57,7 @@ class ElasticSurface:
 
     body: FlexibleBody
     name: str | None = None
+    shape: TouchedShape | None = None
 
     def __post_init__(self) -> None:
         refuse_other(self.body, FlexibleBody, "the body of an ElasticSurface", wanted="fm.FlexibleBody(record)")
@@ -65,6 +73,10 @@ class ElasticSurface:
             there = ", ".join(map(repr, group.names))
             raise SceneError(f"ElasticSurface of {label}: no surface {self.name!r}; its record has {there}")
         self._refuse_stiff(group)
+        if self.shape is not None:
+            refuse_other(self.shape, SHAPES, f"{self.what}: its shape", wanted="a shape as fm.contact.Cylinder(...)")
+            if self.shape.frame.body is not self.body or self.shape.frame.modes is not None:
+                raise SceneError(f"{self.what}: its shape must be on the body's own frame, {label}.frame()")
 
     @property
     def frame(self) -> Frame:
@@ -83,6 +95,29 @@ class ElasticSurface:
         if self.name is None:
             return np.arange(len(group.area))
         return np.flatnonzero(group.surface == group.names.index(self.name))
+
+    @cached_property
+    def touched(self) -> TouchedShape:
+        """What it is undeformed, where other surfaces touch it.
+
+        Raises:
+            SceneError: nothing says it.
+        """
+        if self.shape is not None:
+            return self.shape
+        group, modes = self._group, self.body.record.modes
+        if modes is None or not len(group.facet):
+            raise SceneError(
+                f"{self.what}: other surfaces touch it by what it is undeformed, and its record keeps no nodes: reduce "
+                "it with keep=Keep(modes=True), or give ElasticSurface(..., shape=contact.TriangleSurface(body.frame(), "
+                "points, triangles, open=True)), or a Cylinder, Sphere, Box or HalfSpace on the body's frame"
+            )
+        own = np.isin(group.patch, self.patches)
+        corners = np.searchsorted(modes.node, group.facet[own])
+        if corners.shape[1] == 4:
+            corners = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+        used, places = np.unique(corners, return_inverse=True)
+        return TriangleSurface(self.body.frame(), modes.x[used], places.reshape(-1, 3), open=True)
 
     @property
     def parts(self) -> tuple[ElasticSurface, ...]:
@@ -107,7 +142,7 @@ class ElasticSurface:
     @property
     def _group(self) -> ContactPatches:
         group = self.body.record.contact
-        assert group is not None  # refused when it was made
+        assert group is not None  # noqa: S101  (refused when it was made)
         return group
 
     def _refuse_stiff(self, group: ContactPatches) -> None:
@@ -139,29 +174,35 @@ def _table(group: ContactPatches, rows: IntArray) -> FloatArray:
     G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes)
     centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = np.linalg.norm(x - centre, axis=1).max()
+    support = _SUPPORT * np.sqrt(group.area[rows].max())
     most = np.linalg.norm(phi, axis=1).max(axis=0)
-    parts = ([p, n], centre, [radius], most, x, phi, G, group.area[rows])
+    parts = ([p, n], centre, [radius, support], most, x, phi, G)
     return np.concatenate([np.ravel(np.asarray(one, float)) for one in parts])
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceContact(BetweenFrames, WithSharedNumbers):
-    """An elastic surface that touches a rigid shape; ``System.touch`` makes it.
+    """An elastic surface that touches a rigid shape, or another elastic surface; ``System.touch`` makes it.
 
     Attributes:
-        surface: of the body on frame G.
-        shape: on frame F.
+        surface: of the body on frame G; its patches are the points that touch.
+        other: on frame F.
         law: of friction; nothing enters.
     """
 
     surface: ElasticSurface
-    shape: TouchedShape
+    other: TouchedShape | ElasticSurface
     law: Hard
 
     @property
+    def shape(self) -> TouchedShape:
+        """What the patches touch, undeformed."""
+        return self.other.touched if isinstance(self.other, ElasticSurface) else self.other
+
+    @cached_property
     def frame_F(self) -> Frame:  # type: ignore[override]
-        """The shape's."""
-        return self.shape.frame
+        """The shape's, or the other surface's body's."""
+        return self.other.frame if not isinstance(self.other, ElasticSurface) else self.shape.frame
 
     @cached_property
     def frame_G(self) -> Frame:  # type: ignore[override]
@@ -169,14 +210,22 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         return self.surface.frame
 
     @property
+    def touching(self) -> tuple[TouchedShape | ElasticSurface, ...]:
+        """What it touches, as the named surfaces of a body."""
+        return self.other.parts if isinstance(self.other, ElasticSurface) else (self.other,)
+
+    @property
     def what(self) -> str:
         """Its name in messages."""
-        return f"contact of {self.surface.what} with {type(self.shape).__name__} {self.frame_F.label}"
+        if isinstance(self.other, ElasticSurface):
+            return f"contact of {self.surface.what} with {self.other.what}"
+        return f"contact of {self.surface.what} with {type(self.other).__name__} {self.frame_F.label}"
 
     @property
     def shared_numbers(self) -> tuple[SharedNumbers, ...]:
-        """The surface's and the shape's tables."""
-        return (self.surface.table, *tables_of(self.shape))
+        """The surfaces' and the shape's tables."""
+        others = (self.other.table,) if isinstance(self.other, ElasticSurface) else ()
+        return (self.surface.table, *others, *tables_of(self.shape))
 
     def check(self) -> None:
         """Raise SceneError for a law or a shape that does not fit."""
@@ -184,42 +233,51 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         self.law.check(self.what)
         if self.law.restitution != 0.0 or self.law.impact is not ImpactLaw.NEWTON:
             raise SceneError(
-                f"{self.what}: restitution = {self.law.restitution:g} and impact={self.law.impact} are of rigid bodies; "
-                "what an elastic one loses in an impact is what its waves keep: leave both out"
+                f"{self.what}: restitution = {self.law.restitution:g} and impact={self.law.impact} are of rigid "
+                "bodies; what an elastic one loses in an impact is what its waves keep: leave both out"
             )
-        refuse_other(self.shape, SHAPES, f"{self.what}: what it touches", wanted="a shape as fm.contact.HalfSpace(...)")
+        wanted = "a shape as fm.contact.HalfSpace(...)"
+        refuse_other(self.other, (*SHAPES, ElasticSurface), f"{self.what}: what it touches", wanted=wanted)
+        if self.other.frame.body is self.surface.body:
+            raise SceneError(f"{self.what}: both are on one body, and never touch")
         if isinstance(self.shape, Vertex | ConvexPolytope):
             raise SceneError(f"{self.what}: a {type(self.shape).__name__} is not touched by patches")
-        if self.shape.frame.body is self.surface.body:
-            raise SceneError(f"{self.what}: both are on one body, and never touch")
 
     def assemble(self, table: ElementTable) -> None:
         """One row."""
-        numbers = [float(table.shared(self.surface.table)), *placed_numbers(self.shape, table), 0.0, self.law.mu]
+        other, sizes = -1.0, (0, 0)
+        if isinstance(self.other, ElasticSurface):
+            other = float(table.shared(self.other.table))
+            sizes = len(self.other.patches), self.other.body.record.n_modes
+        own = len(self.surface.patches), self.surface.body.record.n_modes
+        shape = placed_numbers(self.shape, table)
         table.element(
             ELASTIC_SURFACE, self.what, f=table.frame(self.frame_F), g=table.frame(self.frame_G),
-            data=table.numbers(numbers),
-            count=surface_scratch(len(self.surface.patches), self.surface.body.record.n_modes),
+            data=table.numbers([float(table.shared(self.surface.table)), *shape, 0.0, self.law.mu, other]),
+            count=surface_scratch(*own, *sizes),
         )  # fmt: skip
 
 
 def surface_contacts(one: object, other: object, law: object, *, friction: object) -> list[SurfaceContact] | None:
-    """The contacts of elastic surfaces with shapes, each with each; None where neither side is one.
+    """The contacts of elastic surfaces with shapes, or with each other, each with each; None where there are none.
 
     Raises:
-        SceneError: there is friction beside the law's, or surfaces on both sides.
+        SceneError: there is friction beside the law's.
     """
     sides = [list(side) if isinstance(side, (list, tuple)) else [side] for side in (one, other)]
     elastic = [[isinstance(shape, ElasticSurface) for shape in side] for side in sides]
     if not any(map(any, elastic)):
         return None
-    if any(elastic[1]):
+    if not all(elastic[0]):
         sides, elastic = sides[::-1], elastic[::-1]
     surfaces, shapes = sides
-    if any(elastic[1]) or not all(elastic[0]):
-        raise SceneError("elastic surfaces touch rigid shapes: give surfaces on one side and shapes on the other")
+    if not all(elastic[0]):
+        raise SceneError("elastic surfaces and rigid shapes do not stand in one list: give them in two calls of touch")
     if friction is not None:
-        raise SceneError(f"{surfaces[0].what}: its friction is the law's, fm.contact.Hard(mu=...): leave `friction` out")
+        raise SceneError(
+            f"{surfaces[0].what}: its friction is the law's, fm.contact.Hard(mu=...): leave `friction` out"
+        )
+    wanted = "a shape as fm.contact.HalfSpace(...)"
     for shape in shapes:
-        refuse_other(shape, SHAPES, "what an elastic surface touches", wanted="a shape as fm.contact.HalfSpace(...)")
+        refuse_other(shape, (*SHAPES, ElasticSurface), "what an elastic surface touches", wanted=wanted)
     return [SurfaceContact(surface, shape, law) for surface in surfaces for shape in shapes]

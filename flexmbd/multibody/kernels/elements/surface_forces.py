@@ -1,117 +1,49 @@
-"""An elastic surface that touches a shape without friction: the forces on its patches, and what they change with.
+"""An elastic surface that touches a shape, or another elastic surface, without friction: the forces on its patches.
 
 Of patch i the centroid is, in the axes of the shape's frame F, at z_i = d + R (x_i + phi_i q), where its distance from
-the shape is g_i and the gradient n_i.  The forces f_i >= 0 along n_i move the patches by u_i = sum_j R G_ij R^T n_j f_j
-besides, and close the gaps: g_i + n_i . u_i >= 0, of force and gap one zero.  Its gaps taken as linear in u, this is
-the least energy V = 1/2 f^T C f, C_ij = n_i . R G_ij R^T n_j, that d, R and q allow, so that all forces are V's slopes,
-and it keeps energy: along f_i (n_i + H_i u_i) at z_i, H the gradient's slope, and with the couples u_i x n_i f_i, by
-which they act where the patches are.
+the shape is g_i and the gradient n_i.  The forces f_i >= 0 along n_i move it by u_i = sum_j W_ij n_j f_j against the
+shape besides, and close the gaps: g_i + n_i . u_i >= 0, of force and gap one zero.  W_ij = R G_ij R^T is the residual
+flexibility, with that of the other surface by the points' weights (``surface_points``).
+
+The gaps taken as linear in u, V = 1/2 f^T C f, C_ij = n_i . W_ij n_j, is the least energy that d, R and the modes allow,
+so that all forces are V's slopes, and it keeps energy: on the body f_i m_i at z_i, m_i = (I - grad D)^T (n_i + H_i u_i),
+H the gradient's slope and D the displacement of the other surface; on that, by weights, f_i (n_i + H_i u_i); and couples
+u_i x n_i f_i, of the body's own u_i, by which forces act where the patches are.
 """
 
 from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, load3, rotate, rotate_back, scale3, store3
+from flexmbd.multibody.kernels.algebra.so3 import (
+    add3,
+    cross3,
+    dot3,
+    load3,
+    rotate,
+    rotate_back,
+    scale3,
+    store3,
+    sub3,
+)
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
-from flexmbd.multibody.kernels.contact.complementarity import forward, solve_complementary
-from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
-from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, distance, gradient_variation
+from flexmbd.multibody.kernels.contact.complementarity import solve_complementary
+from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness, SurfaceElement
+from flexmbd.multibody.kernels.elements.surface_points import (
+    bound_step,
+    farthest,
+    find_near,
+    mean_of,
+    place_points,
+    tilt,
+)
 
 _ZERO = (0.0, 0.0, 0.0)
-
-
-@kernel
-def _modal(data, o, n, q):
-    """The displacement (m) by the modes q (n,), whose rows (3, n) begin at ``o``."""
-    x, y, z = 0.0, 0.0, 0.0
-    for k in range(n):
-        x += data[o + k] * q[k]
-        y += data[o + n + k] * q[k]
-        z += data[o + 2 * n + k] * q[k]
-    return x, y, z
-
-
-@kernel
-def displaced(data, p, n, t, i, q):
-    """Where patch i is with the modes at q (n,) in the body's axes (m)."""
-    return add3(load3(data, sl.centroid(p, n, t, i)), _modal(data, sl.displacements(p, n, t, i), n, q))
-
-
-@kernel
-def _most(data, t, n, q):
-    """How far the modes q (n,) move any patch at most (m)."""
-    found = 0.0
-    for k in range(n):
-        found += data[t + sl.MOST + k] * abs(q[k])
-    return found
-
-
-@kernel
-def _bound_step(plan, row, gap, d, R, rate, spin, fastest):
-    """Let no step be so long that what is ``gap`` (m) away can pass through the shape; ``fastest``: m/s of the modes."""
-    t, _, _ = sl.table_of(plan, row)
-    o = row[at.EL_DATA] + sl.SHAPE
-    way = way_to_middle(plan.data, o)
-    if way == math.inf or not gap > 0.0:
-        return
-    arm = rotate(R, load3(plan.data, t + sl.CENTRE))
-    speed, n = add3(rate, cross3(spin, arm)), distance(plan.data, o, add3(d, arm))[1]
-    beside = math.sqrt(dot3(spin, spin)) * plan.data[t + sl.RADIUS] + fastest
-    if dot3(n, speed) < beside:
-        most = math.sqrt(dot3(speed, speed)) + beside
-        plan.horizon[0] = min(plan.horizon[0], (gap + 0.5 * way) / most)
-
-
-@kernel
-def _find_near(plan, work, row, d, R, q):
-    """Write the distances of the patches undeformed, and which are near: how many, and a bound of the least gap (m).
-
-    None further than the deepest may be pressed in comes to touch: a patch beside others moves less than these.
-    """
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    o = row[at.EL_DATA] + sl.SHAPE
-    reach = _most(plan.data, t, n, q)
-    ball = distance(plan.data, o, add3(d, rotate(R, load3(plan.data, t + sl.CENTRE))))[0]
-    ball -= plan.data[t + sl.RADIUS] + reach
-    if ball > 0.0:
-        return 0, ball
-    far, least = V[sl.FAR], math.inf
-    for i in range(p):
-        far[i] = distance(plan.data, o, add3(d, rotate(R, load3(plan.data, sl.centroid(p, n, t, i)))))[0]
-        least = min(least, far[i])
-    bound = reach + max(0.0, reach - least)
-    near, count = V[sl.PATCH], 0
-    for i in range(p):
-        if not far[i] > bound:
-            near[count] = i
-            count += 1
-    return count, least - reach
-
-
-@kernel
-def _place_points(plan, work, row, m, d, R, q):
-    """Write gaps, places and normals of the near patches; whether any overlaps."""
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    o, data = row[at.EL_DATA] + sl.SHAPE, plan.data
-    near, gap, point = V[sl.PATCH], V[sl.GAP], matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    overlap = False
-    for k in range(m):
-        i = int(near[k])
-        arm = rotate(R, displaced(data, p, n, t, i, q))
-        gap[k], normal = distance(data, o, add3(d, arm))
-        store3(point[k], sl.NORMAL, normal)
-        store3(point[k], sl.PLACE, arm)
-        store3(point[k], sl.OWN_NORMAL, rotate_back(R, normal))
-        overlap = overlap or not gap[k] >= 0.0
-    return overlap
 
 
 @kernel
@@ -125,125 +57,237 @@ def times_matrix(data, o, v):
 
 
 @kernel
-def _solve(plan, work, row, m):
-    """Find the forces of the m near patches; how many touch, the first of ORDER."""
+def _add_own_flexibility(plan, work, row, m):
+    """Write C of the surface's own residual flexibility."""
     t, p, n = sl.table_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    near, point, C = V[sl.PATCH], matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT), matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
-    gap = V[sl.GAP]
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
     for k in range(m):
-        if gap[k] != gap[k]:  # where the shape has no gradient
-            return -1
-        own = load3(point[k], sl.OWN_NORMAL)
+        own = load3(points[k], sl.OWN_NORMAL)
         for j in range(k + 1):
-            o = sl.flexibility(p, n, t, int(near[k]), int(near[j]))
-            C[k, j] = dot3(own, times_matrix(plan.data, o, load3(point[j], sl.OWN_NORMAL)))
+            o = sl.flexibility(p, n, t, int(V[sl.PATCH, k]), int(V[sl.PATCH, j]))
+            C[k, j] = dot3(own, times_matrix(plan.data, o, load3(points[j], sl.OWN_NORMAL)))
             C[j, k] = C[k, j]
-    return solve_complementary(
-        C, gap, m, V[sl.FORCE], V[sl.LEFT],
-        V[sl.INSIDE], V[sl.ORDER], matrix_view(work.generalized, sl.matrix_place(p, 1), m, m),
-    )  # fmt: skip
 
 
 @kernel
-def _is_finite(d, R, q):
+def _add_other_flexibility(plan, work, row, m):
+    """Add that of the other surface."""
+    _, p, _ = sl.table_of(plan, row)
+    t, size, n = sl.other_of(plan, row)
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
+    for k in range(m):
+        normal = load3(points[k], sl.NORMAL)
+        for i in range(size):
+            moved = _ZERO
+            for j in range(size):
+                if weights[k, j] != 0.0:
+                    G = times_matrix(plan.data, sl.flexibility(size, n, t, i, j), normal)
+                    moved = add3(moved, scale3(weights[k, j], G))
+            store3(others[i], sl.LOAD, moved)
+        for j in range(k + 1):
+            C[k, j] += dot3(load3(points[j], sl.NORMAL), mean_of(others, sl.LOAD, weights[j], size))
+            C[j, k] = C[k, j]
+
+
+@kernel
+def _solve(plan, work, row, m):
+    """Find the forces of the m near patches; how many touch, the first of ORDER."""
+    _, p, _ = sl.table_of(plan, row)
+    _, size, _ = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    for k in range(m):
+        if V[sl.GAP, k] != V[sl.GAP, k]:  # where the shape has no gradient
+            return -1
+    _add_own_flexibility(plan, work, row, m)
+    if size > 0:
+        _add_other_flexibility(plan, work, row, m)
+    C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
+    L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
+    return solve_complementary(C, V[sl.GAP], m, V[sl.FORCE], V[sl.LEFT], V[sl.INSIDE], V[sl.ORDER], L)
+
+
+@kernel
+def _dent_other(plan, work, row, count):
+    """Write the forces on the patches of the other surface, and how its residual flexibility moves them."""
+    _, p, _ = sl.table_of(plan, row)
+    t, size, n = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    for i in range(size):
+        load = _ZERO
+        for a in range(count):
+            k = int(V[sl.ORDER, a])
+            if weights[k, i] != 0.0:
+                load = sub3(load, scale3(weights[k, i] * V[sl.FORCE, k], load3(points[k], sl.NORMAL)))
+        store3(others[i], sl.LOAD, load)
+    for i in range(size):
+        dent = _ZERO
+        for j in range(size):
+            load = load3(others[j], sl.LOAD)
+            if load[0] != 0.0 or load[1] != 0.0 or load[2] != 0.0:
+                dent = add3(dent, times_matrix(plan.data, sl.flexibility(size, n, t, i, j), load))
+        store3(others[i], sl.DENT, dent)
+
+
+@kernel
+def own_residual(plan, work, row, i, count):
+    """What the residual flexibility moves patch i by (m), in the body's axes."""
+    t, p, n = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    u = _ZERO
+    for a in range(count):
+        k = int(V[sl.ORDER, a])
+        G = sl.flexibility(p, n, t, i, int(V[sl.PATCH, k]))
+        u = add3(u, scale3(V[sl.FORCE, k], times_matrix(plan.data, G, load3(points[k], sl.OWN_NORMAL))))
+    return u
+
+
+@kernel
+def _write_directions(plan, work, row, d, R, count):
+    """Write of all patches that touch how they are moved besides, and along what their forces push."""
+    _, p, _ = sl.table_of(plan, row)
+    t, size, n = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    o = row[at.EL_DATA] + sl.SHAPE
+    if size > 0:
+        _dent_other(plan, work, row, count)
+    for a in range(count):
+        k = int(V[sl.ORDER, a])
+        u = own_residual(plan, work, row, int(V[sl.PATCH, k]), count)
+        store3(points[k], sl.RESIDUAL, u)
+        push, apart = load3(points[k], sl.NORMAL), rotate(R, u)
+        if size > 0:
+            apart = sub3(apart, mean_of(others, sl.DENT, weights[k], size))
+        if plan.data[o] != HALF_SPACE:
+            push = add3(push, gradient_variation(plan.data, o, load3(points[k], sl.FOOT), apart))
+        pull = push
+        if size > 0:
+            z = add3(d, load3(points[k], sl.PLACE))
+            pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.MODAL, push))
+            pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.DENT, load3(points[k], sl.NORMAL)))
+        store3(points[k], sl.PUSH, push)
+        store3(points[k], sl.PULL, pull)
+
+
+@kernel
+def _is_finite(d, R, q, q_other):
     total = d[0] + d[1] + d[2] + R[0] + R[4] + R[8]
     for k in range(q.shape[0]):
         total += q[k]
+    for k in range(q_other.shape[0]):
+        total += q_other[k]
     return math.isfinite(total)
 
 
 @kernel
-def press_patches(plan, work, row, d, R, q):
+def press_patches(plan, work, row, d, R, q, q_other):
     """Write the forces of a surface's near patches where the body is at d, R and its modes at q (n,).
 
-    Returns how many are near, how many touch, the first of ORDER, and a bound of the least gap of the undeformed (m).
-    -1 touch where there are no forces, which is a fault.
+    ``q_other``: the modes of the other surface's body.  Returns how many are near, how many touch, the first of ORDER,
+    and a bound of the least gap of the undeformed (m).  -1 touch where there are no forces, which is a fault.
     """
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    if not _is_finite(d, R, q):
+    t, _, n = sl.table_of(plan, row)
+    if not _is_finite(d, R, q, q_other):
         return 0, -1, math.nan
-    m, least = _find_near(plan, work, row, d, R, q)
-    if m == 0 or not _place_points(plan, work, row, m, d, R, q):
+    reach = farthest(plan.data, t, n, q)
+    t_other, _, n_other = sl.other_of(plan, row)
+    if n_other > 0:
+        reach += farthest(plan.data, t_other, n_other, q_other)
+    m, least = find_near(plan, work, row, d, R, reach)
+    if m == 0 or not place_points(plan, work, row, m, d, R, q, q_other):
         return m, 0, least
     count = _solve(plan, work, row, m)
     if count < 0:
         if plan.flag[0] == 0:
             plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
         return m, -1, least
-    near, order, force = V[sl.PATCH], V[sl.ORDER], V[sl.FORCE]
-    point, o, curved = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT), row[at.EL_DATA] + sl.SHAPE, plan.data[row[at.EL_DATA] + sl.SHAPE]
-    for a in range(count):
-        k = int(order[a])
-        u = _ZERO
-        for b in range(count):
-            j = int(order[b])
-            G = sl.flexibility(p, n, t, int(near[k]), int(near[j]))
-            u = add3(u, scale3(force[j], times_matrix(plan.data, G, load3(point[j], sl.OWN_NORMAL))))
-        store3(point[k], sl.RESIDUAL, u)
-        direction = load3(point[k], sl.NORMAL)
-        if curved != HALF_SPACE:
-            z = add3(d, load3(point[k], sl.PLACE))
-            direction = add3(direction, gradient_variation(plan.data, o, z, rotate(R, u)))
-        store3(point[k], sl.DIRECTION, direction)
+    _write_directions(plan, work, row, d, R, count)
     return m, count, least
 
 
 @kernel
-def _push_modes(data, o, n, force, out):
-    """Add what a force on a patch, in the body's axes, does on its modes, whose rows (3, n) begin at ``o``."""
+def push_modes(data, o, n, force, out):
+    """Add what a force on a patch, in its body's axes, does on its modes, whose rows (3, n) begin at ``o``."""
     for k in range(n):
         out[k] += data[o + k] * force[0] + data[o + n + k] * force[1] + data[o + 2 * n + k] * force[2]
+
+
+@kernel
+def push_other_modes(plan, row, w, force, out):
+    """Add what a force on the patches of the other surface, with weights, does on its modes."""
+    t, size, n = sl.other_of(plan, row)
+    for i in range(size):
+        if w[i] != 0.0:
+            push_modes(plan.data, sl.displacements(size, n, t, i), n, scale3(w[i], force), out)
 
 
 @kernel
 def sum_forces(plan, work, row, R, count):
     """Force on the body and torque about its origin, in F's axes, of what `press_patches` found.
 
-    The modes' are written to ``modal_forces``; NaN where there are none.
+    The modes' are written, see ``modal_place``; NaN where there are none.
     """
     t, p, n = sl.table_of(plan, row)
+    _, size, n_other = sl.other_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    out = work.generalized[sl.modal_place(p, n) : sl.modal_place(p, n) + n]
-    for k in range(n):
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    first = sl.modal_place(p, size, 6 + n + n_other)
+    out = work.generalized[first : first + n + n_other]
+    for k in range(n + n_other):
         out[k] = 0.0 if count >= 0 else math.nan
     if count < 0:
         return (math.nan, math.nan, math.nan), (math.nan, math.nan, math.nan)
-    near, order, f = V[sl.PATCH], V[sl.ORDER], V[sl.FORCE]
-    point, total, torque = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT), _ZERO, _ZERO
+    total, torque = _ZERO, _ZERO
     for a in range(count):
-        k = int(order[a])
-        force, push = scale3(f[k], load3(point[k], sl.DIRECTION)), scale3(f[k], load3(point[k], sl.NORMAL))
-        couple = cross3(rotate(R, load3(point[k], sl.RESIDUAL)), push)
-        total, torque = add3(total, force), add3(torque, add3(cross3(load3(point[k], sl.PLACE), force), couple))
-        _push_modes(plan.data, sl.displacements(p, n, t, int(near[k])), n, rotate_back(R, force), out)
+        k = int(V[sl.ORDER, a])
+        f = V[sl.FORCE, k]
+        force, push = scale3(f, load3(points[k], sl.PULL)), scale3(f, load3(points[k], sl.NORMAL))
+        couple = cross3(rotate(R, load3(points[k], sl.RESIDUAL)), push)
+        total, torque = add3(total, force), add3(torque, add3(cross3(load3(points[k], sl.PLACE), force), couple))
+        push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, force), out)
+        if n_other > 0:
+            push_other_modes(plan, row, weights[k], scale3(-f, load3(points[k], sl.PUSH)), out[n:])
     return total, torque
 
 
 @kernel
-def surface_wrench(plan, work, row, motion, q, q_rate):
+def surface_wrench(plan, work, row, motion, q, q_rate, q_other, q_other_rate):
     """As ``sum_forces``; bounds the next step."""
-    d, R, rate, spin = motion
+    d, R, _, _ = motion
     t, _, n = sl.table_of(plan, row)
-    _, count, least = press_patches(plan, work, row, d, R, q)
-    _bound_step(plan, row, least, d, R, rate, spin, _most(plan.data, t, n, q_rate))
+    t_other, _, n_other = sl.other_of(plan, row)
+    _, count, least = press_patches(plan, work, row, d, R, q, q_other)
+    fastest = farthest(plan.data, t, n, q_rate)
+    if n_other > 0:
+        fastest += farthest(plan.data, t_other, n_other, q_other_rate)
+    bound_step(plan, row, least, motion, fastest)
     return sum_forces(plan, work, row, R, count)
 
 
 @kernel
-def surface_energy(plan, work, row, d, R, q):
+def surface_energy(plan, work, row, d, R, q, q_other):
     """What the residual flexibility of a surface stores (J)."""
     _, p, _ = sl.table_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    _, count, _ = press_patches(plan, work, row, d, R, q)
+    _, count, _ = press_patches(plan, work, row, d, R, q, q_other)
     if count < 0:
         return math.nan
-    order, f, gap = V[sl.ORDER], V[sl.FORCE], V[sl.GAP]
     energy = 0.0
     for a in range(count):
-        k = int(order[a])
-        energy -= 0.5 * f[k] * gap[k]
+        k = int(V[sl.ORDER, a])
+        energy -= 0.5 * V[sl.FORCE, k] * V[sl.GAP, k]
     return energy
 
 
@@ -254,102 +298,3 @@ ELASTIC_SURFACE = SurfaceElement(
         "flexibility is none: take larger patches or fewer modes",
     ), surface_energy,
 )  # fmt: skip
-
-# ------------------------------------------------------------------------------------------------------- the tangent
-
-
-@kernel
-def _unit(c):
-    return (1.0 if c == 0 else 0.0, 1.0 if c == 1 else 0.0, 1.0 if c == 2 else 0.0)
-
-
-@kernel
-def _write_rows(plan, work, row, R, count, K):
-    """Write B, whose rows times a motion (translation and turn in F's axes, modes) are what the gaps change by.
-
-    At fixed forces, what the body's turn changes of C included, whose second derivative is added to K; of curved
-    shapes what moves along them is left out, of the order of the dent over the radius.
-    """
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    near, order, f = V[sl.PATCH], V[sl.ORDER], V[sl.FORCE]
-    point, B = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT), matrix_view(work.generalized, sl.rows_place(p), count, 6 + n)
-    for a in range(count):
-        k = int(order[a])
-        own, u = load3(point[k], sl.OWN_NORMAL), load3(point[k], sl.RESIDUAL)
-        turned = cross3(u, own)
-        for b in range(count):
-            j = int(order[b])
-            G = sl.flexibility(p, n, t, int(near[j]), int(near[k]))
-            other = load3(point[j], sl.OWN_NORMAL)
-            turned = add3(turned, cross3(scale3(f[j], times_matrix(plan.data, G, own)), other))
-            for c in range(3):
-                tilted = rotate_back(R, cross3(_unit(c), load3(point[k], sl.NORMAL)))
-                couple = rotate(R, cross3(times_matrix(plan.data, G, tilted), other))
-                for r in range(3):
-                    K[3 + r, 3 + c] -= f[j] * f[k] * couple[r]
-        direction = load3(point[k], sl.DIRECTION)
-        store3(B[a], 0, direction)
-        store3(B[a], 3, add3(cross3(load3(point[k], sl.PLACE), direction), rotate(R, turned)))
-        for i in range(n):
-            B[a, 6 + i] = 0.0
-        _push_modes(plan.data, sl.displacements(p, n, t, int(near[k])), n, rotate_back(R, direction), B[a, 6:])
-
-
-@kernel
-def _add_geometric(plan, work, row, k, R, d, column, dz, turn, moved, K):
-    """Add to a column of K what the force of near patch k, at fixed size, changes with.
-
-    For a motion of its centroid by ``dz``, with a turn and a displacement ``moved`` by the modes, in F's axes.
-    """
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    point, o, f = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT), row[at.EL_DATA] + sl.SHAPE, V[sl.FORCE][k]
-    force = scale3(f, load3(point[k], sl.DIRECTION))
-    u = rotate(R, load3(point[k], sl.RESIDUAL))
-    bent = _ZERO
-    if plan.data[o] != HALF_SPACE:
-        bent = scale3(f, gradient_variation(plan.data, o, add3(d, load3(point[k], sl.PLACE)), dz))
-    place, push = load3(point[k], sl.PLACE), scale3(f, load3(point[k], sl.NORMAL))
-    torque = add3(cross3(add3(place, u), bent), cross3(add3(cross3(turn, place), moved), force))
-    torque = add3(torque, cross3(cross3(turn, u), push))
-    for c in range(3):
-        K[c, column] += bent[c]
-        K[3 + c, column] += torque[c]
-    patch = int(V[sl.PATCH][k])
-    in_body = rotate_back(R, add3(bent, cross3(force, turn)))
-    if in_body[0] == 0.0 and in_body[1] == 0.0 and in_body[2] == 0.0:
-        return
-    _push_modes(plan.data, sl.displacements(p, n, t, patch), n, in_body, K[6:, column])
-
-
-@kernel
-def write_stiffness(plan, work, row, d, R, m, count):
-    """Write K: what force, torque and modal forces change by for a translation, a turn (F's axes) and the modes.
-
-    Of ``m`` near patches of which ``count`` touch, as `press_patches` left them.
-    """
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    K = matrix_view(work.generalized, sl.stiffness_place(p, n), 6 + n, 6 + n)
-    K[:, :] = 0.0
-    _write_rows(plan, work, row, R, count, K)
-    X = matrix_view(work.generalized, sl.rows_place(p), count, 6 + n)
-    for i in range(6 + n):
-        forward(matrix_view(work.generalized, sl.matrix_place(p, 1), m, m), count, X[:, i])
-    for a in range(count):
-        for i in range(6 + n):
-            for j in range(6 + n):
-                K[i, j] -= X[a, i] * X[a, j]
-    order, near, point = V[sl.ORDER], V[sl.PATCH], matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    for a in range(count):
-        k = int(order[a])
-        place = load3(point[k], sl.PLACE)
-        for c in range(3):
-            e = _unit(c)
-            _add_geometric(plan, work, row, k, R, d, c, e, _ZERO, _ZERO, K)
-            _add_geometric(plan, work, row, k, R, d, 3 + c, cross3(e, place), e, _ZERO, K)
-        o = sl.displacements(p, n, t, int(near[k]))
-        for i in range(n):
-            moved = rotate(R, (plan.data[o + i], plan.data[o + n + i], plan.data[o + 2 * n + i]))
-            _add_geometric(plan, work, row, k, R, d, 6 + i, moved, _ZERO, moved, K)

@@ -1,13 +1,16 @@
-"""Where the numbers of an elastic surface that touches a shape stand, in ``Plan.data`` and in the scratch space.
+"""Where the numbers of an elastic surface that touches stand, in ``Plan.data`` and in the scratch space.
 
-Of an element: the place of its surface's table; the shape's numbers, and 0, the radius of a point; the coefficient of
-friction.  Of a table: how many patches p and modes n; a ball about the centroids, its centre (3) and radius (m); the
-largest displacement of a patch by each mode (n); centroids (p, 3); mean displacements by the modes (p, 3, n); residual
-flexibility (p, p, 3, 3); areas (p): all in the body's axes.
+Of an element: the place of its surface's table; the numbers of the shape that it touches, and 0, the radius of a point;
+the coefficient of friction; the place of the table of the other surface, which has that shape undeformed, or -1.
 
-``work.generalized`` holds of each patch the distance undeformed, then of the m that are near: their numbers, forces,
-gaps under these, ways through the complementarity, and rows of the point (its columns below), and the matrices C, L;
-for the tangent then B (m, 6 + n) and K (6 + n, 6 + n); last the forces on the modes (n).
+Of a table: how many patches p and modes n; a ball about the centroids, its centre (3) and radius (m); how far around it
+(m) a patch is felt by what touches between the patches; the largest displacement of a patch by each mode (n); centroids
+(p, 3); mean displacements by the modes (p, 3, n); residual flexibility (p, p, 3, 3): all in the body's axes.
+
+``work.generalized`` holds vectors of the p patches, of which those after FAR are of the m that are near: their numbers,
+forces, gaps under these, ways through the complementarity; rows of the points (the columns below); the matrices C, L;
+the weights of the other surface's patches for each, and rows of these; then B and K, for the tangent, and the forces on
+the modes, first of the surface, then of the other.
 """
 
 from __future__ import annotations
@@ -15,25 +18,39 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 
-TABLE, SHAPE, FRICTION, N_SURFACE = 0, 1, 6, 7
-N_PATCH, N_MODE, CENTRE, RADIUS, MOST = 0, 1, 2, 5, 6
+TABLE, SHAPE, FRICTION, OTHER, N_SURFACE = 0, 1, 6, 7, 8
+N_PATCH, N_MODE, CENTRE, RADIUS, SUPPORT, MOST = 0, 1, 2, 5, 6, 7
 
-#: Columns of the row of a point: the normal out of the shape and the centroid, in F's axes, less d; the normal and the
-#: residual displacement in the body's; the direction of its force, see ``surface_forces``.
-NORMAL, PLACE, OWN_NORMAL, RESIDUAL, DIRECTION, N_POINT = 0, 3, 6, 9, 12, 15
+#: Columns of the row of a point, in F's axes but the third and fourth, which are in the body's: the normal; the centroid
+#: from the body's origin; the normal; what the residual flexibility adds; where it is for the undeformed shape; along
+#: what its force pushes the other surface, and the body, see ``surface_forces``.
+NORMAL, PLACE, OWN_NORMAL, RESIDUAL, FOOT, PUSH, PULL, N_POINT = 0, 3, 6, 9, 12, 15, 18, 21
 #: Vectors of the scratch space, (p,) each.
 FAR, PATCH, FORCE, LEFT, INSIDE, ORDER, GAP, N_VECTOR = range(8)
+#: Columns of the row of a patch of the other surface, (3) each: how the modes move it, how the residual flexibility; the
+#: force on it, or, while C is written, how a unit force on a point moves it.
+MODAL, DENT, LOAD, N_OTHER = 0, 3, 6, 9
 
 
-def surface_scratch(p: int, n: int) -> int:
-    """How many numbers of ``work.generalized`` a surface of p patches needs with n modes."""
-    return (N_VECTOR + N_POINT) * p + 2 * p * p + p * (6 + n) + (6 + n) ** 2 + n
+def surface_scratch(p: int, n: int, p_other: int, n_other: int) -> int:
+    """How many numbers of ``work.generalized`` a surface needs, of p patches and n modes, and what it touches."""
+    size = 6 + n + n_other
+    return (N_VECTOR + N_POINT) * p + 2 * p * p + (p + N_OTHER) * p_other + p * size + size**2 + n + n_other
 
 
 @kernel
 def table_of(plan, row):
     """The place of a surface's table, its number of patches and of modes."""
     t = int(plan.data[row[at.EL_DATA] + TABLE])
+    return t, int(plan.data[t + N_PATCH]), int(plan.data[t + N_MODE])
+
+
+@kernel
+def other_of(plan, row):
+    """The same of the other surface; 0 patches where it touches a rigid shape."""
+    t = int(plan.data[row[at.EL_DATA] + OTHER])
+    if t < 0:
+        return t, 0, 0
     return t, int(plan.data[t + N_PATCH]), int(plan.data[t + N_MODE])
 
 
@@ -68,18 +85,30 @@ def matrix_place(p, which):
 
 
 @kernel
-def rows_place(p):
-    """Where B begins, of m patches that touch (m, 6 + n)."""
+def weights_place(p):
+    """Where the weights (p, p_other) begin."""
     return (N_VECTOR + N_POINT + 2 * p) * p
 
 
 @kernel
-def stiffness_place(p, n):
-    """Where K (6 + n, 6 + n) begins."""
-    return (N_VECTOR + N_POINT + 2 * p) * p + p * (6 + n)
+def others_place(p, p_other):
+    """Where the rows of the other surface's patches (p_other, N_OTHER) begin."""
+    return (N_VECTOR + N_POINT + 2 * p + p_other) * p
 
 
 @kernel
-def modal_place(p, n):
-    """Where the forces on the modes (n,) begin."""
-    return (N_VECTOR + N_POINT + 2 * p) * p + p * (6 + n) + (6 + n) ** 2
+def rows_place(p, p_other):
+    """Where B begins, of m patches that touch (m, 6 + modes)."""
+    return (N_VECTOR + N_POINT + 2 * p + p_other) * p + N_OTHER * p_other
+
+
+@kernel
+def stiffness_place(p, p_other, size):
+    """Where K (size, size) begins, size = 6 + modes."""
+    return rows_place(p, p_other) + p * size
+
+
+@kernel
+def modal_place(p, p_other, size):
+    """Where the forces on the modes (size - 6,) begin."""
+    return rows_place(p, p_other) + p * size + size**2

@@ -48,6 +48,7 @@ from flexmbd.multibody.kernels.elements.spring import SPRING
 from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.stop import STOP
 from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE
+from flexmbd.multibody.kernels.elements.surface_layout import OTHER
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
 
@@ -114,14 +115,15 @@ def own_links(plan: Plan, row: IntArray) -> range:
     return range(first, first + int(plan.data[row[at.EL_DATA]]))
 
 
-def touched_modes(plan: Plan, row: IntArray) -> range:
-    """The velocities of the modes that an element's patches move by; of others none."""
-    if row[at.EL_KIND] != kind_of(ELASTIC_SURFACE):
-        return range(0)
-    link = plan.tree[plan.frame_of[row[at.EL_G], at.FRAME_BODY]]
-    if link[at.FLEX] < 0:
-        return range(0)
-    return range(int(link[at.MODAL_V]), int(link[at.MODAL_V] + plan.flex[link[at.FLEX], at.N_MODES]))
+def touched_modes(plan: Plan, row: IntArray) -> list[range]:
+    """The velocities of the modes by which the patches of an elastic surface move, and of those that it touches."""
+    found = []
+    for f in (row[at.EL_G], row[at.EL_F])[: 1 + int(plan.data[row[at.EL_DATA] + OTHER] >= 0.0)]:
+        link = plan.tree[plan.frame_of[f, at.FRAME_BODY]]
+        if link[at.FLEX] >= 0:
+            first = int(link[at.MODAL_V])
+            found.append(range(first, first + int(plan.flex[link[at.FLEX], at.N_MODES])))
+    return found
 
 
 def of_surfaces(plan: Plan) -> NDArray[np.bool_]:

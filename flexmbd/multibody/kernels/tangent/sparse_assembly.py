@@ -24,7 +24,7 @@ from flexmbd.multibody.kernels.elements.table import (
     subtract_force_tangent,
 )
 from flexmbd.multibody.kernels.inverse_dynamics.closure import coupling_term
-from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of
+from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, other_modes_of
 from flexmbd.multibody.kernels.tangent import sparse_places as sp
 from flexmbd.multibody.kernels.tangent import tangent_layout as tl
 from flexmbd.multibody.kernels.tangent.body_moments import rigid_composite
@@ -236,10 +236,10 @@ def _add_changes(tw, to, e, count, moved, values):
 
 
 @deferred_kernel()
-def _add_rates(tw, to, e, first, size, moved, values):
+def _add_rates(tw, to, e, first, size, shift, moved, values):
     """Add the stored changes of a force element's own rows from ``first``, after ``_add_changes``.
 
-    They are the rates of its states, or the forces on the modes of its patches.
+    They are the rates of its states, or the forces on the modes of its patches, and stored from ``shift`` on.
     """
     blocks = to.element_first[e + 1] - to.element_first[e]
     for i in range(size):
@@ -248,7 +248,7 @@ def _add_rates(tw, to, e, first, size, moved, values):
         for j in range(moved):
             k = tw.path[j]
             place = line + to.local[to.block[k]]
-            values[to.bases[place, 0] + to.bases[place, 1] * r + k] += tw.path_rates[i, k]
+            values[to.bases[place, 0] + to.bases[place, 1] * r + k] += tw.path_rates[shift + i, k]
 
 
 @deferred_kernel()
@@ -257,7 +257,9 @@ def _add_surface(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, at_f, at_g
     count, moved = put_surface(plan, work, tw, plan.elements[e], x, v, a, per_x, per_v, per_a, at_f, at_g)
     _add_changes(tw, to, e, count, moved, values)
     _, first, n = modes_of(plan, plan.elements[e])
-    _add_rates(tw, to, e, first, n, moved, values)
+    _, other, n_other = other_modes_of(plan, plan.elements[e])
+    _add_rates(tw, to, e, first, n, 0, moved, values)
+    _add_rates(tw, to, e, other, n_other, n, moved, values)
 
 
 @kernel
@@ -272,7 +274,7 @@ def _add_element(plan, work, tw, to, e, x, v, a, per_x, per_v, per_a, values):
     count, moved = put_element(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g)
     _add_changes(tw, to, e, count, moved, values)
     if row[at.EL_V] >= 0:
-        _add_rates(tw, to, e, row[at.EL_V], state_count(plan, row), moved, values)
+        _add_rates(tw, to, e, row[at.EL_V], state_count(plan, row), 0, moved, values)
 
 
 @deferred_kernel()

@@ -8,9 +8,10 @@ from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements import surface_layout as sl
-from flexmbd.multibody.kernels.elements.surface_forces import press_patches, sum_forces, write_stiffness
+from flexmbd.multibody.kernels.elements.surface_forces import press_patches, sum_forces
+from flexmbd.multibody.kernels.elements.surface_stiffness import write_stiffness
 from flexmbd.multibody.kernels.elements.table import is_of_surface
-from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of
+from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, other_modes_of
 from flexmbd.multibody.kernels.tangent.frame_pairs import (
     add_changes,
     clear_path,
@@ -46,26 +47,37 @@ def _change(K, r, dd, dtheta, mode, size):
 
 
 @kernel
+def _number_of_mode(k, qv, n, rv, n_other):
+    """The number of unknown k among the modes of both surfaces, -1 if it is none of them."""
+    if qv <= k < qv + n:
+        return k - qv
+    return n + k - rv if rv <= k < rv + n_other else -1
+
+
+@kernel
 def put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     """As ``put_element``; the changes of the forces on the modes are in ``tw.path_rates``."""
     f, g = row[at.EL_F], row[at.EL_G]
     qx, qv, n = modes_of(plan, row)
+    rx, rv, n_other = other_modes_of(plan, row)
     (d, R, _, _), (c_F, c_G, v_G, w_F, w_G, R_F) = pair_motion(plan, work, tw, f, g)
-    m, touching, _ = press_patches(plan, work, row, d, R, x[qx : qx + n])
+    m, touching, _ = press_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
+    if touching <= 0:
+        return 0, 0
     force, torque = sum_forces(plan, work, row, R, touching)
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
-    if touching <= 0:
-        return 0, 0
     load_edges(plan, work, tw, f, g, pull, moment, x, v, a, per_x, per_v, per_a, at_f, at_g)
-    count, moved = _enter_modes(tw, collect_paths(plan, tw, f, g), qv, n), 0
-    write_stiffness(plan, work, row, d, R, m, touching)
+    count = _enter_modes(tw, _enter_modes(tw, collect_paths(plan, tw, f, g), qv, n), rv, n_other)
+    write_stiffness(plan, work, row, R, m, touching)
     _, p, _ = sl.table_of(plan, row)
-    K = matrix_view(work.generalized, sl.stiffness_place(p, n), 6 + n, 6 + n)
+    _, p_other, _ = sl.other_of(plan, row)
+    size, moved = 6 + n + n_other, 0
+    K = matrix_view(work.generalized, sl.stiffness_place(p, p_other, size), size, size)
     for j in range(count):
         k = tw.path[j]
-        mode = k - qv if qv <= k < qv + n else -1
+        mode = _number_of_mode(k, qv, n, rv, n_other)
         moves, dd, dtheta, _, _, phi, r = variation_by_unknown(tw, k, per_x, c_G, v_G, w_F, w_G, R_F)
         if not moves and mode < 0:
             continue
@@ -80,7 +92,7 @@ def put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
             -_change(K, 4, dd, dtheta, mode, per_x),
             -_change(K, 5, dd, dtheta, mode, per_x),
         )
-        for i in range(n):
+        for i in range(n + n_other):
             tw.path_rates[i, k] = -_change(K, 6 + i, dd, dtheta, mode, per_x)
         dmoment = add3(dtorque, add3(cross3(dd, force), cross3(d, dforce)))
         put_change(tw, k, per_x, phi, r, dforce, dmoment, pull, moment, c_F, R_F)
@@ -92,10 +104,13 @@ def _add_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix):
     count, moved = put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, matrix, matrix)
     add_changes(tw, count, moved, matrix)
     _, qv, n = modes_of(plan, row)
+    _, rv, n_other = other_modes_of(plan, row)
     for j in range(moved):
         k = tw.path[j]
         for i in range(n):
             matrix[qv + i, k] += tw.path_rates[i, k]
+        for i in range(n_other):
+            matrix[rv + i, k] += tw.path_rates[n + i, k]
     clear_path(tw, count)
 
 

@@ -116,7 +116,7 @@ def new_tangent_work(
     quaternions = int((plan.tree[:, at.JOINT_TURN] == kinds.TURN_BALL).sum())
     with_states = plan.elements[act_between_frames(plan) & (plan.elements[:, at.EL_V] >= 0)]
     states = max((len(own_links(plan, row)) for row in with_states), default=0)
-    own = [len(touched_modes(plan, row)) for row in plan.elements[of_surfaces(plan)]]
+    own = [sum(map(len, touched_modes(plan, row))) for row in plan.elements[of_surfaces(plan)]]
     states = max([states, *own])
     zeros = np.zeros
     n, longest, m = nv, nv, len(plan.rows)
