@@ -8,7 +8,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface, SymmetryPlane
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import Patch, craig_bampton
+from flexmbd.reduction import Keep, Patch, craig_bampton
 
 #: m; N, of EA with 1 kg/m, so that waves go at 30 m/s; m, so slender that no mode is one of the section.
 LENGTH, STIFFNESS, SIDE = 10.0, 900.0, 0.1
@@ -24,4 +24,6 @@ def bar(modes: int, end: str) -> fm.ReducedBody:
         interfaces=[Interface(other)], supports=[SymmetryPlane(name, along) for name, along in sides.items()],
     )  # fmt: skip
     touched = Patch("end", size=SIDE, facets=end)
-    return craig_bampton(model, modes=modes, frame=other, geometric_stiffness=False, contact=[touched])
+    return craig_bampton(
+        model, modes=modes, frame=other, geometric_stiffness=False, contact=[touched], keep=Keep(modes=True)
+    )
