@@ -19,10 +19,10 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
-from flexmbd.multibody.contact.elastic_surface import ElasticSurface, SurfaceContact, surface_contacts
+from flexmbd.multibody.contact.elastic_surface import Elastic, SurfaceContact, surface_contacts
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
+from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force
@@ -44,7 +44,6 @@ FloatArray = NDArray[np.float64]
 
 AnyBodyT = TypeVar("AnyBodyT", RigidBody, FlexibleBody, PseudoRigidBody, ContinuumBody, ExactBeam)
 AnyForceT = TypeVar("AnyForceT", bound=Force)
-ElasticTouching = Touching | ElasticSurface | Sequence[ElasticSurface]
 CouplingT = TypeVar("CouplingT", bound=CoordinateCoupling)
 
 
@@ -235,16 +234,18 @@ class MachineAssembly:
     ) -> tuple[Contact, ...]: ...
 
     @overload
-    def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
-
-    @overload
     def touch(
-        self, one: ElasticTouching, other: ElasticTouching, law: Hard
+        self, one: Elastic | Touching, other: Elastic | Touching, law: Hard
     ) -> tuple[HardContact | HardGroup | SurfaceContact, ...]: ...
 
     def touch(
-        self, one: ElasticTouching, other: ElasticTouching, law: NormalLaw | Hard, *, friction: Friction | None = None
-    ) -> tuple[Contact | HardContact | HardGroup | SurfaceContact, ...]:
+        self,
+        one: Elastic | Touching,
+        other: Elastic | Touching,
+        law: NormalLaw | Hard,
+        *,
+        friction: Friction | None = None,
+    ) -> tuple[AnyContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
@@ -280,7 +281,7 @@ class MachineAssembly:
                 self._touched.add(touched.surface.parts, touched.touching, joined=())
             self._forces.extend(surfaces)
             return tuple(surfaces)
-        first, second = shapes_of(one), shapes_of(other)
+        first, second = shapes_of(cast(Touching, one)), shapes_of(cast(Touching, other))
         found = contacts(first, second, law, friction, are_joined=are_joined, joined=pairs)
         for contact in found:
             self._check_force(contact)

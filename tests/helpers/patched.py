@@ -12,7 +12,9 @@ import flexmbd as fm
 from flexmbd.record.contact_patches import ContactPatches
 
 
-def patched_body(seed: int, *, modes: int, patches: int = 7, softness: float = 1e-3, size: float = 0.3) -> fm.FlexibleBody:
+def patched_body(
+    seed: int, *, modes: int, patches: int = 7, softness: float = 1e-3, size: float = 0.3
+) -> fm.FlexibleBody:
     """Patches of two surfaces, "one" and "other", somewhere on a ball; ``softness``: m/N of one."""
     rng = np.random.default_rng(seed)
     out = rng.standard_normal((patches, 3))
@@ -22,7 +24,8 @@ def patched_body(seed: int, *, modes: int, patches: int = 7, softness: float = 1
     G = softness * (half @ half.T + 0.3 * np.eye(3 * patches))
     group = ContactPatches(
         names=("one", "other"), surface=np.arange(patches) % 2, x=size * out, axes=axes,
-        area=rng.uniform(1e-4, 2e-4, patches), phi=0.2 * rng.standard_normal((patches, 3, modes)), G=G,
+        area=4.0 * np.pi * size**2 / patches * rng.uniform(0.5, 1.5, patches),
+        phi=0.2 * rng.standard_normal((patches, 3, modes)), G=G,
         facet=np.zeros((0, 3), np.int64), patch=np.zeros(0, np.int64),
     )  # fmt: skip
     return fm.FlexibleBody(replace(particle_body(seed, modes=modes).record, contact=group))

@@ -11,7 +11,7 @@ import flexmbd as fm
 from flexmbd import contact, meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import Patch, craig_bampton
+from flexmbd.reduction import Keep, Patch, craig_bampton
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def bar():
     model = ContinuumModel(meshes.block(1.0, 1.0, 10.0, divisions=(1, 1, 40)), solid_linear, material, degree=2)
     foot = Patch("foot", size=2.0, facets="z_min")
     with pytest.warns(fm.ModesWarning):
-        return craig_bampton(model, modes=20, geometric_stiffness=False, contact=[foot])
+        return craig_bampton(model, modes=20, geometric_stiffness=False, contact=[foot], keep=Keep(modes=True))
 
 
 @pytest.mark.parametrize("name", ["radau", "generalized-alpha", "explicit", "energy-momentum"])
@@ -58,7 +58,7 @@ def block(size):
     mesh = meshes.block(0.04, 0.04, 0.02, divisions=(8, 8, 3))
     model = ContinuumModel(mesh, solid_linear, steel, degree=2, interfaces=[Interface("z_min")])
     pad = Patch("pad", size=size, facets=lambda x: (x[2] > 0.0099) & (abs(x[0] - 0.02) < 0.0101) & (abs(x[1]) < 0.0101))
-    return craig_bampton(model, modes=6, frame="z_min", contact=[pad])
+    return craig_bampton(model, modes=6, frame="z_min", contact=[pad], keep=Keep(modes=True))
 
 
 @pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
@@ -82,3 +82,50 @@ def test_an_equilibrium_is_the_pressed_body():
     assert (pressed.force > 0.0).sum() > 3
     np.testing.assert_allclose(met.normal_force[0], pressed.force, atol=1e-5 * pressed.force.max())
 
+
+
+def test_two_bars_exchange_their_speeds(bar):
+    """The one that flies stops, after two passages of the wave, 2 L / c = 2/3 s (Timoshenko & Goodier)."""
+    scene = fm.System()
+    bodies = [scene.add(fm.FlexibleBody(bar), name=name) for name in ("upper", "lower")]
+    joints = [scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame()) for body in bodies]
+    joints[0].position, joints[0].velocity = (0.0, 0.0, 5.1, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+    joints[1].position = (0.0, 0.0, -5.0, 0.0, 1.0, 0.0, 0.0)  # its foot is above
+    (pair,) = scene.touch(*map(contact.ElasticSurface, bodies), contact.Hard())
+    run = scene.simulate(1.0, rtol=1e-5, integrator=fm.EnergyMomentum())
+    t = np.linspace(0.0, 1.0, 4001)
+    force = run.contacts(pair, t=t)[0].normal_force[:, 0]
+    assert t[force > 0.0][[0, -1]] == pytest.approx([0.1, 0.1 + 2.0 / 3.0], abs=0.06)  # of three modes
+    assert np.trapezoid(force, t) == pytest.approx(10.0, rel=0.04)  # of three modes, which go on to swing
+    speeds = [run.velocity(body.frame())[-1, 2] for body in bodies]
+    assert speeds == pytest.approx([0.0, -1.0], abs=0.04)
+    assert np.ptp(run.energy().total) < 1e-6
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
+def test_two_blocks_are_as_one_pressed_half_as_far_on_a_plane():
+    """By symmetry, with patches on patches and between them; the shape of the lower one's facets."""
+    record = block(5e-3)
+    found = []
+    for shift in (None, 0.0, 2.5e-3):
+        scene = fm.System()
+        body = scene.add(fm.FlexibleBody(record), name="block")
+        scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame("z_min"))
+        x, n = record.contact.x, record.contact.axes[0, :, 0]
+        middle, depth = x.mean(axis=0), 1e-6
+        if shift is None:
+            floor = contact.HalfSpace(scene.ground.frame(p=middle - 0.5 * depth * n), -n)
+            (pair,) = scene.touch(contact.ElasticSurface(body), floor, contact.Hard())
+        else:
+            other = scene.add(fm.FlexibleBody(record), name="other")
+            t = record.contact.axes[0, :, 1]
+            turn = 2.0 * np.outer(t, t) - np.eye(3)  # half a turn about a line in the plane
+            place = middle + (shift * t - depth * n) - turn @ middle
+            scene.connect(fm.joint.Fixed(), scene.ground.frame(p=place, R=turn), other.frame("z_min"))
+            surfaces = contact.ElasticSurface(body), contact.ElasticSurface(other)
+            (pair,) = scene.touch(*surfaces, contact.Hard())
+        run = scene.simulate(1e-9, about=scene.equilibrium(), rtol=1e-3)
+        (met,) = run.contacts(pair)
+        found.append(met.normal_force[0].sum())
+    assert found[1] == pytest.approx(found[0], rel=0.01)
+    assert found[2] == pytest.approx(found[0], rel=0.03)  # which overlaps by a half patch less

@@ -5,8 +5,10 @@ Their kernels: ``kernels.elements.surface_forces``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeAlias, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,7 +19,7 @@ from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.contact.hard_contact import Hard
 from flexmbd.multibody.contact.impact_law import ImpactLaw
-from flexmbd.multibody.contact.shapes import SHAPES, ConvexPolytope, TouchedShape, Vertex
+from flexmbd.multibody.contact.shapes import SHAPES, ConvexPolytope, TouchedShape, TouchShape, Vertex
 from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
@@ -75,7 +77,7 @@ class ElasticSurface:
         self._refuse_stiff(group)
         if self.shape is not None:
             refuse_other(self.shape, SHAPES, f"{self.what}: its shape", wanted="a shape as fm.contact.Cylinder(...)")
-            if self.shape.frame.body is not self.body or self.shape.frame.modes is not None:
+            if not self._is_own(self.shape.frame):
                 raise SceneError(f"{self.what}: its shape must be on the body's own frame, {label}.frame()")
 
     @property
@@ -109,8 +111,8 @@ class ElasticSurface:
         if modes is None or not len(group.facet):
             raise SceneError(
                 f"{self.what}: other surfaces touch it by what it is undeformed, and its record keeps no nodes: reduce "
-                "it with keep=Keep(modes=True), or give ElasticSurface(..., shape=contact.TriangleSurface(body.frame(), "
-                "points, triangles, open=True)), or a Cylinder, Sphere, Box or HalfSpace on the body's frame"
+                "it with keep=Keep(modes=True), or give ElasticSurface(..., shape=), as contact.TriangleSurface("
+                "body.frame(), points, triangles, open=True) or a Cylinder, Sphere or HalfSpace on the body's frame"
             )
         own = np.isin(group.patch, self.patches)
         corners = np.searchsorted(modes.node, group.facet[own])
@@ -144,6 +146,11 @@ class ElasticSurface:
         group = self.body.record.contact
         assert group is not None  # noqa: S101  (refused when it was made)
         return group
+
+    def _is_own(self, frame: Frame) -> bool:
+        """Whether a frame is the body's."""
+        placed = bool(np.any(frame.p_BF_B)) or not np.array_equal(frame.R_BF, np.eye(3)) or frame.modes is not None
+        return frame.body is self.body and not placed
 
     def _refuse_stiff(self, group: ContactPatches) -> None:
         """Raise SceneError where patches have no flexibility of their own along their normals."""
@@ -210,9 +217,9 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         return self.surface.frame
 
     @property
-    def touching(self) -> tuple[TouchedShape | ElasticSurface, ...]:
+    def touching(self) -> tuple[TouchShape | ElasticSurface, ...]:
         """What it touches, as the named surfaces of a body."""
-        return self.other.parts if isinstance(self.other, ElasticSurface) else (self.other,)
+        return self.other.parts if isinstance(self.other, ElasticSurface) else (cast(TouchShape, self.other),)
 
     @property
     def what(self) -> str:
@@ -236,6 +243,8 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
                 f"{self.what}: restitution = {self.law.restitution:g} and impact={self.law.impact} are of rigid "
                 "bodies; what an elastic one loses in an impact is what its waves keep: leave both out"
             )
+        if self.law.mu != 0.0:
+            raise SceneError(f"{self.what}: elastic surfaces have no friction yet, and mu = {self.law.mu:g}")
         wanted = "a shape as fm.contact.HalfSpace(...)"
         refuse_other(self.other, (*SHAPES, ElasticSurface), f"{self.what}: what it touches", wanted=wanted)
         if self.other.frame.body is self.surface.body:
@@ -258,13 +267,17 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         )  # fmt: skip
 
 
-def surface_contacts(one: object, other: object, law: object, *, friction: object) -> list[SurfaceContact] | None:
+#: Surfaces of elastic bodies, as `System.touch` takes them.
+Elastic: TypeAlias = ElasticSurface | Sequence[ElasticSurface]
+
+
+def surface_contacts(one: object, other: object, law: Any, *, friction: object) -> list[SurfaceContact] | None:
     """The contacts of elastic surfaces with shapes, or with each other, each with each; None where there are none.
 
     Raises:
         SceneError: there is friction beside the law's.
     """
-    sides = [list(side) if isinstance(side, (list, tuple)) else [side] for side in (one, other)]
+    sides: list[list[Any]] = [list(side) if isinstance(side, list | tuple) else [side] for side in (one, other)]
     elastic = [[isinstance(shape, ElasticSurface) for shape in side] for side in sides]
     if not any(map(any, elastic)):
         return None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body
@@ -106,8 +107,9 @@ def shape_key(shape: AnyShape) -> ShapeKey:
     frame = shape.frame
     place, turn = frame.p_BF_B, frame.R_BF
     told: list[object] = [frame.interface]
+    values: NDArray[np.float64] = np.zeros(0)
     if isinstance(shape, ElasticSurface):
-        told, values = [shape.name], np.zeros(0)
+        told = [shape.name]
     elif isinstance(shape, HalfSpace):
         normal = turn @ z_onto(shape.normal)[:, 2]
         values = np.array([*normal, normal @ place])

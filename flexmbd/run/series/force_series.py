@@ -298,10 +298,10 @@ class ForceSeries(MotionSeries):
     ) -> tuple[AnySeries, ...]:
         """What each contact does over the rows, or at times ``t`` (k,); ``touching`` as ``System.touch`` returns it.
 
-        Of elastic surfaces they are ``SurfaceSeries``, patch by patch; of hard contacts ``HardContactSeries``, of groups
-        ``HardGroupSeries``: the run's steps are taken once
-        more, for the rows hold no impulses, by ``rtol`` as of ``simulate``.  Each acts as a force over its step; of
-        impacts that were located as events there is an ``impulse`` and no force.
+        Of elastic surfaces they are ``SurfaceSeries``, patch by patch; of hard contacts ``HardContactSeries``, of
+        groups ``HardGroupSeries``: then the run's steps are taken once more, for the rows hold no impulses, by ``rtol``
+        as of ``simulate``.  Each acts as a force over its step; of impacts that were located as events there is an
+        ``impulse`` and no force.
 
         Raises:
             SceneError: it is no contact, or of another scene.

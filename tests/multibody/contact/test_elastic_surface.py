@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -40,7 +42,7 @@ WAYS = {
 }  # fmt: skip
 
 
-def meeting(name, *, depth, modes=4, softness=1e-3, seed=3, patches=7):
+def meeting(name, *, depth, bent=(0.0, 0.0, 0.0), modes=4, softness=1e-3, seed=3, patches=7):
     """A patched body on a flying one, by a spherical joint, and a shape on another flying one, in which it is so deep.
 
     The modes are at (0.05, -0.03, 0.02, 0.04), the last of the configuration that is returned.
@@ -48,15 +50,20 @@ def meeting(name, *, depth, modes=4, softness=1e-3, seed=3, patches=7):
     scene = fm.System()
     carrier = scene.add(fm.RigidBody(2.0, (0.1, 0.12, 0.09)), name="carrier")
     body = scene.add(patched_body(seed, modes=modes, softness=softness, patches=patches), name="elastic")
-    other = scene.add(fm.RigidBody(3.0, (0.2, 0.2, 0.2)), name="other")
+    elastic = name == "elastic"
+    other: Any = fm.RigidBody(3.0, (0.2, 0.2, 0.2))
+    if elastic:
+        other = patched_body(8, modes=3, patches=25, softness=softness)
+    scene.add(other, name="other")
     free = scene.connect(fm.joint.Free(), scene.ground.frame(), other.frame())
     turn = Rotation.from_rotvec([0.2, 0.4, -0.3])
     free.position = (0.3, -0.2, 0.1, *np.roll(turn.as_quat(), 1))
-    shape = SHAPES[name](other.frame(p=(0.05, 0.1, -0.1), R=TILTED))
+    offset, at = ((0.0, 0.0, 0.0), np.eye(3)) if elastic else ((0.05, 0.1, -0.1), TILTED)
+    shape: Any = contact.Sphere(other.frame(), 0.3) if elastic else SHAPES[name](other.frame(p=offset, R=at))
     q = np.array([0.05, -0.03, 0.02, 0.04, *np.zeros(modes)])[:modes]
     group = body.record.contact
     x = group.x + np.einsum("pab,pbn,n->pa", group.axes, group.phi, q)
-    R, way = turn.as_matrix() @ TILTED, np.array(WAYS.get(name, (0.5, 0.4, 0.1)))
+    R, way = turn.as_matrix() @ at, np.array(WAYS.get(name, (0.5, 0.4, 0.1)))
 
     def overlap(s):
         out = np.zeros((len(x), 4))
@@ -66,12 +73,15 @@ def meeting(name, *, depth, modes=4, softness=1e-3, seed=3, patches=7):
     along = np.linspace(3.0, 0.0, 301)
     k = np.flatnonzero(np.diff(np.sign([overlap(s) for s in along])))[0]
     s = scipy.optimize.brentq(overlap, along[k + 1], along[k])
-    place = np.array(free.position[:3]) + turn.as_matrix() @ (np.array([0.05, 0.1, -0.1])) + R @ (s * way)
+    place = np.array(free.position[:3]) + turn.as_matrix() @ np.array(offset) + R @ (s * way)
     flying = scene.connect(fm.joint.Free(), scene.ground.frame(), carrier.frame())
     flying.position = (*place, 1.0, 0.0, 0.0, 0.0)
     scene.connect(fm.joint.Spherical(), carrier.frame(), body.frame("root"))
-    (pair,) = scene.touch(contact.ElasticSurface(body), shape, contact.Hard())
+    touched = contact.ElasticSurface(other, shape=shape) if elastic else shape
+    (pair,) = scene.touch(contact.ElasticSurface(body), touched, contact.Hard())
     body.q = q
+    if elastic:
+        other.q = bent
     compiled = scene.compile()
     return scene, compiled.scene, compiled.start().x, pair
 
@@ -108,10 +118,10 @@ def differenced(plan, x, function, step):
     return np.array(found)
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [*SHAPES, "elastic"])
 def test_forces_are_the_slopes_of_the_energy(name):
     """On all coordinates, of the body and of what it touches; several patches touch and others do not."""
-    _, compiled, x, _ = meeting(name, depth=0.05)
+    _, compiled, x, _ = meeting(name, depth=0.05, bent=(0.04, -0.05, 0.03), patches=25 if name == "elastic" else 7)
     plan = compiled.plan
     force = generalised_force(plan, x)
     assert np.abs(force).max() > 1.0
@@ -127,7 +137,7 @@ def analytic(plan, x):
     return found[1] - found[0]
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [*SHAPES, "elastic"])
 def test_tangent(name):
     """Of plane shapes it is exact, of curved ones to the dent over the radius."""
     errors = []
@@ -173,23 +183,34 @@ def test_complementarity(seed):
         C, b = half @ half.T / m + 1e-3 * np.eye(m), rng.standard_normal(m)
         f, left = np.zeros((2, m))
         complementary_forces(C, b, f, left, np.zeros((2, m)), np.zeros((m, m)))
-        assert (f >= 0.0).all() and (left >= 0.0).all() and not (f * left).any()
+        assert (f >= 0.0).all()
+        assert (left >= 0.0).all()
+        assert not (f * left).any()
         np.testing.assert_allclose(C @ f + b, left, atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::flexmbd.errors.RangeWarning")
-def test_momenta_and_energy_are_kept():
-    """A body that meets a flying sphere between its patches, by steps that keep energy."""
+@pytest.mark.parametrize("kind", ["rigid", "elastic"])
+def test_momenta_and_energy_are_kept(kind):
+    """A body that meets a flying sphere, or another elastic one, between its patches, by steps that keep energy."""
     scene = fm.System()
     elastic = scene.add(patched_body(5, modes=6, patches=30), name="elastic")
-    ball = scene.add(fm.RigidBody(1.0, (0.05, 0.06, 0.07)), name="ball")
+    ball: Any = fm.RigidBody(1.0, (0.05, 0.06, 0.07))
+    if kind == "elastic":
+        ball = patched_body(6, modes=3, patches=30)
+    scene.add(ball, name="ball")
     flying = [scene.connect(fm.joint.Free(), scene.ground.frame(), one) for one in (elastic.frame(), ball.frame())]
     flying[0].position = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     flying[1].position, flying[1].velocity = (1.0, 0.1, 0.05, 1.0, 0.0, 0.0, 0.0), (-3.0, 0.0, 0.0, 1.0, 2.0, -1.0)
-    (pair,) = scene.touch(contact.ElasticSurface(elastic), contact.Sphere(ball.frame(p=(0.05, 0.0, 0.0)), 0.3), contact.Hard())
+    if kind == "rigid":
+        touched: Any = contact.Sphere(ball.frame(p=(0.05, 0.0, 0.0)), 0.3)
+    else:
+        touched = contact.ElasticSurface(ball, shape=contact.Sphere(ball.frame(), 0.3))
+    (pair,) = scene.touch(contact.ElasticSurface(elastic), touched, contact.Hard())
     run = scene.simulate(0.5, rtol=1e-4, integrator=fm.EnergyMomentum())
     (met,) = run.contacts(pair)
-    assert met.normal_force.max() > 10.0 and not met.normal_force[-1].any()
+    assert met.normal_force.max() > 10.0
+    assert not met.normal_force[-1].any()
     assert (met.gap > -1e-12).all()
     assert np.abs(run.velocity(ball.frame())[-1] - run.velocity(ball.frame())[0]).max() > 0.5
     momentum = run.momentum()
@@ -237,8 +258,10 @@ def test_what_is_refused():
         on_floor(patched_body(1, modes=3), "tooth")
     with pytest.raises(SceneError, match="leave nothing of the dent of patch 0 of 'one'"):
         on_floor(patched_body(1, modes=3, softness=0.0))
-    with pytest.raises(SceneError, match="restitution = 0.5 .* leave both out"):
+    with pytest.raises(SceneError, match=r"restitution = 0.5 .* leave both out"):
         on_floor(patched_body(1, modes=3), law=contact.Hard(restitution=0.5))
+    with pytest.raises(SceneError, match="no friction yet"):
+        on_floor(patched_body(1, modes=3), law=contact.Hard(mu=0.1))
     with pytest.raises(SceneError, match="its law must be"):
         on_floor(patched_body(1, modes=3), law=contact.PowerLaw(k=1e5))
     with pytest.raises(SceneError, match="its friction is the law's"):

@@ -64,42 +64,52 @@ def _largest(a, count):
 
 
 @kernel
-def solve_complementary(C, b, m, f, left, inside, order, L):
-    """Write forces f (m,) and what is left of the gaps; how many touch, the first of ``order``, or -1 without an answer.
+def _close_gaps(C, b, m, f, left, inside, order, L):
+    """Write the forces that close the gaps of what is ``inside``, and the others' gaps; how many, or -1."""
+    count = 0
+    for i in range(m):
+        if inside[i] != 0.0:
+            order[count] = i
+            count += 1
+    if not factor_touching(C, order, count, L):
+        return -1
+    for i in range(count):
+        left[i] = -b[int(order[i])]
+    forward(L, count, left)
+    backward(L, count, left)
+    for i in range(m):
+        f[i] = 0.0
+    for i in range(count):
+        f[int(order[i])] = left[i]
+    for i in range(m):
+        gap = 0.0
+        if inside[i] == 0.0:
+            gap = b[i]
+            for k in range(count):
+                p = int(order[k])
+                gap += C[i, p] * f[p]
+        left[i] = gap
+    return count
 
-    C (m, m), b (m,): see the module.  ``inside``, ``order`` (m,) and L (m, m) are scratch; L is left as the factor of
-    C in the rows that touch.
+
+@kernel
+def solve_complementary(C, b, m, f, left, inside, order, L):
+    """Write forces f (m,) and what is left of the gaps; how many touch, the first of ``order``.
+
+    -1 without an answer.  C (m, m), b (m,): see the module.  ``inside``, ``order`` (m,) and L (m, m) are scratch; L is
+    left as the factor of C in the rows that touch.
     """
     size = _largest(b, m)
     for i in range(m):
         inside[i] = 1.0 if b[i] < 0.0 else 0.0
     fewest, patience = m + 1, _PATIENCE
     for _ in range(_FIRST_STEPS + _STEPS * m):
-        count = 0
-        for i in range(m):
-            if inside[i] != 0.0:
-                order[count] = i
-                count += 1
-        if not factor_touching(C, order, count, L):
+        count = _close_gaps(C, b, m, f, left, inside, order, L)
+        if count < 0:
             return -1
-        for i in range(count):
-            left[i] = -b[int(order[i])]
-        forward(L, count, left)
-        backward(L, count, left)
-        for i in range(m):
-            f[i] = 0.0
-        for i in range(count):
-            f[int(order[i])] = left[i]
         most, wrong, last = _largest(f, m), 0, -1
         for i in range(m):
-            gap = 0.0
-            if inside[i] == 0.0:
-                gap = b[i]
-                for k in range(count):
-                    p = int(order[k])
-                    gap += C[i, p] * f[p]
-            left[i] = gap
-            if f[i] < -EQUAL * most or gap < -EQUAL * size:
+            if f[i] < -EQUAL * most or left[i] < -EQUAL * size:
                 wrong, last = wrong + 1, i
         if wrong == 0:
             for i in range(m):

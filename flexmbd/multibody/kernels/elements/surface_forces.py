@@ -5,10 +5,10 @@ the shape is g_i and the gradient n_i.  The forces f_i >= 0 along n_i move it by
 shape besides, and close the gaps: g_i + n_i . u_i >= 0, of force and gap one zero.  W_ij = R G_ij R^T is the residual
 flexibility, with that of the other surface by the points' weights (``surface_points``).
 
-The gaps taken as linear in u, V = 1/2 f^T C f, C_ij = n_i . W_ij n_j, is the least energy that d, R and the modes allow,
-so that all forces are V's slopes, and it keeps energy: on the body f_i m_i at z_i, m_i = (I - grad D)^T (n_i + H_i u_i),
-H the gradient's slope and D the displacement of the other surface; on that, by weights, f_i (n_i + H_i u_i); and couples
-u_i x n_i f_i, of the body's own u_i, by which forces act where the patches are.
+The gaps taken as linear in u, V = 1/2 f^T C f, C_ij = n_i . W_ij n_j, is the least energy that d, R and the modes
+allow, so that all forces are V's slopes, and it keeps energy: on the body f_i m_i at z_i, where m_i is
+(I - grad D)^T (n_i + H_i u_i), H the gradient's slope and D the displacement of the other surface; on that, by weights,
+f_i (n_i + H_i u_i); and couples u_i x n_i f_i, of the body's own u_i, by which forces act where the patches are.
 """
 
 from __future__ import annotations

@@ -21,14 +21,14 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 TABLE, SHAPE, FRICTION, OTHER, N_SURFACE = 0, 1, 6, 7, 8
 N_PATCH, N_MODE, CENTRE, RADIUS, SUPPORT, MOST = 0, 1, 2, 5, 6, 7
 
-#: Columns of the row of a point, in F's axes but the third and fourth, which are in the body's: the normal; the centroid
-#: from the body's origin; the normal; what the residual flexibility adds; where it is for the undeformed shape; along
-#: what its force pushes the other surface, and the body, see ``surface_forces``.
+#: Columns of the row of a point, in F's axes but the third and fourth, which are in the body's: the normal; the
+#: centroid from the body's origin; the normal; what the residual flexibility adds; where it is for the undeformed
+#: shape; along what its force pushes the other surface, and the body, see ``surface_forces``.
 NORMAL, PLACE, OWN_NORMAL, RESIDUAL, FOOT, PUSH, PULL, N_POINT = 0, 3, 6, 9, 12, 15, 18, 21
 #: Vectors of the scratch space, (p,) each.
 FAR, PATCH, FORCE, LEFT, INSIDE, ORDER, GAP, N_VECTOR = range(8)
-#: Columns of the row of a patch of the other surface, (3) each: how the modes move it, how the residual flexibility; the
-#: force on it, or, while C is written, how a unit force on a point moves it.
+#: Columns of the row of a patch of the other surface, (3) each: how the modes move it, how the residual flexibility;
+#: the force on it, or, while C is written, how a unit force on a point moves it.
 MODAL, DENT, LOAD, N_OTHER = 0, 3, 6, 9
 
 

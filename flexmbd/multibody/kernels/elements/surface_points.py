@@ -78,8 +78,8 @@ def bound_step(plan, row, gap, motion, fastest):
 def find_near(plan, work, row, d, R, reach):
     """Write which patches are near: how many, and a bound of the least gap (m).
 
-    ``reach``: how far modes move any patch (m).  None further than the deepest may be pressed in comes to touch: a patch
-    beside others moves less than these.
+    ``reach``: how far modes move any patch (m).  None further than the deepest may be pressed in comes to touch: a
+    patch beside others moves less than these.
     """
     t, p, n = sl.table_of(plan, row)
     o = row[at.EL_DATA] + sl.SHAPE

@@ -143,7 +143,8 @@ class UnknownBlocks:
         rows = self.plan.elements
         frames = np.where(between[:, None], rows[:, [at.EL_F, at.EL_G]], -1)
         links = {int(e): own_links(self.plan, rows[e]) for e in np.flatnonzero(between & (rows[:, at.EL_V] >= 0))}
-        modes = {int(e): [modes[0] for modes in touched_modes(self.plan, rows[e]) if modes] for e in np.flatnonzero(of_surfaces(self.plan))}
+        surfaces = np.flatnonzero(of_surfaces(self.plan))
+        modes = {int(e): [own[0] for own in touched_modes(self.plan, rows[e]) if own] for e in surfaces}
         counts = [len(own) for own in chain(links.values(), modes.values())]
         owner = np.repeat(np.array([*links, *modes], np.int64), np.array(counts, np.int64))
         own = np.concatenate([self.plan.tree[flat(links.values()), at.JOINT_V], flat(modes.values())])
