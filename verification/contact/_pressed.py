@@ -8,7 +8,9 @@ from collections.abc import Callable
 from mpi4py import MPI
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy.sparse
+import scipy.sparse.linalg
+from scipy.optimize import brentq, nnls
 
 import flexmbd as fm
 from flexmbd import contact, meshes
@@ -79,3 +81,28 @@ def approach_of(body: fm.ReducedBody, force: float, *, is_ball: bool) -> float:
     """m, at which the patches bear a force (N)."""
     found = brentq(lambda d: pressed(body, d, is_ball=is_ball).force.sum() - force, 1e-4, 0.2, xtol=1e-12)
     return float(found)
+
+
+def unreduced_approach_of_ball(mesh: meshes.TaggedMesh, force: float) -> float:
+    """m, at which the nodes of a quarter block bear a force (N): each of them touches or does not.
+
+    By the sparse stiffness of all nodes, and forces by least squares without negative ones.
+    """
+    material = solid_linear.Parameters(E=E, nu=NU, rho=1000.0)
+    model = ContinuumModel(mesh, solid_linear, material, degree=2, interfaces=[Interface("foot")])
+    pointers, columns, values = model.K.getValuesCSR()
+    x = model.node_x
+    moves = np.column_stack([x[:, 0] > 1e-9, x[:, 1] > 1e-9, np.full(len(x), True)]) & (x[:, 2:] > -1.0 + 1e-9)
+    free = np.flatnonzero(moves.ravel())
+    K = scipy.sparse.csr_array((values, columns, pointers), (x.size, x.size))[free][:, free].tocsc()
+    factor = scipy.sparse.linalg.splu(K, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    touched = np.flatnonzero((x[:, 2] > -1e-9) & (np.hypot(x[:, 0], x[:, 1]) < 1.05 * FINE))
+    rows = np.searchsorted(free, 3 * touched + 2)
+    A = np.array([factor.solve(np.eye(1, len(free), row).ravel())[rows] for row in rows])
+    L = np.linalg.cholesky(0.5 * (A + A.T))
+    gap = (x[touched, 0] ** 2 + x[touched, 1] ** 2) / (2.0 * RADIUS)
+
+    def lacking(approach: float) -> float:
+        return float(nnls(L.T, np.linalg.solve(L, approach - gap))[0].sum() - force)
+
+    return float(brentq(lacking, 1e-4, 0.2, xtol=1e-9))

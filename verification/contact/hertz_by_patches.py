@@ -12,7 +12,16 @@ import numpy as np
 
 import flexmbd as fm
 from flexmbd.record.pressed_patches import contact_patches
-from verification.contact._pressed import FINE, MODULUS, RADIUS, approach_of, pressed, quarter_block, reduced
+from verification.contact._pressed import (
+    FINE,
+    MODULUS,
+    RADIUS,
+    approach_of,
+    pressed,
+    quarter_block,
+    reduced,
+    unreduced_approach_of_ball,
+)
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
 SOURCE = Source(
@@ -28,6 +37,7 @@ REFERENCES = (
     Reference("ball, patches of a/8: approach, without the far part", "m", (LOW**2 / RADIUS,), 0.02, Sureness.PRIMARY),
     Reference("ball: radius of the contact", "m", (HIGH,), 0.01, Sureness.PRIMARY),
     Reference("ball: largest pressure", "Pa", (PEAK,), 0.01, Sureness.PRIMARY),
+    Reference("ball: approach over that of the unreduced mesh's nodes", "", (1.0,), 5e-3, Sureness.OWN),
     Reference("ball, patches of a/4: approach over that of a/8", "", (1.0,), 0.02, Sureness.PRIMARY),
     Reference("ball, patches of a/4: largest pressure", "Pa", (PEAK,), 0.02, Sureness.PRIMARY),
     Reference("ball, 0 and 20 modes: approach over that of 5 modes", "", (1.0, 1.0), 1e-8, Sureness.PRIMARY),
@@ -62,7 +72,8 @@ def compute() -> Computed:
     wide, line_peak = second_moment(slice_of, deep, is_ball=False)
     return Computed(
         (
-            numbers(dent), numbers(np.sqrt(2.5 * square)), numbers(peak), numbers(other / high),
+            numbers(dent), numbers(np.sqrt(2.5 * square)), numbers(peak),
+            numbers(high / unreduced_approach_of_ball(mesh, FORCES[1] / 4.0)), numbers(other / high),
             numbers(second_moment(coarse, other, is_ball=True)[1]), numbers(modes),
             numbers(2.0 * np.sqrt(wide)), numbers(line_peak),
         ),
