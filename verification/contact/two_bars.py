@@ -21,7 +21,7 @@ FORCE = 0.5 * SPEED * 30.0  # N: rho A c v / 2
 REFERENCES = (
     Reference("40 modes: time of the touch and of the release", "s", (MEETS, MEETS + LASTS), 1e-2, Sureness.PRIMARY),
     Reference("40 modes: mean force while they touch", "N", (FORCE,), 1e-2, Sureness.PRIMARY),
-    Reference("5, 20, 40 modes: speed of the second bar over that of the first", "", (1.0,) * 3, 1e-2, Sureness.PRIMARY),
+    Reference("5, 20, 40 modes: speed of the second over that of the first", "", (1.0,) * 3, 1e-2, Sureness.PRIMARY),
     Reference("the same: momentum that is lost", "", (0.0,) * 3, 1e-10, Sureness.PRIMARY, size=1.0),
     Reference("the same: energy that is lost", "", (0.0,) * 3, 1e-5, Sureness.PRIMARY, size=1.0),
 )
