@@ -77,7 +77,7 @@ def spur_gear(
         if not 0.0 < pressure_angle < 0.25 * np.pi:
             raise MeshError(f"pressure_angle must be between 0 and pi/4 rad, got {pressure_angle:g}")
         if not 0.0 <= backlash < 0.5 * np.pi * module:
-            raise MeshError(f"backlash must be between 0 and half a pitch, {0.5 * np.pi * module:g} m, got {backlash:g}")
+            raise MeshError(f"backlash must be from 0 to half a pitch, {0.5 * np.pi * module:g} m, got {backlash:g}")
         shape = Outline(teeth, module, pressure_angle, backlash)
         if not bore < shape.root - module:
             raise MeshError(f"bore must be a module below the root circle, {shape.root - module:g} m, got {bore:g}")

@@ -84,7 +84,7 @@ def test_a_smaller_bore_adds_a_ring_and_the_teeth_are_alike():
         ({"bore": 0.0235}, "bore must be a module below the root circle"),
         ({"fine": (0, 20)}, r"fine has the teeth \[20\], and they are counted from 0 to 19"),
         ({"pressure_angle": 20.0}, "pressure_angle must be between 0 and pi/4 rad, got 20"),
-        ({"backlash": 1.0}, "backlash must be between 0 and half a pitch"),
+        ({"backlash": 1.0}, "backlash must be from 0 to half a pitch"),
         ({"backlash": 2e-3}, "meet below its tip"),
         ({"divisions": (4, 8, 2)}, "divisions must be four positive whole numbers"),
     ],
