@@ -24,7 +24,8 @@ from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
-from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE
+from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE, ROUGH_SURFACE
+from flexmbd.multibody.kernels.elements.surface_friction import PATCH_MEMORY, friction_scratch
 from flexmbd.multibody.kernels.elements.surface_layout import surface_scratch
 from flexmbd.record.contact_patches import ContactPatches
 from flexmbd.record.reduced_body import ReducedBody
@@ -243,8 +244,6 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
                 f"{self.what}: restitution = {self.law.restitution:g} and impact={self.law.impact} are of rigid "
                 "bodies; what an elastic one loses in an impact is what its waves keep: leave both out"
             )
-        if self.law.mu != 0.0:
-            raise SceneError(f"{self.what}: elastic surfaces have no friction yet, and mu = {self.law.mu:g}")
         wanted = "a shape as fm.contact.HalfSpace(...)"
         refuse_other(self.other, (*SHAPES, ElasticSurface), f"{self.what}: what it touches", wanted=wanted)
         if self.other.frame.body is self.surface.body:
@@ -260,11 +259,14 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
             sizes = len(self.other.patches), self.other.body.record.n_modes
         own = len(self.surface.patches), self.surface.body.record.n_modes
         shape = placed_numbers(self.shape, table)
-        table.element(
-            ELASTIC_SURFACE, self.what, f=table.frame(self.frame_F), g=table.frame(self.frame_G),
-            data=table.numbers([float(table.shared(self.surface.table)), *shape, 0.0, self.law.mu, other]),
-            count=surface_scratch(*own, *sizes),
-        )  # fmt: skip
+        data = table.numbers([float(table.shared(self.surface.table)), *shape, 0.0, self.law.mu, other])
+        kind, count, memory, scratch = ELASTIC_SURFACE, 0, -1, surface_scratch(*own, *sizes)
+        if self.law.mu > 0.0:
+            kind, count = ROUGH_SURFACE, PATCH_MEMORY * own[0]
+            memory = table.memory({f"_{k}": 0.0 for k in range(count)})
+            scratch += friction_scratch(own[0], own[1] + sizes[1])
+        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
+        table.element(kind, self.what, f=f, g=g, data=data, count=count, memory=memory, scratch=scratch)
 
 
 #: Surfaces of elastic bodies, as `System.touch` takes them.

@@ -229,7 +229,7 @@ class ElementTable(Protocol):
     def element(
         self, element: ElementKind, what: str, *, f: int = -1, g: int = -1, x: int = -1, v: int = -1, time: int = -1,
         data: int = 0, count: int = 0, address: int = 0, derivative: int = 0, memory: int = -1, side: int = -1,
-        acts: bool = True,
+        scratch: int = 0, acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``; ``what`` is its name in messages.
 

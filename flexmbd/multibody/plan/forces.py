@@ -474,6 +474,7 @@ class ForceTable(StateTable):
         derivative: int = 0,
         memory: int = -1,
         side: int = -1,
+        scratch: int = 0,
         acts: bool = True,
     ) -> None:
         """Append a row of ``Plan.elements``, or a name to ``idle``.
@@ -486,7 +487,8 @@ class ForceTable(StateTable):
         if not (acts or self._may_vary):
             self.idle.append(what)
             return
-        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative, len(self.elements), memory, side]
+        row = [kind_of(element), f, g, x, v, time, data, count, address, derivative]
+        row += [len(self.elements), memory, side, scratch]
         self.elements.append(row)
         self.names.append(what)
 

@@ -19,6 +19,7 @@ from flexmbd.multibody.kernels.contact.complementarity import complementary_forc
 from flexmbd.multibody.kernels.contact.signed_distance import distances
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import write_potential
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.inverse_dynamics.residual import residual
 from flexmbd.multibody.kernels.physics.joints import retract
 from flexmbd.multibody.kernels.tangent.residual_tangent import tangent
@@ -42,7 +43,7 @@ WAYS = {
 }  # fmt: skip
 
 
-def meeting(name, *, depth, bent=(0.0, 0.0, 0.0), modes=4, softness=1e-3, seed=3, patches=7):
+def meeting(name, *, depth, bent=(0.0, 0.0, 0.0), modes=4, softness=1e-3, seed=3, patches=7, mu=0.0):
     """A patched body on a flying one, by a spherical joint, and a shape on another flying one, in which it is so deep.
 
     The modes are at (0.05, -0.03, 0.02, 0.04), the last of the configuration that is returned.
@@ -78,7 +79,7 @@ def meeting(name, *, depth, bent=(0.0, 0.0, 0.0), modes=4, softness=1e-3, seed=3
     flying.position = (*place, 1.0, 0.0, 0.0, 0.0)
     scene.connect(fm.joint.Spherical(), carrier.frame(), body.frame("root"))
     touched = contact.ElasticSurface(other, shape=shape) if elastic else shape
-    (pair,) = scene.touch(contact.ElasticSurface(body), touched, contact.Hard())
+    (pair,) = scene.touch(contact.ElasticSurface(body), touched, contact.Hard(mu=mu))
     body.q = q
     if elastic:
         other.q = bent
@@ -147,6 +148,40 @@ def test_tangent(name):
         errors.append(np.abs(analytic(compiled.plan, x) - expected).max() / np.abs(expected).max())
     assert max(errors) < (1e-7 if name in ("half space", "box") else 1e-2)
     assert errors[1] < max(0.5 * errors[0], 1e-7)
+
+
+def held_there(plan, x, seed=0, size=1e-4):
+    """A configuration a little further than one in which the patches came to stick."""
+    work, rest = new_work(plan), np.zeros(len(plan.free))
+    kept, moved = x.copy(), x.copy()
+    remember(plan, work, kept, rest, 0.0)
+    moved[:] = kept
+    retract(plan, kept, size * np.random.default_rng(seed).standard_normal(len(plan.free)), moved)
+    return moved
+
+
+@pytest.mark.parametrize("name", ["half space", "sphere", "elastic"])
+def test_what_sticks_is_elastic(name):
+    """Its forces are the slopes of an energy, and the tangent their derivatives."""
+    patches = 25 if name == "elastic" else 7
+    _, compiled, x, _ = meeting(name, depth=1e-3, mu=5.0, patches=patches)
+    x = held_there(compiled.plan, x)
+    force = generalised_force(compiled.plan, x)
+    np.testing.assert_allclose(force, -differenced(compiled.plan, x, energy, 1e-6), atol=2e-3 * np.abs(force).max())
+    expected = differenced(compiled.plan, x, generalised_force, 1e-7).T
+    error = np.abs(analytic(compiled.plan, x) - expected).max() / np.abs(expected).max()
+    print(name, error, np.abs(force + differenced(compiled.plan, x, energy, 1e-6)).max() / np.abs(force).max())
+    assert error < 1e-2
+
+
+@pytest.mark.parametrize("name", ["half space", "sphere", "elastic"])
+def test_tangent_of_what_slides(name):
+    _, compiled, x, _ = meeting(name, depth=1e-3, mu=0.1, patches=25 if name == "elastic" else 7)
+    x = held_there(compiled.plan, x, size=1e-3)
+    expected = differenced(compiled.plan, x, generalised_force, 1e-7).T
+    error = np.abs(analytic(compiled.plan, x) - expected).max() / np.abs(expected).max()
+    print(name, error)
+    assert error < 1e-2
 
 
 @pytest.mark.parametrize("name", ["half space", "sphere"])
@@ -260,8 +295,6 @@ def test_what_is_refused():
         on_floor(patched_body(1, modes=3, softness=0.0))
     with pytest.raises(SceneError, match=r"restitution = 0.5 .* leave both out"):
         on_floor(patched_body(1, modes=3), law=contact.Hard(restitution=0.5))
-    with pytest.raises(SceneError, match="no friction yet"):
-        on_floor(patched_body(1, modes=3), law=contact.Hard(mu=0.1))
     with pytest.raises(SceneError, match="its law must be"):
         on_floor(patched_body(1, modes=3), law=contact.PowerLaw(k=1e5))
     with pytest.raises(SceneError, match="its friction is the law's"):

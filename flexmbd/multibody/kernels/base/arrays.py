@@ -99,6 +99,10 @@ def _memories_end(elements: IntArray) -> int:
     return int((elements[:, at.EL_MEMORY] + at.N_MEMORY_HEAD + elements[:, at.EL_COUNT]).max(initial=0))
 
 
+def _most(elements: IntArray, *columns: int) -> list[int]:
+    return [int(elements[:, k].max(initial=0)) for k in columns]
+
+
 def new_work(plan: Plan) -> Work:
     """Allocate the scratch space of ``plan``."""
     remembering = plan.elements[plan.elements[:, at.EL_MEMORY] >= 0]
@@ -106,7 +110,7 @@ def new_work(plan: Plan) -> Work:
         np.zeros((len(plan.tree), at.N_BODY_WORK)),
         np.zeros((len(plan.frames), at.N_FRAME_WORK)),
         np.zeros((len(plan.times) + 1, 3)),
-        np.zeros(max(len(plan.free) + len(plan.driven), int(plan.elements[:, at.EL_COUNT].max(initial=0)))),
+        np.zeros(max(len(plan.free) + len(plan.driven), *_most(plan.elements, at.EL_COUNT, at.EL_SCRATCH))),
         np.zeros((at.N_MOMENTS, int(plan.flex[:, at.N_MODES].max(initial=0)))),
         np.zeros(_memories_end(remembering[remembering[:, at.EL_F] >= 0])),
         np.zeros(int(remembering[:, at.EL_COUNT].max(initial=0))),

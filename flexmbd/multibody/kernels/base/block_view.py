@@ -56,3 +56,29 @@ def matrix_view(typingctx, values, base, rows, columns):
         return array._getvalue()
 
     return kind(values, types.intp, types.intp, types.intp), codegen
+
+
+@intrinsic
+def integer_view(typingctx, values, base, n):
+    """The array (n,) of int32 that begins at ``values[base]``, of an array of float64, which has room for it."""
+    kind = types.Array(types.int32, 1, "C")
+
+    def codegen(context, builder, signature, arguments):
+        from numba.np.arrayobj import make_array, populate_array
+
+        array = make_array(kind)(context, builder)
+        own = make_array(signature.args[0])(context, builder, arguments[0])
+        size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+        word = context.get_value_type(types.intp)
+        place = builder.gep(own.data, [arguments[1]])
+        populate_array(
+            array,
+            data=builder.bitcast(place, context.get_data_type(kind.dtype).as_pointer()),
+            shape=[arguments[2]],
+            strides=[word(size)],
+            itemsize=word(size),
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    return kind(values, types.intp, types.intp), codegen

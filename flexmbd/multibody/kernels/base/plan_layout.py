@@ -63,9 +63,10 @@ FORCE_V, FORCE_TIME, N_FORCE = 0, 1, 2
 # row of Plan.times that scales it (-1: one); offset in Plan.data; a count; the addresses of a user's function and of
 # its derivative; its number in the scene, by which messages name it where others are left out.
 EL_KIND, EL_F, EL_G, EL_X, EL_V, EL_TIME, EL_DATA, EL_COUNT, EL_ADDRESS = range(9)
-EL_NUMBER, EL_MEMORY, EL_SIDE, N_ELEMENT = 10, 11, 12, 13
+EL_NUMBER, EL_MEMORY, EL_SIDE, EL_SCRATCH, N_ELEMENT = 10, 11, 12, 13, 14
 # EL_X, EL_V of an element between frames: which of the loads on frames that states set it is, and where the states of
 # its own begin in v; -1 where there are none.
+# EL_SCRATCH: how many numbers of ``Work.generalized`` it needs; 0, or less than 0, where it says so by EL_COUNT.
 # EL_SIDE: where in x it stands on which side (1, -1) of its switch a user's function is, -1 where it has none; on the
 # negative side the second address is that of the function.
 # EL_MEMORY: where its memory begins in the configuration x, -1 where it has none: when it was written (s), at which

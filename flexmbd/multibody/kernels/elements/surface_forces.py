@@ -34,26 +34,20 @@ from flexmbd.multibody.kernels.contact.complementarity import solve_complementar
 from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness, SurfaceElement
+from flexmbd.multibody.kernels.elements.surface_friction import add_friction, push_along
 from flexmbd.multibody.kernels.elements.surface_points import (
     bound_step,
     farthest,
     find_near,
     mean_of,
     place_points,
+    push_modes,
+    push_other_modes,
     tilt,
 )
+from flexmbd.multibody.kernels.elements.surface_residual import dent_other, own_residual, times_matrix
 
 _ZERO = (0.0, 0.0, 0.0)
-
-
-@kernel
-def times_matrix(data, o, v):
-    """A matrix (3, 3) by rows times v."""
-    return (
-        data[o] * v[0] + data[o + 1] * v[1] + data[o + 2] * v[2],
-        data[o + 3] * v[0] + data[o + 4] * v[1] + data[o + 5] * v[2],
-        data[o + 6] * v[0] + data[o + 7] * v[1] + data[o + 8] * v[2],
-    )
 
 
 @kernel
@@ -112,42 +106,14 @@ def _solve(plan, work, row, m):
 
 
 @kernel
-def _dent_other(plan, work, row, count):
-    """Write the forces on the patches of the other surface, and how its residual flexibility moves them."""
-    _, p, _ = sl.table_of(plan, row)
-    t, size, n = sl.other_of(plan, row)
+def _set_forces(work, p, count):
+    """Write the forces of all patches that touch as vectors along their normals."""
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
-    for i in range(size):
-        load = _ZERO
-        for a in range(count):
-            k = int(V[sl.ORDER, a])
-            if weights[k, i] != 0.0:
-                load = sub3(load, scale3(weights[k, i] * V[sl.FORCE, k], load3(points[k], sl.NORMAL)))
-        store3(others[i], sl.LOAD, load)
-    for i in range(size):
-        dent = _ZERO
-        for j in range(size):
-            load = load3(others[j], sl.LOAD)
-            if load[0] != 0.0 or load[1] != 0.0 or load[2] != 0.0:
-                dent = add3(dent, times_matrix(plan.data, sl.flexibility(size, n, t, i, j), load))
-        store3(others[i], sl.DENT, dent)
-
-
-@kernel
-def own_residual(plan, work, row, i, count):
-    """What the residual flexibility moves patch i by (m), in the body's axes."""
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    u = _ZERO
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        G = sl.flexibility(p, n, t, i, int(V[sl.PATCH, k]))
-        u = add3(u, scale3(V[sl.FORCE, k], times_matrix(plan.data, G, load3(points[k], sl.OWN_NORMAL))))
-    return u
+        store3(points[k], sl.FORCED, scale3(V[sl.FORCE, k], load3(points[k], sl.NORMAL)))
+        store3(points[k], sl.OWN_FORCE, scale3(V[sl.FORCE, k], load3(points[k], sl.OWN_NORMAL)))
 
 
 @kernel
@@ -161,11 +127,11 @@ def _write_directions(plan, work, row, d, R, count):
     others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
     o = row[at.EL_DATA] + sl.SHAPE
     if size > 0:
-        _dent_other(plan, work, row, count)
+        dent_other(plan, work, row, count)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         u = own_residual(plan, work, row, int(V[sl.PATCH, k]), count)
-        store3(points[k], sl.RESIDUAL, u)
+        store3(points[k], sl.OWN_RESIDUAL, u)
         push, apart = load3(points[k], sl.NORMAL), rotate(R, u)
         if size > 0:
             apart = sub3(apart, mean_of(others, sl.DENT, weights[k], size))
@@ -176,8 +142,11 @@ def _write_directions(plan, work, row, d, R, count):
             z = add3(d, load3(points[k], sl.PLACE))
             pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.MODAL, push))
             pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.DENT, load3(points[k], sl.NORMAL)))
+        store3(points[k], sl.APART, apart)
         store3(points[k], sl.PUSH, push)
         store3(points[k], sl.PULL, pull)
+        store3(points[k], sl.PUSHED, scale3(V[sl.FORCE, k], push))
+        store3(points[k], sl.PULLED, scale3(V[sl.FORCE, k], pull))
 
 
 @kernel
@@ -197,7 +166,7 @@ def press_patches(plan, work, row, d, R, q, q_other):
     ``q_other``: the modes of the other surface's body.  Returns how many are near, how many touch, the first of ORDER,
     and a bound of the least gap of the undeformed (m).  -1 touch where there are no forces, which is a fault.
     """
-    t, _, n = sl.table_of(plan, row)
+    t, p, n = sl.table_of(plan, row)
     if not _is_finite(d, R, q, q_other):
         return 0, -1, math.nan
     reach = farthest(plan.data, t, n, q)
@@ -208,28 +177,18 @@ def press_patches(plan, work, row, d, R, q, q_other):
     if m == 0 or not place_points(plan, work, row, m, d, R, q, q_other):
         return m, 0, least
     count = _solve(plan, work, row, m)
+    _set_forces(work, p, count)
+    rough = plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0
+    if rough and count > 0:
+        count = add_friction(plan, work, row, R, m, count)
     if count < 0:
         if plan.flag[0] == 0:
             plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
         return m, -1, least
     _write_directions(plan, work, row, d, R, count)
+    if rough and count > 0:
+        push_along(plan, work, row, d, R, count)
     return m, count, least
-
-
-@kernel
-def push_modes(data, o, n, force, out):
-    """Add what a force on a patch, in its body's axes, does on its modes, whose rows (3, n) begin at ``o``."""
-    for k in range(n):
-        out[k] += data[o + k] * force[0] + data[o + n + k] * force[1] + data[o + 2 * n + k] * force[2]
-
-
-@kernel
-def push_other_modes(plan, row, w, force, out):
-    """Add what a force on the patches of the other surface, with weights, does on its modes."""
-    t, size, n = sl.other_of(plan, row)
-    for i in range(size):
-        if w[i] != 0.0:
-            push_modes(plan.data, sl.displacements(size, n, t, i), n, scale3(w[i], force), out)
 
 
 @kernel
@@ -252,13 +211,12 @@ def sum_forces(plan, work, row, R, count):
     total, torque = _ZERO, _ZERO
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        f = V[sl.FORCE, k]
-        force, push = scale3(f, load3(points[k], sl.PULL)), scale3(f, load3(points[k], sl.NORMAL))
-        couple = cross3(rotate(R, load3(points[k], sl.RESIDUAL)), push)
+        force = load3(points[k], sl.PULLED)
+        couple = cross3(rotate(R, load3(points[k], sl.OWN_RESIDUAL)), load3(points[k], sl.FORCED))
         total, torque = add3(total, force), add3(torque, add3(cross3(load3(points[k], sl.PLACE), force), couple))
         push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, force), out)
         if n_other > 0:
-            push_other_modes(plan, row, weights[k], scale3(-f, load3(points[k], sl.PUSH)), out[n:])
+            push_other_modes(plan, row, weights[k], scale3(-1.0, load3(points[k], sl.PUSHED)), out[n:])
     return total, torque
 
 
@@ -284,17 +242,23 @@ def surface_energy(plan, work, row, d, R, q, q_other):
     _, count, _ = press_patches(plan, work, row, d, R, q, q_other)
     if count < 0:
         return math.nan
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     energy = 0.0
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        energy -= 0.5 * V[sl.FORCE, k] * V[sl.GAP, k]
+        energy += 0.5 * dot3(load3(points[k], sl.FORCED), load3(points[k], sl.APART))
     return energy
 
 
+_NAME = "contacts of elastic surfaces, which are stiffer than at the start"
+_UNDEFINED = (
+    "a patch is on the core of the shape, where its distance has no direction, its residual flexibility is none, or no "
+    "forces balance its friction: take larger patches, fewer modes, or a smaller mu"
+)
 ELASTIC_SURFACE = SurfaceElement(
-    Behaviour(
-        "contacts of elastic surfaces, which are stiffer than at the start", Stiffness.UNSEEN, lets_go=True,
-        undefined="a patch is on the core of the shape, where its distance has no direction, or its residual "
-        "flexibility is none: take larger patches or fewer modes",
-    ), surface_energy,
-)  # fmt: skip
+    Behaviour(_NAME, Stiffness.UNSEEN, lets_go=True, undefined=_UNDEFINED), surface_energy
+)
+#: With friction, which remembers where its patches stick.
+ROUGH_SURFACE = SurfaceElement(
+    Behaviour(_NAME, Stiffness.UNSEEN, remembers=True, lets_go=True, undefined=_UNDEFINED), surface_energy
+)

@@ -10,7 +10,7 @@ Of a table: how many patches p and modes n; a ball about the centroids, its cent
 ``work.generalized`` holds vectors of the p patches, of which those after FAR are of the m that are near: their numbers,
 forces, gaps under these, ways through the complementarity; rows of the points (the columns below); the matrices C, L;
 the weights of the other surface's patches for each, and rows of these; then B and K, for the tangent, and the forces on
-the modes, first of the surface, then of the other.
+the modes, first of the surface, then of the other; last what friction needs.
 """
 
 from __future__ import annotations
@@ -21,10 +21,13 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 TABLE, SHAPE, FRICTION, OTHER, N_SURFACE = 0, 1, 6, 7, 8
 N_PATCH, N_MODE, CENTRE, RADIUS, SUPPORT, MOST = 0, 1, 2, 5, 6, 7
 
-#: Columns of the row of a point, in F's axes but the third and fourth, which are in the body's: the normal; the
-#: centroid from the body's origin; the normal; what the residual flexibility adds; where it is for the undeformed
-#: shape; along what its force pushes the other surface, and the body, see ``surface_forces``.
-NORMAL, PLACE, OWN_NORMAL, RESIDUAL, FOOT, PUSH, PULL, N_POINT = 0, 3, 6, 9, 12, 15, 18, 21
+#: Columns of the row of a point, (3) each, in F's axes but those that begin with OWN, which are in the body's: the
+#: normal; the centroid from the body's origin; where it is for the undeformed shape; what the residual flexibility adds
+#: by itself, and against the other surface; along what a unit of its normal force pushes the other surface, and the
+#: body, see ``surface_forces``; its force, and what that is for the two.
+NORMAL, OWN_NORMAL, PLACE, FOOT, OWN_RESIDUAL, APART, PUSH, PULL, FORCED, OWN_FORCE, PUSHED, PULLED, N_POINT = range(
+    0, 39, 3
+)
 #: Vectors of the scratch space, (p,) each.
 FAR, PATCH, FORCE, LEFT, INSIDE, ORDER, GAP, N_VECTOR = range(8)
 #: Columns of the row of a patch of the other surface, (3) each: how the modes move it, how the residual flexibility;
@@ -112,3 +115,9 @@ def stiffness_place(p, p_other, size):
 def modal_place(p, p_other, size):
     """Where the forces on the modes (size - 6,) begin."""
     return rows_place(p, p_other) + p * size + size**2
+
+
+@kernel
+def rough_place(p, p_other, size):
+    """Where what friction needs begins, see ``surface_friction``."""
+    return modal_place(p, p_other, size) + size - 6

@@ -201,3 +201,19 @@ def weighted_row(data, t, p, n, w, k):
             o = sl.displacements(p, n, t, i)
             found = add3(found, scale3(w[i], (data[o + k], data[o + n + k], data[o + 2 * n + k])))
     return found
+
+
+@kernel
+def push_modes(data, o, n, force, out):
+    """Add what a force on a patch, in its body's axes, does on its modes, whose rows (3, n) begin at ``o``."""
+    for k in range(n):
+        out[k] += data[o + k] * force[0] + data[o + n + k] * force[1] + data[o + 2 * n + k] * force[2]
+
+
+@kernel
+def push_other_modes(plan, row, w, force, out):
+    """Add what a force on the patches of the other surface, with weights, does on its modes."""
+    t, size, n = sl.other_of(plan, row)
+    for i in range(size):
+        if w[i] != 0.0:
+            push_modes(plan.data, sl.displacements(size, n, t, i), n, scale3(w[i], force), out)

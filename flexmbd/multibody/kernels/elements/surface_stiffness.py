@@ -11,11 +11,13 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, load3, rotate, r
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.contact.complementarity import forward
 from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
-from flexmbd.multibody.kernels.elements.surface_forces import push_modes, push_other_modes, times_matrix
-from flexmbd.multibody.kernels.elements.surface_points import weighted_row
+from flexmbd.multibody.kernels.elements.surface_friction import direction_of, motions_place, rough_stiffness
+from flexmbd.multibody.kernels.elements.surface_points import push_modes, push_other_modes, weighted_row
+from flexmbd.multibody.kernels.elements.surface_residual import times_matrix
 
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -26,36 +28,84 @@ def _unit(c):
 
 
 @kernel
-def _write_rows(plan, work, row, R, count, K):
-    """Write B; what the body's turn changes of C is included, whose second derivative is added to K."""
+def write_row(plan, work, row, R, k, count, direction, pull, push, out):
+    """Write what moves near patch k along a direction, at fixed forces, by a motion and by the modes.
+
+    A unit of force along it pulls the body and pushes the other surface along two others (F's axes).
+    """
     t, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    B = matrix_view(work.generalized, sl.rows_place(p, size), count, 6 + n + n_other)
+    own = rotate_back(R, direction)
+    turned = cross3(load3(points[k], sl.OWN_RESIDUAL), own)
+    for b in range(count):
+        j = int(V[sl.ORDER, b])
+        G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
+        turned = add3(turned, cross3(times_matrix(plan.data, G, own), load3(points[j], sl.OWN_FORCE)))
+    store3(out, 0, pull)
+    store3(out, 3, add3(cross3(load3(points[k], sl.PLACE), pull), rotate(R, turned)))
+    for i in range(6, 6 + n + n_other):
+        out[i] = 0.0
+    push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, pull), out[6:])
+    if n_other > 0:
+        push_other_modes(plan, row, weights[k], scale3(-1.0, push), out[6 + n :])
+
+
+@kernel
+def _add_turns(plan, work, row, R, count, K):
+    """Add to K what the couples change by as the body turns, at fixed forces."""
+    t, p, n = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        own, f = load3(points[k], sl.OWN_NORMAL), V[sl.FORCE, k]
-        turned = cross3(load3(points[k], sl.RESIDUAL), own)
         for b in range(count):
             j = int(V[sl.ORDER, b])
             G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
-            other = load3(points[j], sl.OWN_NORMAL)
-            turned = add3(turned, cross3(scale3(V[sl.FORCE, j], times_matrix(plan.data, G, own)), other))
             for c in range(3):
-                tilted = rotate_back(R, cross3(_unit(c), load3(points[k], sl.NORMAL)))
-                couple = rotate(R, cross3(times_matrix(plan.data, G, tilted), other))
+                tilted = rotate_back(R, cross3(_unit(c), load3(points[k], sl.FORCED)))
+                couple = rotate(R, cross3(times_matrix(plan.data, G, tilted), load3(points[j], sl.OWN_FORCE)))
                 for r in range(3):
-                    K[3 + r, 3 + c] -= V[sl.FORCE, j] * f * couple[r]
-        pull = load3(points[k], sl.PULL)
-        store3(B[a], 0, pull)
-        store3(B[a], 3, add3(cross3(load3(points[k], sl.PLACE), pull), rotate(R, turned)))
-        for i in range(6, 6 + n + n_other):
-            B[a, i] = 0.0
-        push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, pull), B[a, 6:])
-        if n_other > 0:
-            push_other_modes(plan, row, weights[k], scale3(-1.0, load3(points[k], sl.PUSH)), B[a, 6 + n :])
+                    K[3 + r, 3 + c] -= couple[r]
+
+
+@kernel
+def _add_smooth(plan, work, row, R, m, count, K):
+    """Subtract B^T C^-1 B."""
+    _, p, n = sl.table_of(plan, row)
+    _, size, n_other = sl.other_of(plan, row)
+    unknowns = 6 + n + n_other
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    B = matrix_view(work.generalized, sl.rows_place(p, size), count, unknowns)
+    L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
+    for a in range(count):
+        row_of = points[int(V[sl.ORDER, a])]
+        normal, pull, push = load3(row_of, sl.NORMAL), load3(row_of, sl.PULL), load3(row_of, sl.PUSH)
+        write_row(plan, work, row, R, int(V[sl.ORDER, a]), count, normal, pull, push, B[a])
+    for i in range(unknowns):
+        forward(L, count, B[:, i])
+    for a in range(count):
+        for i in range(unknowns):
+            for j in range(unknowns):
+                K[i, j] -= B[a, i] * B[a, j]
+
+
+@deferred_kernel()
+def _add_rough(plan, work, row, R, count, K):
+    """Subtract B^T J^-1 (the residuals' change by B)."""
+    _, p, _ = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    first, unknowns = motions_place(plan, row)
+    B = matrix_view(work.generalized, first, 3 * count, unknowns)
+    for a in range(count):
+        k = int(V[sl.ORDER, a])
+        for c in range(3):
+            along, pull, push = direction_of(plan, work, row, k, c)
+            write_row(plan, work, row, R, k, count, along, pull, push, B[3 * a + c])
+    rough_stiffness(plan, work, row, count, K)
 
 
 @kernel
@@ -71,8 +121,8 @@ def _add_geometric(plan, work, row, k, R, column, dz, turn, moved, K):
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
     o, f = row[at.EL_DATA] + sl.SHAPE, V[sl.FORCE, k]
-    force, push = scale3(f, load3(points[k], sl.PULL)), scale3(f, load3(points[k], sl.NORMAL))
-    u, place = rotate(R, load3(points[k], sl.RESIDUAL)), load3(points[k], sl.PLACE)
+    force, push = load3(points[k], sl.PULLED), load3(points[k], sl.FORCED)
+    u, place = rotate(R, load3(points[k], sl.OWN_RESIDUAL)), load3(points[k], sl.PLACE)
     bent = _ZERO
     if plan.data[o] != HALF_SPACE:
         bent = scale3(f, gradient_variation(plan.data, o, load3(points[k], sl.FOOT), dz))
@@ -101,16 +151,12 @@ def write_stiffness(plan, work, row, R, m, count):
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
     K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, unknowns)
-    B = matrix_view(work.generalized, sl.rows_place(p, size), count, unknowns)
-    L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
     K[:, :] = 0.0
-    _write_rows(plan, work, row, R, count, K)
-    for i in range(unknowns):
-        forward(L, count, B[:, i])
-    for a in range(count):
-        for i in range(unknowns):
-            for j in range(unknowns):
-                K[i, j] -= B[a, i] * B[a, j]
+    _add_turns(plan, work, row, R, count, K)
+    if plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0:
+        _add_rough(plan, work, row, R, count, K)
+    else:
+        _add_smooth(plan, work, row, R, m, count, K)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         place = load3(points[k], sl.PLACE)

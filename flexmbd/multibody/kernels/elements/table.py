@@ -47,7 +47,7 @@ from flexmbd.multibody.kernels.elements.penalty import PENALTY
 from flexmbd.multibody.kernels.elements.spring import SPRING
 from flexmbd.multibody.kernels.elements.state_rates import STATES
 from flexmbd.multibody.kernels.elements.stop import STOP
-from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE
+from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE, ROUGH_SURFACE
 from flexmbd.multibody.kernels.elements.surface_layout import OTHER
 from flexmbd.multibody.kernels.elements.user_law import USER_LAW
 from flexmbd.multibody.kernels.elements.user_state_force import SOLVED_TOGETHER, STATE_FORCE
@@ -59,7 +59,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
     STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
     HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES, GRAVITATION, PAIRS_LAW, STORING_PAIRS_LAW, CONTACT, ROUGH_CONTACT,
-    HARD_CONTACT, HARD_GROUP, ELASTIC_SURFACE,
+    HARD_CONTACT, HARD_GROUP, ELASTIC_SURFACE, ROUGH_SURFACE,
 )  # fmt: skip
 
 
@@ -128,7 +128,7 @@ def touched_modes(plan: Plan, row: IntArray) -> list[range]:
 
 def of_surfaces(plan: Plan) -> NDArray[np.bool_]:
     """(k,) whether each element of a plan acts on the patches of an elastic surface."""
-    return are_of(plan, ELASTIC_SURFACE)
+    return _by_kind(plan, lambda one: isinstance(one, SurfaceElement))
 
 
 def of_pairs(plan: Plan) -> NDArray[np.bool_]:
@@ -186,7 +186,7 @@ _SLOPED = _kinds(*(_has(one, PairsElement, "slope") for one in ELEMENTS))
 _STORING_PAIRS = _kinds(*(isinstance(one, PairsElement) and one.stores for one in ELEMENTS))
 _STORING_BETWEEN_FRAMES = _kinds(*(_has(one, FrameElement, "energy") for one in ELEMENTS))
 _STATES = kind_of(STATES)
-_SURFACE = kind_of(ELASTIC_SURFACE)
+_OF_SURFACE = _kinds(*(isinstance(one, SurfaceElement) for one in ELEMENTS))
 _CHANGING = _kinds(*(one.behaviour.changing for one in ELEMENTS))
 _TOUCHING = _kinds(*(_has(one, FrameElement, "gap") for one in ELEMENTS))
 
@@ -286,7 +286,7 @@ def is_of_pairs(kind):
 @kernel
 def is_of_surface(kind):
     """Whether a kind acts between a frame and the patches of an elastic body."""
-    return kind == _SURFACE
+    return _OF_SURFACE[kind]
 
 
 @kernel

@@ -6,9 +6,10 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import brief_entry_kernel, kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
 from flexmbd.multibody.kernels.elements.memory_path import write_memory
-from flexmbd.multibody.kernels.elements.table import write_frame_memory
+from flexmbd.multibody.kernels.elements.table import is_of_surface, write_frame_memory
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
+from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import remember_surface
 
 
 @kernel
@@ -20,7 +21,9 @@ def _remember(plan, work, x, v, t):
         row = plan.elements[i]
         if row[at.EL_MEMORY] < 0:
             continue
-        if row[at.EL_F] >= 0:
+        if is_of_surface(row[at.EL_KIND]):
+            remember_surface(plan, work, row, x, t)
+        elif row[at.EL_F] >= 0:
             d, R, rate, spin = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             write_frame_memory(plan, work, row, x, d, R, rate, spin, t)
         else:

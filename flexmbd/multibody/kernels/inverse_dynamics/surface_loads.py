@@ -7,7 +7,8 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements import surface_layout as sl
-from flexmbd.multibody.kernels.elements.surface_forces import surface_energy, surface_wrench
+from flexmbd.multibody.kernels.elements.surface_forces import press_patches, surface_energy, surface_wrench
+from flexmbd.multibody.kernels.elements.surface_friction import remember_patches
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import load_frame
 
@@ -61,3 +62,14 @@ def stored_by_surface(plan, work, row, x):
     rx, _, k = other_modes_of(plan, row)
     d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
     return surface_energy(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k])
+
+
+@deferred_kernel()
+def remember_surface(plan, work, row, x, t):
+    """Write into the configuration x what a surface with friction remembers at t (s)."""
+    qx, _, n = modes_of(plan, row)
+    rx, _, k = other_modes_of(plan, row)
+    d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+    m, count, _ = press_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + k])
+    x[row[at.EL_MEMORY] + at.MEMORY_TIME] = t
+    remember_patches(plan, work, row, x, m, count)

@@ -10,7 +10,7 @@ from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.contact.signed_distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, SPHERE
 from flexmbd.multibody.kernels.elements.contact_wrench import HEAD
 from flexmbd.multibody.kernels.elements.element import Behaviour
-from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE
+from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE, ROUGH_SURFACE
 from flexmbd.multibody.kernels.elements.surface_layout import SHAPE
 from flexmbd.multibody.kernels.elements.table import behaviours, kind_of
 
@@ -39,6 +39,6 @@ def _is_convex_contact(plan: Plan, row: IntArray, behaviour: Behaviour) -> bool:
     if not behaviour.lets_go or behaviour.hard:
         return False
     o = int(row[at.EL_DATA])
-    if row[at.EL_KIND] == kind_of(ELASTIC_SURFACE):
+    if row[at.EL_KIND] in (kind_of(ELASTIC_SURFACE), kind_of(ROUGH_SURFACE)):
         return int(plan.data[o + SHAPE]) in _CONVEX
     return int(plan.data[o + HEAD + int(plan.data[o]) + int(plan.data[o + 1]) + 1]) in _CONVEX
