@@ -11,7 +11,7 @@ import flexmbd as fm
 from flexmbd import contact, meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import Keep, Patch, craig_bampton
+from flexmbd.reduction import Keep, ModalDamping, Patch, craig_bampton
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +129,55 @@ def test_two_blocks_are_as_one_pressed_half_as_far_on_a_plane():
         found.append(met.normal_force[0].sum())
     assert found[1] == pytest.approx(found[0], rel=0.01)
     assert found[2] == pytest.approx(found[0], rel=0.03)  # which overlaps by a half patch less
+
+
+@functools.cache
+def brick(size):
+    """Of rubber, that nothing holds, its foot in nine patches."""
+    rubber = solid_linear.Parameters(E=5e6 * size, nu=0.3, rho=1000.0)  # as stiff against its weight at all sizes
+    model = ContinuumModel(meshes.block(size, size, 0.5 * size, divisions=(3, 3, 2)), solid_linear, rubber, degree=2)
+    foot = Patch("foot", size=0.34 * size, facets="z_min")
+    return craig_bampton(model, modes=8, contact=[foot], damping=ModalDamping(0.3))
+
+
+def on_incline(size, mu, *, sine=0.6):
+    """On an incline, laid down where it bears without friction."""
+    scene = fm.System(gravity=9.81 * np.array([sine, 0.0, -np.sqrt(1.0 - sine**2)]))
+    body = scene.add(fm.FlexibleBody(brick(size)), name="brick")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
+    free.position = (0.0, 0.0, -brick(size).contact.x[:, 2].mean(), 1.0, 0.0, 0.0, 0.0)
+    floor = contact.HalfSpace(scene.ground.frame())
+    (pair,) = scene.touch(contact.ElasticSurface(body), floor, contact.Hard(mu=mu))
+    return scene, body, pair
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
+@pytest.mark.parametrize("size", [0.1, 1.0])
+def test_a_block_slides_down_an_incline(size):
+    """By g (0.6 - 0.3 x 0.8) at any size, after it has swung in; no patch bears more than mu times its force."""
+    scene, body, pair = on_incline(size, 0.3)
+    run = scene.simulate(1.0, rtol=1e-4)
+    t = np.linspace(0.0, 1.0, 201)
+    (met,) = run.contacts(pair, t=t)
+    friction = np.linalg.norm(met.friction, axis=2)
+    assert (friction <= 0.3 * met.normal_force * (1.0 + 1e-6) + 1e-9).all()
+    speed = run.velocity(body.frame(), t=t)[:, 0]
+    assert np.polyfit(t[100:], speed[100:], 1)[0] == pytest.approx(9.81 * (0.6 - 0.3 * 0.8), rel=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
+@pytest.mark.parametrize("name", ["radau", "generalized-alpha", "explicit"])
+def test_a_block_stays_on_an_incline(name):
+    """It bears its weight, about which it still swings where the method does not damp that, and does not creep."""
+    scene, body, pair = on_incline(0.1, 0.5, sine=0.3)
+    methods = {"radau": fm.RadauIIA(), "generalized-alpha": fm.GeneralizedAlpha(), "explicit": fm.ExplicitRungeKutta()}
+    run = scene.simulate(1.0, rtol=1e-4, integrator=methods[name])
+    t = np.array([0.8, 0.9, 1.0])
+    (met,) = run.contacts(pair, t=t)
+    weight, swings = body.mass * 9.81, 1.0 if name == "radau" else 50.0
+    held = met.friction.sum(axis=1)[-1]
+    np.testing.assert_allclose(held, (-0.3 * weight, 0.0, 0.0), atol=1e-3 * swings * weight)
+    assert met.normal_force[-1].sum() == pytest.approx(weight * np.sqrt(0.91), rel=1e-3 * swings)
+    x = run.position(body.frame(), t=t)[:, 0]
+    assert np.ptp(x) < 1e-7 * swings
+    assert 1e-5 < x[-1] < 1e-4  # what the foot gives way

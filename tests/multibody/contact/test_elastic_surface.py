@@ -170,18 +170,17 @@ def test_what_sticks_is_elastic(name):
     np.testing.assert_allclose(force, -differenced(compiled.plan, x, energy, 1e-6), atol=2e-3 * np.abs(force).max())
     expected = differenced(compiled.plan, x, generalised_force, 1e-7).T
     error = np.abs(analytic(compiled.plan, x) - expected).max() / np.abs(expected).max()
-    print(name, error, np.abs(force + differenced(compiled.plan, x, energy, 1e-6)).max() / np.abs(force).max())
-    assert error < 1e-2
+    assert error < (1e-7 if name == "half space" else 1e-2)
 
 
 @pytest.mark.parametrize("name", ["half space", "sphere", "elastic"])
 def test_tangent_of_what_slides(name):
+    """Of plane shapes it is exact, sliding along and across and towards sticking included."""
     _, compiled, x, _ = meeting(name, depth=1e-3, mu=0.1, patches=25 if name == "elastic" else 7)
     x = held_there(compiled.plan, x, size=1e-3)
     expected = differenced(compiled.plan, x, generalised_force, 1e-7).T
     error = np.abs(analytic(compiled.plan, x) - expected).max() / np.abs(expected).max()
-    print(name, error)
-    assert error < 1e-2
+    assert error < (1e-7 if name == "half space" else 1e-2)
 
 
 @pytest.mark.parametrize("name", ["half space", "sphere"])

@@ -62,7 +62,7 @@ def surface_series(plan, work, i, x, v, a, w, out):
             out[k, j, GAP] = 0.0
             pull = rotate(R_F, load3(points[c], sl.PULL))
             store3(out[k, j], NORMAL, scale3(1.0 / math.sqrt(dot3(pull, pull)), pull))
-            store3(out[k, j], FORCE, scale3(V[sl.FORCE, c], pull))
+            store3(out[k, j], FORCE, rotate(R_F, load3(points[c], sl.PULLED)))
 
 
 @entry_kernel
