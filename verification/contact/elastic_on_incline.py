@@ -1,8 +1,8 @@
 """Elastic block that slides down an incline, at two sizes.
 
 Cubes of 1.4 m and of 0.14 m, E = 100 MPa, mu = 0.3, on the slope on which Coulomb's law says 2.0385 m/s^2 whatever the
-size; another program was seen to give 2.0427 and 1.3986. They start as they are made, so they sag and vibrate on the
-incline, and friction goes with the normal force; so what grows evenly is x + mu z of the centre of mass.
+size; another program was seen to give 2.0427 and 1.3986. They start as they are made, so they sag and vibrate on the incline
+until their damping has stilled them; patches that come down stick for an instant.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import flexmbd as fm
 from flexmbd import contact, meshes
 from flexmbd.continuum import ContinuumModel
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import Patch, craig_bampton
+from flexmbd.reduction import ModalDamping, Patch, craig_bampton
 from verification.contact._bodies import G, incline
 from verification.reference import Computed, Reference, Source, Sureness, numbers
 
@@ -23,7 +23,7 @@ SOURCE = Source("Closed form of Coulomb's law; the sizes are those of a public r
 MU, SIZES, MODES, RTOL, SLIDES = 0.3, (1.4, 0.14), 10, 1e-4, 2.0385
 ANGLE = float(np.arcsin(SLIDES / (G * np.hypot(1.0, MU))) + np.arctan(MU))
 REFERENCES = (
-    Reference("cubes of 1.4 m and of 0.14 m: acceleration", "m/s^2", (SLIDES,) * 2, 1e-3, Sureness.PRIMARY),
+    Reference("cubes of 1.4 m and of 0.14 m: acceleration", "m/s^2", (SLIDES,) * 2, 1e-9, Sureness.PRIMARY),
 )
 
 
@@ -33,18 +33,20 @@ def slides(size: float) -> float:
     stuff = solid_linear.Parameters(E=1e8, nu=0.3, rho=1000.0)
     below = Patch("below", size=0.26 * size, facets="z_min")
     model = ContinuumModel(mesh, solid_linear, stuff, degree=2)
-    record = craig_bampton(model, modes=MODES, geometric_stiffness=False, contact=[below])
+    record = craig_bampton(
+        model, modes=MODES, geometric_stiffness=False, contact=[below], damping=ModalDamping(0.5)
+    )
     scene, floor = incline(ANGLE)
     body = scene.add(fm.FlexibleBody(record), name="cube")
     free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
     free.position = (0.0, 0.0, 0.5 * size, 1.0, 0.0, 0.0, 0.0)
     scene.touch(contact.ElasticSurface(body, "below"), floor, contact.Hard(mu=MU))
     run = scene.simulate(1.0, rtol=RTOL)
-    t = np.array([0.2, 0.6, 1.0])
+    t = np.array([0.6, 0.8, 1.0])
     x = run.position(body.frame(), t=t)
     moved = np.einsum("ni,tn->ti", record.gram[0, 4:].reshape(-1, 3), run.q(body, t=t)) / record.mass
     centre = x + np.einsum("tij,tj->ti", run.rotation(body.frame(), t=t), moved)
-    return float(np.diff(centre[:, 0] + MU * centre[:, 2], n=2)[0] / 0.4**2)
+    return float(np.diff(centre[:, 0] + MU * centre[:, 2], n=2)[0] / 0.2**2)
 
 
 def compute() -> Computed:
