@@ -176,6 +176,10 @@ def _involute(angle: float | FloatArray) -> FloatArray:
     return found
 
 
+def _shares(first: float, last: float, intervals: int) -> FloatArray:
+    return np.linspace(first, last, intervals + 1, dtype=np.float64)
+
+
 def _unit(angle: FloatArray) -> FloatArray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
@@ -194,7 +198,7 @@ def _profile(
     # half the top of the rim: the root from the gap's middle, then the lower half of the fillet
     end = shape.fillet(np.array(1.0))[1]
     land = np.linspace(np.pi / shape.teeth, end, gap - degree + 1)[:-1]
-    low, low_angle = shape.fillet(np.linspace(1.0, 0.5, degree + 1))
+    low, low_angle = shape.fillet(_shares(1.0, 0.5, degree))
     side, side_angle = np.concatenate([np.full(len(land), shape.root), low]), np.concatenate([land, low_angle])
     middle = np.linspace(-1.0, 1.0, degree * across + 1) * low_angle[-1]
     top = np.concatenate([side, np.full(len(middle) - 2, low[-1]), side[:0:-1]])
@@ -212,8 +216,8 @@ def _profile(
     first = numbers.size
     for tooth, turn in enumerate(turns):
         rows = along if tooth in fine else min(along, _COARSE)
-        heights = shape.along_flank(np.linspace(0.0, 1.0, degree * rows + 1))
-        r, half = shape.fillet(np.linspace(0.5, 0.0, degree + 1)[1:])
+        heights = shape.along_flank(_shares(0.0, 1.0, degree * rows))
+        r, half = shape.fillet(_shares(0.5, 0.0, degree)[1:])
         r, half = np.concatenate([r, heights[1:]]), np.concatenate([half, shape.half_angle(heights[1:])])
         spread_angles = half[:, None] * np.linspace(-1.0, 1.0, len(middle))
         points.append((r[:, None, None] * _unit(turn + spread_angles)).reshape(-1, 2))

@@ -1,8 +1,8 @@
 """Elastic block that slides down an incline, at two sizes.
 
 Cubes of 1.4 m and of 0.14 m, E = 100 MPa, mu = 0.3, on the slope on which Coulomb's law says 2.0385 m/s^2 whatever the
-size; another program was seen to give 2.0427 and 1.3986. They start as they are made, so they sag and vibrate on the incline
-until their damping has stilled them; patches that come down stick for an instant.
+size; another program was seen to give 2.0427 and 1.3986. They start as they are made, so they sag and vibrate on the
+incline until their damping has stilled them; patches that come down stick for an instant.
 """
 
 from __future__ import annotations
