@@ -11,7 +11,6 @@ from flexmbd.multibody.contact.contact_laws import Hertz as Hertz
 from flexmbd.multibody.contact.contact_laws import NormalLaw as NormalLaw
 from flexmbd.multibody.contact.contact_laws import PowerLaw as PowerLaw
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface as ElasticSurface
-from flexmbd.multibody.contact.elastic_surface import SurfaceContact as SurfaceContact
 from flexmbd.multibody.contact.hard_contact import Hard as Hard
 from flexmbd.multibody.contact.hard_contact import HardContact as HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup as HardGroup
@@ -33,6 +32,7 @@ from flexmbd.multibody.contact.shapes import Sphere as Sphere
 from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
 from flexmbd.multibody.contact.shapes import TouchShape as TouchShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
+from flexmbd.multibody.contact.surface_contact import SurfaceContact as SurfaceContact
 from flexmbd.multibody.contact.touch import AnyContact as AnyContact
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface as TriangleSurface

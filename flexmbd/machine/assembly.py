@@ -19,9 +19,11 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
-from flexmbd.multibody.contact.elastic_surface import Elastic, SurfaceContact, surface_contacts
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.shapes import Sphere
+from flexmbd.multibody.contact.surface_contact import Elastic, SurfaceContact, surface_contacts
 from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
@@ -234,6 +236,9 @@ class MachineAssembly:
     ) -> tuple[Contact, ...]: ...
 
     @overload
+    def touch(self, one: ElasticSurface, other: Sphere, law: NormalLaw) -> tuple[SurfaceContact, ...]: ...
+
+    @overload
     def touch(
         self, one: Elastic | Touching, other: Elastic | Touching, law: Hard
     ) -> tuple[HardContact | HardGroup | SurfaceContact, ...]: ...
@@ -278,7 +283,7 @@ class MachineAssembly:
             for touched in surfaces:
                 self._check_force(touched)
             for touched in surfaces:
-                self._touched.add(touched.surface.parts, touched.touching, joined=())
+                self._touched.add(*touched.touching, joined=())
             self._forces.extend(surfaces)
             return tuple(surfaces)
         first, second = shapes_of(cast(Touching, one)), shapes_of(cast(Touching, other))

@@ -181,3 +181,43 @@ def test_a_block_stays_on_an_incline(name):
     x = run.position(body.frame(), t=t)[:, 0]
     assert np.ptp(x) < 1e-7 * swings
     assert 1e-5 < x[-1] < 1e-4  # what the foot gives way
+
+
+@functools.cache
+def slab(size):
+    """A third of it is patches of ``size``, which a ball touches at one point."""
+    steel = solid_linear.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
+    mesh = meshes.block(0.048, 0.048, 0.02, divisions=(16, 16, 5))
+    model = ContinuumModel(mesh, solid_linear, steel, degree=2, interfaces=[Interface("z_min")])
+    far = 0.0121
+    pad = Patch("pad", size=size, facets=lambda x: (x[2] > 0.0099) & (abs(x[0] - 0.024) < far) & (abs(x[1]) < far))
+    return craig_bampton(model, modes=6, frame="z_min", contact=[pad], keep=Keep(modes=True))
+
+
+def pressed_by_ball(size, approach, aside=0.0):
+    """The force (N) of a ball of 1 cm that is so near (m) to a slab's undeformed surface."""
+    scene = fm.System()
+    body = scene.add(fm.FlexibleBody(slab(size)), name="slab")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), body.frame("z_min"))
+    group = body.record.contact
+    n, t = group.axes[0, :, 0], group.axes[0, :, 1]
+    ball = contact.Sphere(scene.ground.frame(p=group.x.mean(axis=0) + (0.01 - approach) * n + aside * t), 0.01)
+    (pair,) = scene.touch(contact.ElasticSurface(body), ball, contact.Hertz(E=2.1e11, nu=0.3))
+    run = scene.simulate(1e-9, about=scene.equilibrium(), rtol=1e-3)
+    return run.contacts(pair)[0].normal_force[0, 0]
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
+def test_a_ball_dents_a_slab_as_hertz_says_whatever_its_patches_are():
+    """On patches and between them; the slab is no half space, which is a hundredth of the dent."""
+    star, approach = 2.1e11 / (2.0 * (1.0 - 0.09)), 2e-5
+    hertz = 4.0 / 3.0 * star * np.sqrt(0.01) * approach**1.5
+    found = [pressed_by_ball(size, approach, aside) for size in (6e-3, 3e-3) for aside in (0.0, 1e-3, 1.5e-3)]
+    np.testing.assert_allclose(found, hertz, rtol=0.02)
+    np.testing.assert_allclose(found, found[0], rtol=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
+def test_a_dent_wider_than_a_patch_is_told():
+    with pytest.warns(fm.RangeWarning, match="Hertz's dent is .* wide in radius, and the patches are 0.0017 m"):
+        pressed_by_ball(3e-3, 4e-4)

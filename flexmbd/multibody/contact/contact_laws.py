@@ -122,6 +122,12 @@ class Hertz(_Impact):
             raise SceneError(f"{what}: a sphere of radius {radius:g} m does not fit into the hollow it is to touch")
         return 4.0 / 3.0 * star * _ellipse(high / low) / math.sqrt(math.sqrt(low * high))
 
+    @property
+    def touched_modulus(self) -> float:
+        """E / (1 - nu^2) of the touched shape (Pa)."""
+        E, nu = self._other()
+        return E / (1.0 - nu**2)
+
     def _other(self) -> tuple[float, float]:
         return (
             self.E if self.E_other is None else self.E_other,

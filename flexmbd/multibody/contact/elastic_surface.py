@@ -5,10 +5,8 @@ Their kernels: ``kernels.elements.surface_forces``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,19 +15,12 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
-from flexmbd.multibody.contact.hard_contact import Hard
-from flexmbd.multibody.contact.impact_law import ImpactLaw
-from flexmbd.multibody.contact.shapes import SHAPES, ConvexPolytope, TouchedShape, TouchShape, Vertex
-from flexmbd.multibody.contact.table_shape import placed_numbers, tables_of
+from flexmbd.multibody.contact.shapes import SHAPES, TouchedShape
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
-from flexmbd.multibody.force.protocol import BetweenFrames, ElementTable
-from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
-from flexmbd.multibody.kernels.elements.surface_forces import ELASTIC_SURFACE, ROUGH_SURFACE
-from flexmbd.multibody.kernels.elements.surface_friction import PATCH_MEMORY, friction_scratch
-from flexmbd.multibody.kernels.elements.surface_layout import surface_scratch
+from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.record.contact_patches import ContactPatches
 from flexmbd.record.reduced_body import ReducedBody
-from flexmbd.round_off import WORTHLESS_PIVOT
+from flexmbd.round_off import SEVEN_DIGITS, WORTHLESS_PIVOT
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -37,7 +28,7 @@ IntArray = NDArray[np.int64]
 # Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
 _SUPPORT = 1.75
 
-_tables: WeakKeyDictionary[ReducedBody, dict[str | None, SharedNumbers]] = WeakKeyDictionary()
+_tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float], SharedNumbers]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +128,34 @@ class ElasticSurface:
     @property
     def table(self) -> SharedNumbers:
         """What the kernels know of it (``kernels.elements.surface_layout``)."""
+        return self.table_without_dents(np.inf)
+
+    def table_without_dents(self, modulus: float) -> SharedNumbers:
+        """The same, less what loads on patches dent a half space of this E / (1 - nu^2) (Pa); infinite: not at all.
+
+        Which a law of the dent of bodies that are much larger than where they touch has in its depth: loads spread over
+        discs of the patches' areas, by the mean displacement of a disc (Johnson 1985, section 3.4), and of others by
+        their distance.
+        """
         known = _tables.setdefault(self.body.record, {})
-        if self.name not in known:
-            known[self.name] = SharedNumbers(_table(self._group, self.patches))
-        return known[self.name]
+        key = self.name, modulus
+        if key not in known:
+            group, rows = self._group, self.patches
+            far = np.linalg.norm(group.x[rows, None] - group.x[rows], axis=2)
+            np.fill_diagonal(far, 3.0 * np.pi / 16.0 * np.sqrt(group.area[rows] / np.pi))
+            known[key] = SharedNumbers(_table(group, rows, 1.0 / (np.pi * far * modulus)))
+        return known[key]
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether the normals of all patches are one."""
+        normals = self._group.axes[self.patches, :, 0]
+        return bool(np.abs(normals - normals[0]).max() < SEVEN_DIGITS)
+
+    @property
+    def patch_radius(self) -> float:
+        """m, of the disc of the smallest patch's area."""
+        return float(np.sqrt(self.area.min() / np.pi))
 
     @property
     def _group(self) -> ContactPatches:
@@ -174,125 +189,16 @@ class ElasticSurface:
             )
 
 
-def _table(group: ContactPatches, rows: IntArray) -> FloatArray:
+def _table(group: ContactPatches, rows: IntArray, dents: FloatArray) -> FloatArray:
+    """Of some patches, less ``dents`` (p, p) m/N."""
     p, n = len(rows), group.phi.shape[2]
     x, axes = group.x[rows], group.axes[rows]
     phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
     G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
-    G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes)
+    G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
     centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = np.linalg.norm(x - centre, axis=1).max()
     support = _SUPPORT * np.sqrt(group.area[rows].max())
     most = np.linalg.norm(phi, axis=1).max(axis=0)
     parts = ([p, n], centre, [radius, support], most, x, phi, G)
     return np.concatenate([np.ravel(np.asarray(one, float)) for one in parts])
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceContact(BetweenFrames, WithSharedNumbers):
-    """An elastic surface that touches a rigid shape, or another elastic surface; ``System.touch`` makes it.
-
-    Attributes:
-        surface: of the body on frame G; its patches are the points that touch.
-        other: on frame F.
-        law: of friction; nothing enters.
-    """
-
-    surface: ElasticSurface
-    other: TouchedShape | ElasticSurface
-    law: Hard
-
-    @property
-    def shape(self) -> TouchedShape:
-        """What the patches touch, undeformed."""
-        return self.other.touched if isinstance(self.other, ElasticSurface) else self.other
-
-    @cached_property
-    def frame_F(self) -> Frame:  # type: ignore[override]
-        """The shape's, or the other surface's body's."""
-        return self.other.frame if not isinstance(self.other, ElasticSurface) else self.shape.frame
-
-    @cached_property
-    def frame_G(self) -> Frame:  # type: ignore[override]
-        """The elastic body's."""
-        return self.surface.frame
-
-    @property
-    def touching(self) -> tuple[TouchShape | ElasticSurface, ...]:
-        """What it touches, as the named surfaces of a body."""
-        return self.other.parts if isinstance(self.other, ElasticSurface) else (cast(TouchShape, self.other),)
-
-    @property
-    def what(self) -> str:
-        """Its name in messages."""
-        if isinstance(self.other, ElasticSurface):
-            return f"contact of {self.surface.what} with {self.other.what}"
-        return f"contact of {self.surface.what} with {type(self.other).__name__} {self.frame_F.label}"
-
-    @property
-    def shared_numbers(self) -> tuple[SharedNumbers, ...]:
-        """The surfaces' and the shape's tables."""
-        others = (self.other.table,) if isinstance(self.other, ElasticSurface) else ()
-        return (self.surface.table, *others, *tables_of(self.shape))
-
-    def check(self) -> None:
-        """Raise SceneError for a law or a shape that does not fit."""
-        refuse_other(self.law, Hard, f"{self.what}: its law", wanted="fm.contact.Hard(mu=...)")
-        self.law.check(self.what)
-        if self.law.restitution != 0.0 or self.law.impact is not ImpactLaw.NEWTON:
-            raise SceneError(
-                f"{self.what}: restitution = {self.law.restitution:g} and impact={self.law.impact} are of rigid "
-                "bodies; what an elastic one loses in an impact is what its waves keep: leave both out"
-            )
-        wanted = "a shape as fm.contact.HalfSpace(...)"
-        refuse_other(self.other, (*SHAPES, ElasticSurface), f"{self.what}: what it touches", wanted=wanted)
-        if self.other.frame.body is self.surface.body:
-            raise SceneError(f"{self.what}: both are on one body, and never touch")
-        if isinstance(self.shape, Vertex | ConvexPolytope):
-            raise SceneError(f"{self.what}: a {type(self.shape).__name__} is not touched by patches")
-
-    def assemble(self, table: ElementTable) -> None:
-        """One row."""
-        other, sizes = -1.0, (0, 0)
-        if isinstance(self.other, ElasticSurface):
-            other = float(table.shared(self.other.table))
-            sizes = len(self.other.patches), self.other.body.record.n_modes
-        own = len(self.surface.patches), self.surface.body.record.n_modes
-        shape = placed_numbers(self.shape, table)
-        data = table.numbers([float(table.shared(self.surface.table)), *shape, 0.0, self.law.mu, other])
-        kind, count, memory, scratch = ELASTIC_SURFACE, 0, -1, surface_scratch(*own, *sizes)
-        if self.law.mu > 0.0:
-            kind, count = ROUGH_SURFACE, PATCH_MEMORY * own[0]
-            memory = table.memory({f"_{k}": 0.0 for k in range(count)})
-            scratch += friction_scratch(own[0], own[1] + sizes[1])
-        f, g = table.frame(self.frame_F), table.frame(self.frame_G)
-        table.element(kind, self.what, f=f, g=g, data=data, count=count, memory=memory, scratch=scratch)
-
-
-#: Surfaces of elastic bodies, as `System.touch` takes them.
-Elastic: TypeAlias = ElasticSurface | Sequence[ElasticSurface]
-
-
-def surface_contacts(one: object, other: object, law: Any, *, friction: object) -> list[SurfaceContact] | None:
-    """The contacts of elastic surfaces with shapes, or with each other, each with each; None where there are none.
-
-    Raises:
-        SceneError: there is friction beside the law's.
-    """
-    sides: list[list[Any]] = [list(side) if isinstance(side, list | tuple) else [side] for side in (one, other)]
-    elastic = [[isinstance(shape, ElasticSurface) for shape in side] for side in sides]
-    if not any(map(any, elastic)):
-        return None
-    if not all(elastic[0]):
-        sides, elastic = sides[::-1], elastic[::-1]
-    surfaces, shapes = sides
-    if not all(elastic[0]):
-        raise SceneError("elastic surfaces and rigid shapes do not stand in one list: give them in two calls of touch")
-    if friction is not None:
-        raise SceneError(
-            f"{surfaces[0].what}: its friction is the law's, fm.contact.Hard(mu=...): leave `friction` out"
-        )
-    wanted = "a shape as fm.contact.HalfSpace(...)"
-    for shape in shapes:
-        refuse_other(shape, (*SHAPES, ElasticSurface), "what an elastic surface touches", wanted=wanted)
-    return [SurfaceContact(surface, shape, law) for surface in surfaces for shape in shapes]

@@ -14,7 +14,6 @@ from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
-from flexmbd.multibody.contact.elastic_surface import SurfaceContact
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.lowest_points import LowestPoint, ProfileOutline, Rim
@@ -33,6 +32,7 @@ from flexmbd.multibody.contact.shapes import (
     corners,
     ends,
 )
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.contact.touched_pairs import ShapeKey, shape_key
 
 FloatArray = NDArray[np.float64]

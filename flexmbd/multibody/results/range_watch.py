@@ -18,6 +18,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.bend_range import bend_limits
 from flexmbd.multibody.results.compared_range import compared_limits
+from flexmbd.multibody.results.dent_range import dent_limits
 from flexmbd.multibody.results.depth_range import depth_limits
 from flexmbd.multibody.results.spin_range import spin_limits
 from flexmbd.multibody.results.state_rows import Before, Limit, StateRows
@@ -35,7 +36,7 @@ class RangeWatch:
 
     def __init__(self, scene: CompiledScene, bodies: Iterable[Body]) -> None:
         self._scene, watched = scene, tuple(bodies)
-        made = (compared_limits, spin_limits, bend_limits, turn_limits, depth_limits)
+        made = (compared_limits, spin_limits, bend_limits, turn_limits, depth_limits, dent_limits)
         self._limits: tuple[Limit, ...] = tuple(chain.from_iterable(make(scene, watched) for make in made))
         self._open = self._limits
         self._rows = 0

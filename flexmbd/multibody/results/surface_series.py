@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError, StartWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
-from flexmbd.multibody.contact.elastic_surface import ElasticSurface, SurfaceContact
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.elements.table import of_surfaces
 from flexmbd.multibody.kernels.sampling import surfaces as at
@@ -65,7 +66,7 @@ def surface_rows(
     rows = scene.index.forces.get(contact)
     if rows is None or not rows.elements:
         raise SceneError(f"{contact.what} is not in this trajectory's scene")
-    area = contact.surface.area
+    area = contact.area
     w = np.zeros(len(contact.other.patches) if isinstance(contact.other, ElasticSurface) else 0)
     out = np.zeros((len(x), len(area), at.N_PATCH))
     at.surface_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, w, out)

@@ -14,9 +14,9 @@ from flexmbd.given import checked, is_number, refuse_other, shown
 from flexmbd.integrate.moreau.moreau_jean import MoreauJean
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.contact import Contact
-from flexmbd.multibody.contact.elastic_surface import SurfaceContact
 from flexmbd.multibody.contact.hard_contact import HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain

@@ -46,8 +46,10 @@ from flexmbd.multibody.kernels.elements.surface_points import (
     tilt,
 )
 from flexmbd.multibody.kernels.elements.surface_residual import dent_other, own_residual, times_matrix
+from flexmbd.round_off import EPSILON
 
 _ZERO = (0.0, 0.0, 0.0)
+_STEPS, _DOUBLINGS = 100, 30
 
 
 @kernel
@@ -89,6 +91,46 @@ def _add_other_flexibility(plan, work, row, m):
 
 
 @kernel
+def point_depth(plan, row, N):
+    """How deep a law of one point is pressed by N (m), what that changes by with N (m/N), and what it stores (J)."""
+    k, p = plan.data[row[at.EL_DATA] + sl.LAW], plan.data[row[at.EL_DATA] + sl.EXPONENT]
+    depth = (N / k) ** (1.0 / p)
+    return depth, depth / (p * N) if N > 0.0 else math.inf, N * depth / (p + 1.0)
+
+
+@kernel
+def _press_point(plan, row, gap, c):
+    """N with gap + c N + the law's depth = 0, and what that depth changes by; NaN where there is none.
+
+    c may be negative, where the law's depth has a part that the modes give way by already: then there is an answer as
+    long as the sum grows with N.
+    """
+    k, p = plan.data[row[at.EL_DATA] + sl.LAW], plan.data[row[at.EL_DATA] + sl.EXPONENT]
+    N = k * (-gap) ** p
+    low, high = 0.0, N
+    for _ in range(_DOUBLINGS):
+        if c >= 0.0 or gap + c * high + point_depth(plan, row, high)[0] >= 0.0:
+            break
+        high *= 2.0
+    for _ in range(_STEPS):
+        depth, slope, _ = point_depth(plan, row, N)
+        excess = gap + c * N + depth
+        if excess > 0.0:
+            high = min(high, N)
+        else:
+            low = max(low, N)
+        if c + slope <= 0.0:
+            return math.nan, math.nan
+        step = excess / (c + slope)
+        if abs(step) <= EPSILON * N or not high > low:
+            return N, slope
+        N -= step
+        if not low < N < high:
+            N = 0.5 * (low + high)
+    return N, point_depth(plan, row, N)[1]
+
+
+@kernel
 def _solve(plan, work, row, m):
     """Find the forces of the m near patches; how many touch, the first of ORDER."""
     _, p, _ = sl.table_of(plan, row)
@@ -102,6 +144,11 @@ def _solve(plan, work, row, m):
         _add_other_flexibility(plan, work, row, m)
     C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
     L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
+    if plan.data[row[at.EL_DATA] + sl.LAW] > 0.0:
+        V[sl.ORDER, 0] = 0.0
+        V[sl.FORCE, 0], slope = _press_point(plan, row, V[sl.GAP, 0], C[0, 0])
+        L[0, 0] = math.sqrt(C[0, 0] + slope) if C[0, 0] + slope > 0.0 else math.nan
+        return 1 if V[sl.FORCE, 0] >= 0.0 and L[0, 0] > 0.0 else -1
     return solve_complementary(C, V[sl.GAP], m, V[sl.FORCE], V[sl.LEFT], V[sl.INSIDE], V[sl.ORDER], L)
 
 
@@ -120,7 +167,7 @@ def _set_forces(work, p, count):
 def _write_directions(plan, work, row, d, R, count):
     """Write of all patches that touch how they are moved besides, and along what their forces push."""
     _, p, _ = sl.table_of(plan, row)
-    t, size, n = sl.other_of(plan, row)
+    _, size, _ = sl.other_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
@@ -140,8 +187,8 @@ def _write_directions(plan, work, row, d, R, count):
         pull = push
         if size > 0:
             z = add3(d, load3(points[k], sl.PLACE))
-            pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.MODAL, push))
-            pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.DENT, load3(points[k], sl.NORMAL)))
+            pull = sub3(pull, tilt(plan, row, z, others, sl.MODAL, push))
+            pull = sub3(pull, tilt(plan, row, z, others, sl.DENT, load3(points[k], sl.NORMAL)))
         store3(points[k], sl.APART, apart)
         store3(points[k], sl.PUSH, push)
         store3(points[k], sl.PULL, pull)
@@ -247,6 +294,8 @@ def surface_energy(plan, work, row, d, R, q, q_other):
     for a in range(count):
         k = int(V[sl.ORDER, a])
         energy += 0.5 * dot3(load3(points[k], sl.FORCED), load3(points[k], sl.APART))
+        if plan.data[row[at.EL_DATA] + sl.LAW] > 0.0:
+            energy += point_depth(plan, row, V[sl.FORCE, k])[2]
     return energy
 
 

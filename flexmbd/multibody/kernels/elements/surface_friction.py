@@ -244,7 +244,7 @@ def direction_of(plan, work, row, k, c):
 def push_along(plan, work, row, d, R, count):
     """Add what friction pulls the body, and pushes the other surface, along."""
     _, p, _ = sl.table_of(plan, row)
-    t, size, n = sl.other_of(plan, row)
+    _, size, _ = sl.other_of(plan, row)
     o, q, unknowns = _place(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
@@ -259,8 +259,8 @@ def push_along(plan, work, row, d, R, count):
             pull = along
             if size > 0:
                 z = add3(d, load3(points[k], sl.PLACE))
-                pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.MODAL, along))
-                pull = sub3(pull, tilt(plan.data, t, size, n, z, others, sl.DENT, along))
+                pull = sub3(pull, tilt(plan, row, z, others, sl.MODAL, along))
+                pull = sub3(pull, tilt(plan, row, z, others, sl.DENT, along))
             store3(rough[k], _TUGGED + 3 * (c - 1), pull)
             pulled, pushed = add3(pulled, scale3(force, pull)), add3(pushed, scale3(force, along))
         store3(points[k], sl.PULLED, pulled)

@@ -1,7 +1,8 @@
 """Where the numbers of an elastic surface that touches stand, in ``Plan.data`` and in the scratch space.
 
-Of an element: the place of its surface's table; the numbers of the shape that it touches, and 0, the radius of a point;
-the coefficient of friction; the place of the table of the other surface, which has that shape undeformed, or -1.
+Of an element: the place of its surface's table; the numbers of the shape that it touches, and the radius of a sphere
+that is its only point, else 0; the coefficient of friction; the place of the table of the other surface, which has that
+shape undeformed, or -1; k and p of a law N = k delta^p of one point, in series with the flexibility, or 0.
 
 Of a table: how many patches p and modes n; a ball about the centroids, its centre (3) and radius (m); how far around it
 (m) a patch is felt by what touches between the patches; the largest displacement of a patch by each mode (n); centroids
@@ -18,7 +19,7 @@ from __future__ import annotations
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.compiling import kernel
 
-TABLE, SHAPE, FRICTION, OTHER, N_SURFACE = 0, 1, 6, 7, 8
+TABLE, SHAPE, POINT_RADIUS, FRICTION, OTHER, LAW, EXPONENT = 0, 1, 5, 6, 7, 8, 9
 N_PATCH, N_MODE, CENTRE, RADIUS, SUPPORT, MOST = 0, 1, 2, 5, 6, 7
 
 #: Columns of the row of a point, (3) each, in F's axes but those that begin with OWN, which are in the body's: the

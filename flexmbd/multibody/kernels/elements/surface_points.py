@@ -25,7 +25,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
-from flexmbd.multibody.kernels.contact.signed_distance import distance
+from flexmbd.multibody.kernels.contact.signed_distance import distance, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -83,14 +83,15 @@ def find_near(plan, work, row, d, R, reach):
     """
     t, p, n = sl.table_of(plan, row)
     o = row[at.EL_DATA] + sl.SHAPE
+    radius = plan.data[row[at.EL_DATA] + sl.POINT_RADIUS]
     ball = distance(plan.data, o, add3(d, rotate(R, load3(plan.data, t + sl.CENTRE))))[0]
-    ball -= plan.data[t + sl.RADIUS] + reach
+    ball -= plan.data[t + sl.RADIUS] + reach + radius
     if ball > 0.0:
         return 0, ball
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     least = math.inf
     for i in range(p):
-        far = distance(plan.data, o, add3(d, rotate(R, load3(plan.data, sl.centroid(p, n, t, i)))))[0]
+        far = distance(plan.data, o, add3(d, rotate(R, load3(plan.data, sl.centroid(p, n, t, i)))))[0] - radius
         V[sl.FAR, i] = far
         least = min(least, far)
     bound, count = reach + max(0.0, reach - least), 0
@@ -128,8 +129,8 @@ def mean_of(rows, column, w, p):
 
 
 @kernel
-def tilt(data, t, p, n, z, rows, column, e):
-    """The gradient by z of e . (the weighted mean of what stands in the rows from a column)."""
+def _slope_of_mean(data, t, p, n, z, rows, column, e):
+    """The gradient by z, where it is felt, of e . (the weighted mean of what stands in the rows from a column)."""
     slope, slopes, total, mean, support = _ZERO, _ZERO, 0.0, 0.0, data[t + sl.SUPPORT] ** 2
     for i in range(p):
         r = sub3(z, load3(data, sl.centroid(p, n, t, i)))
@@ -144,6 +145,29 @@ def tilt(data, t, p, n, z, rows, column, e):
 
 
 @kernel
+def _felt_at(plan, row, z):
+    """Where the other surface feels a point at z: there, and where a sphere's centre is the shape's nearest point."""
+    o = row[at.EL_DATA] + sl.SHAPE
+    if plan.data[row[at.EL_DATA] + sl.POINT_RADIUS] == 0.0:
+        return z
+    far, normal = distance(plan.data, o, z)
+    return sub3(z, scale3(far, normal))
+
+
+@kernel
+def tilt(plan, row, z, rows, column, e):
+    """The gradient by a point's place z of e . (the weighted mean of what stands in the rows from a column)."""
+    t, p, n = sl.other_of(plan, row)
+    slope = _slope_of_mean(plan.data, t, p, n, _felt_at(plan, row, z), rows, column, e)
+    o = row[at.EL_DATA] + sl.SHAPE
+    if plan.data[row[at.EL_DATA] + sl.POINT_RADIUS] == 0.0:
+        return slope
+    far, normal = distance(plan.data, o, z)
+    flat = sub3(slope, scale3(dot3(normal, slope), normal))
+    return sub3(flat, scale3(far, gradient_variation(plan.data, o, z, slope)))
+
+
+@kernel
 def place_point(plan, row, d, arm, w, others):
     """Of a centroid at ``arm`` (m) from the body's origin its gap, the normal, and where it is for the shape.
 
@@ -152,11 +176,11 @@ def place_point(plan, row, d, arm, w, others):
     z, o = add3(d, arm), row[at.EL_DATA] + sl.SHAPE
     t, p, n = sl.other_of(plan, row)
     if p > 0:
-        if not weigh(plan.data, t, p, n, z, w):
+        if not weigh(plan.data, t, p, n, _felt_at(plan, row, z), w):
             return math.inf, (1.0, 0.0, 0.0), z
         z = sub3(z, mean_of(others, sl.MODAL, w, p))
     gap, normal = distance(plan.data, o, z)
-    return gap, normal, z
+    return gap - plan.data[row[at.EL_DATA] + sl.POINT_RADIUS], normal, z
 
 
 @kernel

@@ -23,6 +23,8 @@ def _modes_of_body(plan, f):
 @kernel
 def modes_of(plan, row):
     """Where the modes of a surface's body stand in x and in v, and how many there are."""
+    if sl.table_of(plan, row)[2] == 0:  # a rigid sphere, on whatever body
+        return 0, 0, 0
     return _modes_of_body(plan, row[at.EL_G])
 
 

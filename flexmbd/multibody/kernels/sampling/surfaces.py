@@ -11,8 +11,9 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.elements import surface_layout as sl
-from flexmbd.multibody.kernels.elements.surface_forces import own_residual, press_patches
+from flexmbd.multibody.kernels.elements.surface_forces import point_depth, press_patches
 from flexmbd.multibody.kernels.elements.surface_points import displaced, mean_of, move_others, place_point
+from flexmbd.multibody.kernels.elements.surface_residual import own_residual
 from flexmbd.multibody.kernels.elements.table import is_of_surface
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
@@ -55,11 +56,14 @@ def surface_series(plan, work, i, x, v, a, w, out):
             out[k, j, GAP] = gap + dot3(normal, apart)
             store3(out[k, j], NORMAL, rotate(R_F, normal))
             store3(out[k, j], FORCE, (0.0, 0.0, 0.0))
-            store3(out[k, j], POINT, add3(p_F, rotate(R_F, add3(add3(d, arm), u))))
+            touching = sub3(add3(add3(d, arm), u), scale3(plan.data[row[at.EL_DATA] + sl.POINT_RADIUS], normal))
+            store3(out[k, j], POINT, add3(p_F, rotate(R_F, touching)))
         for b in range(count):
             c = int(V[sl.ORDER, b])
             j = int(V[sl.PATCH, c])
             out[k, j, GAP] = 0.0
+            if plan.data[row[at.EL_DATA] + sl.LAW] > 0.0:
+                out[k, j, GAP] = -point_depth(plan, row, V[sl.FORCE, c])[0]
             pull = rotate(R_F, load3(points[c], sl.PULL))
             store3(out[k, j], NORMAL, scale3(1.0 / math.sqrt(dot3(pull, pull)), pull))
             store3(out[k, j], FORCE, rotate(R_F, load3(points[c], sl.PULLED)))
