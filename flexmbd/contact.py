@@ -32,6 +32,7 @@ from flexmbd.multibody.contact.shapes import Sphere as Sphere
 from flexmbd.multibody.contact.shapes import TouchedShape as TouchedShape
 from flexmbd.multibody.contact.shapes import TouchShape as TouchShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
+from flexmbd.multibody.contact.surface_contact import Elastic as Elastic
 from flexmbd.multibody.contact.surface_contact import SurfaceContact as SurfaceContact
 from flexmbd.multibody.contact.touch import AnyContact as AnyContact
 from flexmbd.multibody.contact.touch import Touching as Touching
@@ -39,6 +40,7 @@ from flexmbd.multibody.contact.triangle_surface import TriangleSurface as Triang
 from flexmbd.multibody.results.contact_series import ContactSeries as ContactSeries
 from flexmbd.multibody.results.contact_series import HardContactSeries as HardContactSeries
 from flexmbd.multibody.results.contact_series import HardGroupSeries as HardGroupSeries
+from flexmbd.multibody.results.surface_series import AnySeries as AnySeries
 from flexmbd.multibody.results.surface_series import SurfaceSeries as SurfaceSeries
 from flexmbd.record.pressed_patches import PressedPatches as PressedPatches
 from flexmbd.record.pressed_patches import press as press

@@ -55,7 +55,7 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
     @cached_property
     def frame_F(self) -> Frame:  # type: ignore[override]
         """The shape's, or the other surface's body's."""
-        return self.shape.frame
+        return self.other.frame
 
     @cached_property
     def frame_G(self) -> Frame:  # type: ignore[override]

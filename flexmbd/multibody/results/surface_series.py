@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.elements.table import of_surfaces
 from flexmbd.multibody.kernels.sampling import surfaces as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.contact_series import ContactSeries, HardGroupSeries
 from flexmbd.multibody.team import Team
 from flexmbd.round_off import SEVEN_DIGITS
 
@@ -53,6 +55,10 @@ class SurfaceSeries:
     def friction(self) -> FloatArray:
         """(nt, p, 3) N on the patches in the tangent plane."""
         return self.force - self.normal_force[..., None] * self.normal
+
+
+#: What ``run.contacts`` tells of a contact.
+AnySeries: TypeAlias = ContactSeries | HardGroupSeries | SurfaceSeries
 
 
 def surface_rows(

@@ -44,7 +44,7 @@ from flexmbd.multibody.results.contact_series import (
 )
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
-from flexmbd.multibody.results.surface_series import SurfaceSeries, surface_rows
+from flexmbd.multibody.results.surface_series import AnySeries, SurfaceSeries, surface_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.input_values import evaluate_inputs
@@ -59,7 +59,6 @@ from flexmbd.run.series.repeated_impulses import (
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
-AnySeries = ContactSeries | HardGroupSeries | SurfaceSeries
 
 _RTOL_OF_IMPULSES = 1e-6  # to which impulses are found again
 

@@ -314,6 +314,17 @@ def test_what_is_refused():
         scene.touch(contact.ElasticSurface(elastic), contact.HalfSpace(scene.ground.frame()), contact.Hard())
     with pytest.raises(SceneError, match="on one body"):
         scene.touch(contact.ElasticSurface(elastic), contact.Sphere(elastic.frame(), 0.1), contact.Hard())
+    with pytest.raises(SceneError, match="on one body"):
+        scene.touch(contact.ElasticSurface(elastic), contact.ElasticSurface(elastic), contact.Hard())
+    ball = contact.Sphere(scene.ground.frame(), 0.1)
+    with pytest.raises(SceneError, match=r"keeps no nodes: .* keep=Keep\(modes=True\), or give .* shape="):
+        scene.touch(contact.ElasticSurface(elastic), ball, contact.PowerLaw(k=1e5))
+    with pytest.raises(SceneError, match="what an impact on an elastic body loses"):
+        scene.touch(ball_surface(elastic), ball, contact.Hertz(E=1e5, restitution=0.5))
+    with pytest.raises(SceneError, match="its shape must be on the body's own frame"):
+        contact.ElasticSurface(elastic, shape=ball)
+    with pytest.raises(SceneError, match="do not stand in one list"):
+        scene.touch([ball_surface(elastic), ball], ball, contact.Hard())
     with pytest.raises(SceneError, match="is not touched by patches"):
         scene.touch(contact.ElasticSurface(elastic), contact.Vertex(scene.ground.frame()), contact.Hard())
     with pytest.raises(SceneError, match="the body of an ElasticSurface"):
