@@ -20,7 +20,7 @@ import flexmbd as fm
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.forms import solid_linear
-from flexmbd.reduction import Patch, craig_bampton
+from flexmbd.reduction import Keep, Patch, craig_bampton
 
 E, NU, RHO = 2.1e11, 0.3, 7850.0
 SIZES = (0.15, 0.015, 0.01)  # m
@@ -62,7 +62,10 @@ def record(modes: int, *, clamped: bool) -> fm.ReducedBody:
     middle, top, near = 0.5 * (low[0] + high[0]), high[2] - 1e-9, 1.51 * SIZES[0] / 31
     spot = Patch("top", size=PATCH, facets=lambda x: (x[2] > top) & (abs(x[0] - middle) < near))
     frame = "x_min" if clamped else None
-    return craig_bampton(model(clamped=clamped), modes=modes, frame=frame, geometric_stiffness=False, contact=[spot])
+    return craig_bampton(
+        model(clamped=clamped), modes=modes, frame=frame, geometric_stiffness=False, contact=[spot],
+        keep=Keep(modes=True),
+    )  # fmt: skip
 
 
 #: m, so that a patch is one cell, nearly square.
