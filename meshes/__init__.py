@@ -35,6 +35,7 @@ from flexmbd.meshes.quality import quality as quality
 from flexmbd.meshes.quarter_ring import quarter_ring as quarter_ring
 from flexmbd.meshes.round_bar import round_bar as round_bar
 from flexmbd.meshes.sheet import sheet as sheet
+from flexmbd.meshes.spur_gear import spur_gear as spur_gear
 from flexmbd.meshes.step_faces import Cylinder as Cylinder
 from flexmbd.meshes.step_faces import StepFace as StepFace
 from flexmbd.meshes.step_file import BRACKET as BRACKET

@@ -30,7 +30,7 @@ def _told_to_all(arguments: Mapping[str, Any], fault: str) -> str:
 
 #: For functions that make meshes: what is neither a size nor a choice is of its annotation's type, on all ranks.
 checked_part = checked(
-    "part", "path", "points", "beams", "solid", "glue", "comm",
+    "part", "path", "points", "beams", "solid", "glue", "teeth", "fine", "pressure_angle", "backlash", "comm",
     error=MeshError, agree=_told_to_all,
 )  # fmt: skip
 
@@ -139,7 +139,7 @@ def require_counts(name: str, counts: object, *, number: int) -> None:
         or len(counts) != number
         or not all(isinstance(n, numbers.Integral) and is_number(n) and int(n) > 0 for n in counts)
     ):
-        words = {2: "two", 3: "three"}
+        words = {2: "two", 3: "three", 4: "four"}
         raise MeshError(f"{name} must be {words[number]} positive whole numbers, got {counts!r}")
     _refuse_more_than_memory(name, math.prod(map(int, counts)))
 

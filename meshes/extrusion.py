@@ -82,6 +82,20 @@ class Wall:
     layers: Collection[int]
 
 
+def grid_quads(numbers: IntArray, degree: int) -> IntArray:
+    """The quadrilaterals of a regular grid of nodes, (m, 4) or (m, 9) in basix's order.
+
+    Args:
+        numbers: (degree i + 1, degree j + 1) of the nodes; with the first index and the second as axes the grid is
+            right-handed.
+        degree: 1 or 2, of the geometry.
+    """
+    first = [slice(k, numbers.shape[0] - degree + k, degree) for k in range(degree + 1)]
+    second = [slice(k, numbers.shape[1] - degree + k, degree) for k in range(degree + 1)]
+    rows = np.stack([numbers[a, b].ravel() for b in second for a in first], axis=1)
+    return rows[:, _lexicographic("quadrilateral", degree)]
+
+
 def mesh_profile(*, h: float | None, degree: int) -> Profile:
     """Mesh all surfaces of the model, in the plane z = 0, with quadrilaterals; rank 0, in a session.
 

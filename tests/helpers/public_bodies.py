@@ -193,6 +193,10 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "meshes.read": {"path": lambda w: mesh_file(), "comm": lambda w: ALONE},
     "meshes.round_bar": {"divisions": lambda w: (2, 2, 2), "comm": lambda w: ALONE},
     "meshes.sheet": {**_SIZES, "divisions": lambda w: (2, 1)},
+    "meshes.spur_gear": {
+        "teeth": lambda w: 12, "module": lambda w: 0.01, "width": lambda w: 0.01, "bore": lambda w: 0.02,
+        "divisions": lambda w: (2, 2, 1, 1), "degree": lambda w: 1, "comm": lambda w: ALONE,
+    },
     "meshes.step_faces": {"path": lambda w: step_file(), "comm": lambda w: ALONE},
     "meshes.tube": {
         "length": lambda w: 0.2, "outer_radius": lambda w: 0.1, "inner_radius": lambda w: 0.05, "h": lambda w: 0.1,

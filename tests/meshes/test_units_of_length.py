@@ -33,6 +33,11 @@ PARTS = {
         {"height": 0.1, "outer_radius": 0.2, "inner_radius": 0.1},
         {"divisions": (2, 6, 2)},
     ),
+    "gear": (
+        meshes.spur_gear,
+        {"module": 3e-3, "width": 5e-3, "bore": 0.012, "backlash": 1e-4},
+        {"teeth": 20, "divisions": (2, 4, 2, 1), "fine": (0,)},
+    ),
     "sheet": (meshes.sheet, {"length": 1.0, "width": 0.5}, {"divisions": (4, 3)}),
     "line": (meshes.line, {"length": 1.0}, {"divisions": 5}),
 }
