@@ -56,6 +56,7 @@ _PURPOSE = {
     "nonlinear": "the strain energy of large displacements",
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
+    "ports": "efforts that a machine sets and flows that answer, as electrodes' voltage and charge",
     "stress": "stress at the nodes without the model",
     "contact": "patches that may be touched, and the flexibility there that the modes leave out",
 }

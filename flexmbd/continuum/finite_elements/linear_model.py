@@ -18,6 +18,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
+from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.model_picture import PicturedModel
@@ -76,6 +77,7 @@ class LinearModel(PicturedModel):
         state: the loaded static state, or None at rest.
         supports: facets that are held in the axes of the body frame.
         nodal: groups whose nodes keep all their dofs in a reduction.
+        conditions: what holds a potential, built into K, or None.
     """
 
     def __init__(
@@ -90,12 +92,13 @@ class LinearModel(PicturedModel):
         state: StaticState | None,
         supports: tuple[HeldSurface, ...] = (),
         nodal: tuple[NodalGroup, ...] = (),
+        conditions: FieldConditions | None = None,
     ) -> None:
         """Keep the parts; not collective."""
         super().__init__(forms, layout=layout, interfaces=interfaces)
         self.parameters = parameters
         self.K, self.M, self.state = K, M, state
-        self.supports, self.nodal = supports, nodal
+        self.supports, self.nodal, self.conditions = supports, nodal, conditions
 
     @property
     def n_owned_nodes(self) -> int:

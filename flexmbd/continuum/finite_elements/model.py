@@ -14,7 +14,9 @@ from dolfinx import fem
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
+from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums, tell_units
+from flexmbd.continuum.finite_elements.field_conditions import find_conditions
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -38,6 +40,7 @@ class ContinuumModel(LinearModel):
         interfaces: Sequence[Interface | NodalInterface] = (),
         surfaces: Surfaces | None = None,
         supports: Sequence[SurfaceSupport] = (),
+        conditions: Sequence[Condition] = (),
     ) -> None:
         """Check everything, then assemble. Collective over the mesh's communicator.
 
@@ -51,15 +54,19 @@ class ContinuumModel(LinearModel):
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken.
             supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.
+            conditions: electrodes, of a formulation whose `gauge` names a potential. Where none of them fixes it, the
+                potential is zero in the mean.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
-                entries that are not finite; terms on facets without `surfaces`.
+                entries that are not finite; terms on facets without `surfaces`; electrodes on a field that the
+                formulation has not, or a field that nothing holds.
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
-                facets that the surface has not; supports that are not well formed.
+                facets that the surface has not; supports that are not well formed; electrodes that touch, that are
+                given twice, or on groups that the mesh has not.
         """
         framed: Any = interfaces
         nodes: list[NodalInterface] = []
@@ -88,6 +95,10 @@ class ContinuumModel(LinearModel):
         stiffness, mass = assembly.assemble(integrals, forms.groups, forms.space)
         if not forms.surfaces:
             tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
+        sprung = any(group.optional.surface_energy is not None for group in forms.surfaces)
+        stiffness, found = find_conditions(
+            conditions, stiffness, mesh=mesh, groups=forms.groups, layout=forms.layout, sprung=sprung
+        )
         super().__init__(
             forms,
             parameters,
@@ -98,4 +109,5 @@ class ContinuumModel(LinearModel):
             state=None,
             supports=held,
             nodal=nodal,
+            conditions=found,
         )
