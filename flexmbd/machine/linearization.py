@@ -18,7 +18,7 @@ from flexmbd.multibody.linear.linearize import LinearEquations, linearize
 from flexmbd.multibody.linear.ports import Input, Ports, find_ports
 from flexmbd.multibody.linear.steadiness import AHEAD, SAME
 from flexmbd.multibody.linear.working_point import WorkingPoint
-from flexmbd.multibody.motion.quantity import Output
+from flexmbd.multibody.motion.quantity import LinearOutput
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start, match_motion
@@ -60,7 +60,7 @@ def linear_machine(
     *,
     inputs: Sequence[Input],
     disturbances: Sequence[Input],
-    outputs: Sequence[Output],
+    outputs: Sequence[LinearOutput],
     modes: InteriorModes,
     bodies: Mapping[str, Body],
     team: Team,

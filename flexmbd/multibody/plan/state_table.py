@@ -29,6 +29,7 @@ from flexmbd.multibody.plan.state_loads import (
     StateEquationRows,
     followed_times,
     loads_on_frames,
+    loads_on_modes,
     refuse_set_twice,
     set_loads,
 )
@@ -198,8 +199,10 @@ class StateTable(ABC):
             n, m, k = len(states.scales), len(rows), len(states.inputs)
             times = {time for _, time in loads}
             set_by_states |= times
-            head = [n, m, k, one.whole, len(loads), bool(loads_on_frames(self.elements, times)), *states.scales]
-            data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
+            on_modes = loads_on_modes(self.elements, loads)
+            on_frames = bool(loads_on_frames(self.elements, times))
+            head = [n, m, k, one.whole, len(loads), on_frames, len(on_modes), *states.scales]
+            data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads), *np.ravel(on_modes)])
             side = -1 if one.switch is None else self.side(*one.switch, one.states.what)
             self.element(
                 STATES, states.what, v=one.first, data=data, count=2 * n + m + k, address=one.addresses[0],

@@ -3,11 +3,12 @@
 Each state is the velocity of a link of its own, of unit inertia and without mass (``Numbering.add_states``), divided by
 the state's scale: its acceleration is the rate f.  So every integrator solves it, controls its error and finds it in
 its tangent.  The outputs are put where loads read their functions of time: those on joints' coordinates do so after all
-elements have been asked (``inverse_dynamics.residual``), those on frames before (``put_outputs``).
+elements have been asked (``inverse_dynamics.residual``), those on frames and on modes before (``put_outputs``).
 
 Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
-of z and u; how many loads there are, and whether any is on frames; the scales; of each quantity its kind, its place and
-the velocity that goes with it; of each load its output and its row of ``Plan.times``.
+of z and u; how many loads there are, whether any is on frames, and how many are on modes; the scales; of each quantity its kind, its place and the velocity that goes with it; of each load its
+output and its row of ``Plan.times``; of each load on modes its output, the first velocity, how many, and where their
+forces begin in ``Plan.data``.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from flexmbd.multibody.kernels.elements.differences import difference_step, put_
 from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
 from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
-# Kinds of quantities: a coordinate, its rate, a function of time.
-OF_POSITION, OF_VELOCITY, OF_TIME = range(3)
-_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, _ON_FRAMES, N_HEAD = range(7)
+# Kinds of quantities: a coordinate, its rate, a function of time, a weighted sum of the coordinates of a body's modes
+# or of their rates, whose place is that of its numbers: how many, 0 or 1 for rates, the first in x and in v, weights.
+OF_POSITION, OF_VELOCITY, OF_TIME, OF_MODES = range(4)
+_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, ON_FRAMES, ON_MODES, N_HEAD = range(8)
+_SUM_COUNT, _SUM_ORDER, _SUM_X, _SUM_V, _SUM_WEIGHTS = range(5)
 
 
 @kernel
@@ -34,6 +37,17 @@ def _sizes(plan, row):
     n, m, k = int(plan.data[o + _STATES]), int(plan.data[o + _QUANTITIES]), int(plan.data[o + _OUTPUTS])
     scales = o + N_HEAD
     return n, m, k, int(plan.data[o + _LOADS]), scales, scales + n, scales + n + 3 * m
+
+
+@kernel
+def _sum_of_modes(plan, o, x, v):
+    """A weighted sum of modal coordinates, or of their rates."""
+    total = 0.0
+    rates = plan.data[o + _SUM_ORDER] != 0.0
+    for i in range(int(plan.data[o + _SUM_COUNT])):
+        value = v[int(plan.data[o + _SUM_V]) + i] if rates else x[int(plan.data[o + _SUM_X]) + i]
+        total += plan.data[o + _SUM_WEIGHTS + i] * value
+    return total
 
 
 @kernel
@@ -49,6 +63,8 @@ def _fill(plan, work, row, x, v):
             work.generalized[n + j] = x[place]
         elif plan.data[o] == OF_VELOCITY:
             work.generalized[n + j] = v[place]
+        elif plan.data[o] == OF_MODES:
+            work.generalized[n + j] = _sum_of_modes(plan, place, x, v)
         else:
             work.generalized[n + j] = work.time[place, 0]
 
@@ -103,9 +119,9 @@ def _put(plan, work, outputs, loads, places):
 
 
 @kernel
-def put_outputs(plan, work, row, x, v):
-    """Put the outputs among the functions of time, where loads on frames read them."""
-    if plan.data[row[at.EL_DATA] + _ON_FRAMES] == 0.0:
+def put_outputs(plan, work, row, x, v, loads_there):
+    """Put the outputs among the functions of time, if there are loads of a kind that read them, ON_FRAMES or ON_MODES."""
+    if plan.data[row[at.EL_DATA] + loads_there] == 0.0:
         return
     n, _, _, loads, _, _, places = _sizes(plan, row)
     _fill(plan, work, row, x, v)
@@ -128,6 +144,36 @@ def _add_change(plan, work, tw, row, found, column, factor, matrix):
             if tw.frame_load_times[i] == time:
                 for r in range(matrix.shape[0]):
                     matrix[r, column] -= change * tw.frame_loads[i, r]
+    o = places + 2 * loads
+    for _ in range(int(plan.data[row[at.EL_DATA] + ON_MODES])):
+        change = factor * work.generalized[found + n + int(plan.data[o])]
+        for r in range(int(plan.data[o + 2])):
+            matrix[int(plan.data[o + 1]) + r, column] -= change * plan.data[int(plan.data[o + 3]) + r]
+        o += 4
+
+
+@kernel
+def _subtract_sum_tangent(plan, work, tw, row, x, v, i, per_x, per_v, matrix):
+    """Derivatives by the modes, or their rates, of which quantity i is a sum."""
+    n, _, _, _, _, quantities, _ = _sizes(plan, row)
+    o = int(plan.data[quantities + 3 * (i - n) + 1])
+    count, first = int(plan.data[o + _SUM_COUNT]), int(plan.data[o + _SUM_V])
+    rates = plan.data[o + _SUM_ORDER] != 0.0
+    per = per_v if rates else per_x
+    size = 0.0
+    for j in range(count):
+        of_mode = max(tw.size_v[first + j], abs(v[first + j])) if rates else tw.size_x[first + j]
+        size += abs(plan.data[o + _SUM_WEIGHTS + j]) * of_mode
+    if per == 0.0 or size == 0.0:
+        return
+    step = difference_step(1.0, 0.0, size, 1.0)
+    for sign in (-1.0, 1.0):
+        _fill(plan, work, row, x, v)
+        work.generalized[i] += sign * step
+        found = _call(plan, work, row, x, v)
+        for j in range(count):
+            factor = sign * per * plan.data[o + _SUM_WEIGHTS + j] / (2.0 * step)
+            _add_change(plan, work, tw, row, found, first + j, factor, matrix)
 
 
 @kernel
@@ -146,6 +192,9 @@ def _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
             kind = plan.data[o]
             column = int(plan.data[o + 2])
             if kind == OF_TIME:
+                continue
+            if kind == OF_MODES:
+                _subtract_sum_tangent(plan, work, tw, row, x, v, i, per_x, per_v, matrix)
                 continue
             if kind == OF_POSITION:
                 per, size = per_x, tw.size_x[column]

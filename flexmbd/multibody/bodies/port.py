@@ -1,0 +1,181 @@
+"""Ports of a flexible body: pairs of effort and flow beside its frames, as an electrode's voltage and charge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.record.groups import Ports
+
+FloatArray = NDArray[np.float64]
+
+
+class _Named(Protocol):
+    """The body of a port, as far as it is concerned."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class StrainFlow:
+    """The flow of a port at no effort, load . q, of which states, controllers and linearised machines make a measurement.
+
+    Of a controller, or wherever a function of the machine's ``fm.Instant`` is asked for, it is called.
+
+    Attributes:
+        port: whose.
+        order: 0 for the flow (C), 1 for its rate (A).
+    """
+
+    port: Port
+    order: int
+
+    @property
+    def weights(self) -> FloatArray:
+        """(n,) per modal coordinate."""
+        return self.port.load
+
+    @property
+    def label(self) -> str:
+        """Its name in messages and linearised machines."""
+        return f"{'rate of ' if self.order else ''}{self.port.flow_name} of the strain at {self.port.label}"
+
+    def __call__(self, now: Any) -> float:
+        """At an instant."""
+        q = now.q_rate(self.port.body) if self.order else now.q(self.port.body)
+        return float(self.weights @ q)
+
+
+@dataclass(frozen=True, eq=False)
+class PortFlow:
+    """The flow of a port, load . q + capacity . efforts, as a function of the machine's ``fm.Instant``.
+
+    Attributes:
+        port: whose.
+    """
+
+    port: Port
+
+    def __call__(self, now: Any) -> float:
+        """At an instant."""
+        return float(now.port_flow(self.port))
+
+
+class Port:
+    """A port of a body in a scene: its effort is given, its flow is asked for; ``body.port("top")``.
+
+    The effort may be a number, a function of time, or a ``fm.Signal`` that a controller or states set. Without it the
+    effort is zero, which is a short circuit to the ground. The machine takes it when it is compiled.
+
+    Attributes:
+        body: whose.
+        name: of the port.
+        number: its place among the body's ports, from 0.
+    """
+
+    def __init__(self, body: _Named, ports: Ports, name: str) -> None:
+        """Not for users, who ask ``body.port(name)``.
+
+        Raises:
+            SceneError: the body has no such port.
+        """
+        if name not in ports.names:
+            there = ", ".join(map(repr, ports.names))
+            raise SceneError(f"body {body.name!r} has no port {name!r}; it has: {there}")
+        self.body: Any = body
+        self.name, self.number, self._ports = name, ports.names.index(name), ports
+        self._effort: Any = 0.0
+
+    def __repr__(self) -> str:
+        """Its body and name, and the units of effort and flow."""
+        units = f"{self._ports.effort_units[self.number]}, {self._ports.flow_units[self.number]}"
+        return f"Port({self.label!r}: {self.effort_name}, {self.flow_name}; {units})"
+
+    @property
+    def label(self) -> str:
+        """Body and port."""
+        return f"{self.body.name or 'flexible body'}.{self.name}"
+
+    @property
+    def effort_name(self) -> str:
+        """What the effort is called, as "voltage"."""
+        return self._ports.efforts[self.number]
+
+    @property
+    def flow_name(self) -> str:
+        """What the flow is called, as "charge"."""
+        return self._ports.flows[self.number]
+
+    @property
+    def load(self) -> FloatArray:
+        """(n,) force on each modal coordinate per unit effort; flow per unit modal coordinate."""
+        return self._ports.load[self.number]
+
+    @property
+    def capacity(self) -> float:
+        """Flow per own effort while the modes rest, as C/V = F; with other ports see ``body.record.ports.capacity``."""
+        return float(self._ports.capacity[self.number, self.number])
+
+    @property
+    def effort(self) -> Any:
+        """The effort that is given: a number, a function of time or a signal; zero where none was."""
+        return self._effort
+
+    @effort.setter
+    def effort(self, value: Any) -> None:
+        self._effort = value
+
+    @property
+    def flow(self) -> PortFlow:
+        """The flow, as a measurement of controllers and wherever a function of ``fm.Instant`` may stand."""
+        return PortFlow(self)
+
+    @property
+    def strain_flow(self) -> StrainFlow:
+        """The part of the flow that the deformation makes, load . q; what states follow that set the effort."""
+        return StrainFlow(self, 0)
+
+    @property
+    def strain_flow_rate(self) -> StrainFlow:
+        """Its rate: of a short-circuited electrode the current (A)."""
+        return StrainFlow(self, 1)
+
+    @property
+    def voltage(self) -> Any:
+        """The effort (V) of an electrode."""
+        self._refuse_other("voltage")
+        return self.effort
+
+    @voltage.setter
+    def voltage(self, value: Any) -> None:
+        self._refuse_other("voltage")
+        self.effort = value
+
+    @property
+    def charge(self) -> PortFlow:
+        """The flow (C) of an electrode."""
+        self._refuse_other("charge")
+        return self.flow
+
+    @property
+    def strain_charge(self) -> StrainFlow:
+        """The part of the charge (C) that the deformation makes: all of it at no voltage."""
+        self._refuse_other("charge")
+        return self.strain_flow
+
+    @property
+    def strain_current(self) -> StrainFlow:
+        """The rate of that (A): the current of an electrode in short circuit."""
+        self._refuse_other("charge")
+        return self.strain_flow_rate
+
+    def _refuse_other(self, asked: str) -> None:
+        if asked not in (self.effort_name, self.flow_name):
+            raise SceneError(
+                f"port {self.label!r} has no {asked}: its effort is the {self.effort_name}, its flow the "
+                f"{self.flow_name}; ask for effort, flow and strain_flow"
+            )

@@ -1,0 +1,63 @@
+"""Efforts and flows of a port over a trajectory, and the work that comes in by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.brief import brief
+from flexmbd.multibody.bodies.port import Port
+from flexmbd.multibody.motion.machine import Machine
+from flexmbd.multibody.motion.port_efforts import port_efforts
+from flexmbd.record.groups import Ports
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PortSeries:
+    """A port over time.
+
+    Attributes:
+        t: (nt,) s.
+        effort: (nt,) of an electrode the voltage, V.
+        flow: (nt,) of an electrode the charge, C.
+    """
+
+    t: FloatArray
+    effort: FloatArray
+    flow: FloatArray
+
+    __repr__ = brief
+
+    @cached_property
+    def work(self) -> FloatArray:
+        """(nt,) J that came in by the port since the first instant: effort over flow, by trapezoids between instants."""
+        steps = 0.5 * (self.effort[1:] + self.effort[:-1]) * np.diff(self.flow)
+        return np.concatenate([np.zeros(1), np.cumsum(steps)])
+
+
+def port_series(scene: Machine, port: Port, t: FloatArray, x: FloatArray, v: FloatArray) -> PortSeries:
+    """Of a port at times t (nt,), configurations x (nt, nx), velocities v (nt, nv).
+
+    Raises:
+        SceneError: the port is of another scene, or a user's function failed.
+    """
+    efforts = port_efforts(scene, port.body, t, x, v)
+    q = x[:, scene.index.modal(port.body).x]
+    ports: Ports = port.body.record.ports
+    flow = q @ port.load + efforts @ ports.capacity[port.number]
+    return PortSeries(t.copy(), efforts[:, port.number].copy(), flow)
+
+
+def energy_of_ports(scene: Machine, t: FloatArray, x: FloatArray, v: FloatArray) -> FloatArray:
+    """(nt,) J that bodies store by the efforts of their ports beside their strain: efforts . capacity efforts / 2."""
+    total = np.zeros(len(t))
+    for port in scene.index.efforts:
+        if port.number == 0:
+            efforts = port_efforts(scene, port.body, t, x, v)
+            total += 0.5 * np.einsum("ti,ij,tj->t", efforts, port.body.record.ports.capacity, efforts)
+    return total
