@@ -28,7 +28,7 @@ from flexmbd.reduction.modes.ritz import ritz_modes
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation
 from flexmbd.reduction.optional_groups import Contents, Responses, responses
-from flexmbd.reduction.ports import port_capacity
+from flexmbd.reduction.ports import deformations, port_capacity
 from flexmbd.reduction.projection import Basis
 from flexmbd.reduction.residual_vectors import residual_vectors as residual_modes
 from flexmbd.reduction.stages import Stages, ranks_note
@@ -170,8 +170,8 @@ def _added_modes(
         # what the loads of the body's motion stretch is among them
         forces, held = found.loads.forces, found.held
         if found.ports is not None:
-            forces = np.hstack([forces, found.ports.conditions.forces])
-            held = np.hstack([held, found.ports.held])
+            shapes, loads = deformations(statics, found.ports)
+            forces, held = np.hstack([forces, loads]), np.hstack([held, shapes])
         return residual_modes(statics, fixed, forces=forces, held=held, images=images)
     return _stretch_modes(statics, fixed, found, images)
 

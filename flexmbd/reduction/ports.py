@@ -13,12 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
+from flexmbd.continuum.finite_elements.field_conditions import FieldConditions, refuse_unheld
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, symmetric
 from flexmbd.continuum.matrices.eigen import Modes
+from flexmbd.continuum.matrices.saddle_point import principal_part
 from flexmbd.errors import ReductionError
 from flexmbd.record.reduced_body import Ports
+from flexmbd.reduction.static_shapes.factor import Factor
 from flexmbd.reduction.static_shapes.statics import Statics
 
 
@@ -51,11 +53,13 @@ class PortCapacity:
 
 
 def check_ports(model: LinearModel, *, nonlinear: bool) -> None:
-    """Refuse ports of a body with a strain energy of large displacements; the same on every rank, not collective.
+    """Refuse fields that nothing holds, and ports of a body with a strain energy of large displacements. Collective.
 
     Raises:
-        ReductionError: it has both.
+        ReductionError: on all ranks: it has such.
     """
+    if model.state is None:
+        refuse_unheld(model.K, model.forms, model.conditions)
     if nonlinear and model.conditions is not None and model.conditions.ports:
         raise ReductionError(
             f"nonlinear= goes without ports, as {model.conditions.ports[0]}: what a voltage does to a body that bends a "
@@ -69,6 +73,25 @@ def port_responses(statics: Statics) -> PortResponses | None:
     if conditions is None or not conditions.ports:
         return None
     return PortResponses(conditions, statics.held_response(conditions.forces))
+
+
+def deformations(statics: Statics, responses: PortResponses) -> tuple[FloatArray, FloatArray]:
+    """The responses without the potential that a voltage makes in a body at rest, and forces that call them. Collective.
+
+    Returns:
+        (owned dofs, k) shapes, of which the massless unknowns are in balance without a load on them, so that the strain
+        energy of each is positive; (owned dofs, k) K times them.
+    """
+    model, forces = statics.model, responses.conditions.forces
+    massless = np.zeros(model.n_owned, dtype=bool)
+    massless[statics.mask] = statics.massless
+    block = principal_part(model.K, massless)
+    factor = Factor(block, definite=False)
+    shapes = responses.held.copy(order="F")
+    shapes[massless] -= factor.solve(np.asfortranarray(forces[massless]))
+    factor.destroy()
+    block.destroy()
+    return shapes, multiply(model.K, shapes)
 
 
 def port_capacity(statics: Statics, modes: Modes, responses: PortResponses) -> PortCapacity:

@@ -49,7 +49,7 @@ def _costs(density: ufl.core.expr.Expr, unknown: TrialSymbols, shift: FloatArray
     at = {unknown.u: affine(unknown.u.ufl_shape, seed=1)}
     along = unknown.evaluate_expanded(slope, {**at, direction: _uniform(shift)})
     # what a field of the same components that is not uniform does to it
-    changing = np.where(shift[..., None] != 0.0, affine(shift.shape, seed=2)(1), 0.0)
+    changing = shift[..., None] * affine(shift.shape, seed=2)(1)
     other = unknown.evaluate_expanded(slope, {**at, direction: _of_gradient(shift, changing)})
     if along is None or other is None:
         return False

@@ -50,6 +50,11 @@ class DiscreteForms:
     surfaces: tuple[SurfaceGroup, ...] = ()
 
     @property
+    def comm(self) -> MPI.Comm:
+        """The ranks it is spread over."""
+        return self.mesh.comm
+
+    @property
     def formulation(self) -> Formulation:
         """The first group's formulation, whose element and rigid motion are those of all."""
         return self.groups[0].formulation

@@ -29,11 +29,12 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout, Field
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.electrode import Condition, refuse_no_conditions
 from flexmbd.continuum.finite_elements.interface import mesh_group
-from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
+from flexmbd.continuum.finite_elements.nodes import dof_numbers
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, total
-from flexmbd.errors import FormulationError, MeshError
+from flexmbd.errors import FormulationError, MeshError, ReductionError
 from flexmbd.given import numbers
 from flexmbd.round_off import EQUAL
 
@@ -149,23 +150,14 @@ def _dofs_of(components: FloatArray, layout: DofLayout) -> FloatArray:
 
 
 def find_conditions(
-    conditions: Sequence[Condition],
-    K: PETSc.Mat,  # noqa: N803
-    *,
-    mesh: TaggedMesh,
-    groups: Sequence[CellGroup],
-    layout: DofLayout,
-    sprung: bool,
+    conditions: Sequence[Condition], K: PETSc.Mat, forms: DiscreteForms  # noqa: N803
 ) -> tuple[PETSc.Mat, FieldConditions | None]:
     """Find conditions on a mesh, and build them into a body's stiffness. Collective.
 
     Args:
         conditions: the same on all ranks.
         K: stiffness without them; it is changed, or taken apart.
-        mesh: with the groups.
-        groups: the formulations.
-        layout: of the unknown.
-        sprung: whether terms on facets may hold a field.
+        forms: the formulations on the mesh.
 
     Returns:
         The stiffness of what is free, and the conditions; None where there is nothing to hold.
@@ -173,35 +165,29 @@ def find_conditions(
     Raises:
         MeshError: on all ranks: what is no condition, a group that the mesh has not or that is empty, two that share
             dofs, one named twice.
-        FormulationError: on all ranks: the formulation has no such gauge; formulations name different ones; a field
-            that nothing holds, and that no gauge names.
+        FormulationError: on all ranks: the formulation has no such gauge; formulations name different ones.
     """
-    parallel.check_same(mesh.comm, MeshError, conditions=repr(conditions))
+    parallel.check_same(forms.comm, MeshError, conditions=repr(conditions))
     given = refuse_no_conditions(conditions)
-    shifts = uniform_shifts(groups, layout)
+    shifts = uniform_shifts(forms.groups, forms.layout)
     for one in given:
         if one.field not in shifts:
             there = ", ".join(map(repr, shifts)) or "none"
             raise FormulationError(
-                f"{one}: {groups[0].form_name} has no gauge {one.field!r}, which would say what one {one.EFFORT[1]} of "
-                f"the field is: write gauge(p) into the form; it has: {there}"
+                f"{one}: {forms.form_name} has no gauge {one.field!r}, which would say what one {one.EFFORT[1]} of the "
+                f"field is: write gauge(p) into the form; it has: {there}"
             )
-    _refuse_unnamed(K, groups, layout, shifts)
-    if not shifts:
-        return K, None
-    return _Builder(K, mesh, layout, shifts).build(given, sprung=sprung)
+    return (K, None) if not shifts else _Builder(K, forms, shifts).build(given)
 
 
 class _Builder:
     """Builds conditions into a stiffness. All of it is collective."""
 
-    def __init__(
-        self, K: PETSc.Mat, mesh: TaggedMesh, layout: DofLayout, shifts: dict[str, UniformShift]  # noqa: N803
-    ) -> None:
-        self.K, self.mesh, self.layout, self.shifts = K, mesh, layout, shifts
-        self.comm, self.first = mesh.comm, int(K.getOwnershipRange()[0])
+    def __init__(self, K: PETSc.Mat, forms: DiscreteForms, shifts: dict[str, UniformShift]) -> None:  # noqa: N803
+        self.K, self.forms, self.layout, self.shifts = K, forms, forms.layout, shifts
+        self.comm, self.first = forms.comm, int(K.getOwnershipRange()[0])
 
-    def build(self, conditions: Sequence[Condition], *, sprung: bool) -> tuple[PETSc.Mat, FieldConditions]:
+    def build(self, conditions: Sequence[Condition]) -> tuple[PETSc.Mat, FieldConditions]:
         places = [self._dofs_on(one) for one in conditions]
         self._check_apart(conditions, places)
         held = np.zeros(self.layout.n_owned, dtype=bool)
@@ -222,9 +208,10 @@ class _Builder:
         K = self.K if not floating else self._gathered(floating)
         images = multiply(K, units)
         capacity = -inner(self.comm, units, images)
+        sprung = any(group.optional.surface_energy is not None for group in self.forms.surfaces)
         for name, shift in list(self.shifts.items()):
             fixed = any(one.field == name and not one.floating for one in conditions)
-            if not fixed and not (sprung and self._is_held(K, shift.values)):
+            if not fixed and not (sprung and not costs_nothing(K, shift.values)):
                 held[self._free_dof(shift, held)] = True
                 self.shifts[name] = replace(shift, mean=self._mean(shift))
         forces = np.where(held[:, None], 0.0, -images)
@@ -235,7 +222,7 @@ class _Builder:
 
     def _dofs_on(self, one: Condition) -> NDArray[np.int64]:
         """(m,) dofs of this rank that the condition holds."""
-        mesh = self.mesh
+        mesh = self.forms.mesh
         known = {**mesh.facet_groups, **mesh.edge_groups, **mesh.vertex_groups, **mesh.cell_groups}
         if one.name not in known:
             there = ", ".join(map(repr, sorted(known))) or "none"
@@ -272,12 +259,11 @@ class _Builder:
         return int(self.comm.allreduce(mine, op=MPI.MIN))
 
     def _free_dof(self, shift: UniformShift, held: BoolArray) -> NDArray[np.int64]:
-        """The dof by which a field is held that nothing else holds: the first of all, on the rank that owns it."""
-        lowest = self._lowest(np.flatnonzero((shift.values != 0.0) & ~held))
-        return np.array([lowest - self.first] if self._owns(lowest) else [], dtype=np.int64)
-
-    def _is_held(self, K: PETSc.Mat, shift: FloatArray) -> bool:  # noqa: N803
-        return not _costs_nothing(K, shift)
+        """The dof by which a field is held that nothing else holds, on the rank that owns it; no partition changes it."""
+        there = np.flatnonzero((shift.values != 0.0) & ~held)
+        numbers_of = dof_numbers(self.forms, there)
+        lowest = self.comm.allreduce(int(numbers_of.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
+        return there[numbers_of == lowest]
 
     def _gathered(self, floating: Sequence[FloatingGroup]) -> PETSc.Mat:
         """P^T K P, P giving all dofs of a floating electrode the value of one of them."""
@@ -326,7 +312,7 @@ def _take_out(K: PETSc.Mat, held: BoolArray, *, first: int) -> None:  # noqa: N8
     diagonal.destroy()
 
 
-def _costs_nothing(K: PETSc.Mat, shift: FloatArray) -> bool:  # noqa: N803
+def costs_nothing(K: PETSc.Mat, shift: FloatArray) -> bool:  # noqa: N803
     """Whether K times a field is round-off of its terms. Collective."""
     left = multiply(K, shift[:, None])
     sizes = K.duplicate(copy=True)
@@ -341,34 +327,37 @@ def _costs_nothing(K: PETSc.Mat, shift: FloatArray) -> bool:  # noqa: N803
     return bool(largest[0] <= EQUAL * largest[1])
 
 
-def _refuse_unnamed(
-    K: PETSc.Mat, groups: Sequence[CellGroup], layout: DofLayout, shifts: Mapping[str, UniformShift]  # noqa: N803
-) -> None:
-    """Refuse a continuous field that no rigid motion moves, whose uniform shift costs nothing, and that is not named."""
-    comm = K.comm.tompi4py()
-    kinematic = layout.kinematic[: layout.n_owned]
-    if comm.allreduce(bool(kinematic.all()), op=MPI.LAND):
+def refuse_unheld(K: PETSc.Mat, forms: DiscreteForms, conditions: FieldConditions | None) -> None:  # noqa: N803
+    """Refuse a continuous field, beside the motion, whose uniform shift costs nothing, and that no gauge names. Collective.
+
+    Args:
+        K: stiffness with its conditions.
+        forms: the formulations on the mesh.
+        conditions: those.
+
+    Raises:
+        ReductionError: on all ranks.
+    """
+    layout, comm = forms.layout, forms.comm
+    if forms.is_definite:
         return
-    for number, field in enumerate(layout.fields):
+    shifts = () if conditions is None else conditions.shifts.values()
+    kinematic = layout.kinematic[: layout.n_owned]
+    for field in layout.fields:
         own = _owned(field.dofs, layout.n_owned)
-        free = not comm.allreduce(bool(kinematic[own].any()), op=MPI.LOR)
-        named = any(comm.allreduce(bool(one.values[own].any()), op=MPI.LOR) for one in shifts.values())
-        if not free or named or _is_broken(field):
+        moves = comm.allreduce(bool(kinematic[own].any()), op=MPI.LOR)
+        named = [comm.allreduce(bool(one.values[own].any()), op=MPI.LOR) for one in shifts]
+        if moves or any(named) or _is_broken(field):
             continue
-        size = field.components.stop - field.components.start
-        for component in range(size):
-            unit = np.zeros(size)
+        for component in range(field.components.start, field.components.stop):
+            unit = np.zeros(max(one.components.stop for one in layout.fields))
             unit[component] = 1.0
-            whole = np.zeros(field.components.stop)
-            whole[field.components] = unit
-            components = np.zeros(max(one.components.stop for one in layout.fields))
-            components[: len(whole)] = whole
-            if _costs_nothing(K, _dofs_of(components, layout)):
-                raise FormulationError(
-                    f"{groups[0].form_name}: nothing holds component {field.components.start + component} of the "
-                    "unknown: a uniform shift of it costs no energy, as of a potential. Name it, and one unit of it, by "
-                    'gauge(p), as {"potential": (0.0, 0.0, 0.0, 1.0)}, and give the body electrodes, conditions=['
-                    'Electrode(...)]; or hold it by surface_energy on some facets'
+            if costs_nothing(K, _dofs_of(unit, layout)):
+                raise ReductionError(
+                    f"{forms.form_name}: nothing holds component {component} of the unknown: a uniform shift of it costs "
+                    "no energy, as of a potential. Name the shift, and one unit of it, by gauge(p), as "
+                    '{"potential": (0.0, 0.0, 0.0, 1.0)}, and give the model electrodes, conditions=[Electrode(...)]; or '
+                    "hold it by surface_energy on some facets"
                 )
 
 
@@ -384,6 +373,3 @@ def _is_broken(field: Field) -> bool:
 def _refuse_broken(field: Field, one: Condition) -> None:
     if _is_broken(field):
         raise FormulationError(f"{one}: the field {one.field!r} is discontinuous and has no values on facets")
-
-
-

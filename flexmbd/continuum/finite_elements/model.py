@@ -60,8 +60,8 @@ class ContinuumModel(LinearModel):
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
-                entries that are not finite; terms on facets without `surfaces`; electrodes on a field that the
-                formulation has not, or a field that nothing holds.
+                entries that are not finite; terms on facets without `surfaces`; electrodes on a field of which the
+                formulation names no gauge.
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
@@ -95,10 +95,7 @@ class ContinuumModel(LinearModel):
         stiffness, mass = assembly.assemble(integrals, forms.groups, forms.space)
         if not forms.surfaces:
             tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
-        sprung = any(group.optional.surface_energy is not None for group in forms.surfaces)
-        stiffness, found = find_conditions(
-            conditions, stiffness, mesh=mesh, groups=forms.groups, layout=forms.layout, sprung=sprung
-        )
+        stiffness, found = find_conditions(conditions, stiffness, forms)
         super().__init__(
             forms,
             parameters,
