@@ -297,8 +297,7 @@ class _Builder:
         vector = fem.assemble_vector(fem.form(ufl.inner(unit, v) * ufl.dx(metadata={"quadrature_degree": degree})))
         vector.scatter_reverse(la.InsertMode.add)
         weights: FloatArray = vector.array[: self.layout.n_owned].copy()
-        whole = total(self.comm, np.array(weights @ shift.values))
-        return weights / float(whole)
+        return weights / float(total(self.comm, np.array([weights @ shift.values]))[0])
 
 
 def _take_out(K: PETSc.Mat, held: BoolArray, *, first: int) -> None:  # noqa: N803

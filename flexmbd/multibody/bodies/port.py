@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.record.groups import Ports
 
 FloatArray = NDArray[np.float64]
@@ -68,8 +69,9 @@ class PortFlow:
 class Port:
     """A port of a body in a scene: its effort is given, its flow is asked for; ``body.port("top")``.
 
-    The effort may be a number, a function of time, or a ``fm.Signal`` that a controller or states set. Without it the
-    effort is zero, which is a short circuit to the ground. The machine takes it when it is compiled.
+    The effort may be a number, a function of time, or a ``fm.Signal`` that a controller or states set. Where none is
+    given, what is asked for is a signal of the port's own, for their inputs; where nobody sets it the effort is zero,
+    which is a short circuit to the ground. The machine takes it when it is compiled.
 
     Attributes:
         body: whose.
@@ -88,7 +90,8 @@ class Port:
             raise SceneError(f"body {body.name!r} has no port {name!r}; it has: {there}")
         self.body: Any = body
         self.name, self.number, self._ports = name, ports.names.index(name), ports
-        self._effort: Any = 0.0
+        self._given: Any = None
+        self._signal: Signal | None = None
 
     def __repr__(self) -> str:
         """Its body and name, and the units of effort and flow."""
@@ -122,12 +125,25 @@ class Port:
 
     @property
     def effort(self) -> Any:
-        """The effort that is given: a number, a function of time or a signal; zero where none was."""
-        return self._effort
+        """The effort that is given, a number, a function of time or a signal; else a signal, which is it from then on."""
+        if self._given is None:
+            self._signal = Signal(f"{self.effort_name} of {self.label}")
+            self._given = self._signal
+        return self._given
 
     @effort.setter
     def effort(self, value: Any) -> None:
-        self._effort = value
+        self._given = value
+
+    @property
+    def effort_now(self) -> Any:
+        """The same, and zero where neither was an effort given nor a signal asked for."""
+        return 0.0 if self._given is None else self._given
+
+    @property
+    def is_free(self) -> bool:
+        """Whether no effort is given, and a signal of the port's own may be set."""
+        return self._given is None or self._given is self._signal
 
     @property
     def flow(self) -> PortFlow:
@@ -146,7 +162,7 @@ class Port:
 
     @property
     def voltage(self) -> Any:
-        """The effort (V) of an electrode."""
+        """The effort (V) of an electrode; ``inputs=[port.voltage]`` of states and controllers."""
         self._refuse_other("voltage")
         return self.effort
 

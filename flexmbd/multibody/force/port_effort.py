@@ -47,7 +47,7 @@ class PortEffort(OffJoints):
 
     def assemble(self, table: ElementTable) -> None:
         """Forces on the modes, where the effort is no zero."""
-        value = self.port.effort if self.value is None else self.value
+        value = self.port.effort_now if self.value is None else self.value
         if isinstance(value, bool):
             raise SceneError(f"{self.what}: {value} is not a number")
         time, load = table.time(value, self.what), self.port.load

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, refuse_other
+from flexmbd.given import checked, is_number, refuse_other
 from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.force.states import States, linear_equations
 from flexmbd.multibody.functions.linear_system import LinearSystem
-from flexmbd.multibody.functions.signal import Signal
 
 
 @checked("resistance", "inductance", "capacitance", "charge", "voltage_scale")
@@ -50,17 +49,15 @@ def shunt(
                   least={"inductance": inductance})  # fmt: skip
     if capacitance is not None:
         check_numbers(what, positive={"capacitance": capacitance})
-    if not (isinstance(port.effort, float) and port.effort == 0.0):
+    if not port.is_free:
         raise SceneError(f"{what}: its {port.effort_name} is given already, {port.effort!r:.60}; an electrode has one")
     ports = port.body.record.ports
     others = [name for k, name in enumerate(ports.names) if k != port.number and ports.capacity[port.number, k] != 0.0]
-    if any(port.body.port(name).effort != 0.0 for name in others):
+    if not all(is_number(now := port.body.port(name).effort_now) and now == 0.0 for name in others):
         raise SceneError(
             f"{what}: {others} of the same body have a capacity with it and voltages of their own; write the states of "
             "all of them as one, fm.System.add_states"
         )
-    voltage = Signal(f"{port.effort_name} of {port.label}")
-    port.effort = voltage
     per_charge, own = 1.0 / port.capacity, 0.0 if capacitance is None else 1.0 / capacitance
     # u is the strain's charge; V + Q / C_s = stiff Q - per_charge u
     stiff, C = per_charge + own, [[per_charge, 0.0]]
@@ -77,4 +74,4 @@ def shunt(
         scale.append(voltage_scale * np.sqrt(port.capacity / inductance))
         names.append("current")
     initial = [charge, *([0.0] * (len(scale) - 1))]
-    return States(rates, initial, scale, [port.strain_flow], outputs, [voltage], what, names)
+    return States(rates, initial, scale, [port.strain_flow], outputs, [port.effort], what, names)
