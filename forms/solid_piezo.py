@@ -146,7 +146,8 @@ def strain_energy(u: Expr, p: Parameters) -> Terms:
     strain, field = (h + h.T + h.T * h) / 2, _field(psi, p)
     stress, d = _laws(strain, field, p)
     n = _degree(u)
-    return [((ufl.inner(stress, strain) - ufl.dot(d, field)) / 2, Quadrature(2 * n - 2 if is_tetrahedron(u) else 2 * n))]
+    enthalpy = (ufl.inner(stress, strain) - ufl.dot(d, field)) / 2
+    return [(enthalpy, Quadrature(2 * n - 2 if is_tetrahedron(u) else 2 * n))]
 
 
 def kinetic_energy(v: Expr, p: Parameters) -> Terms:

@@ -258,7 +258,7 @@ class DistributedLoads:
 
 @dataclass(frozen=True, eq=False)
 class Ports:
-    """Optional group ``ports/``: pairs of effort and flow of the body beside its frames, as electrodes' voltage and charge.
+    """Optional group ``ports/``: pairs of effort and flow beside the frames, as electrodes' voltage and charge.
 
     With efforts e (voltages, V) the body has the enthalpy q^T K q / 2 - q^T load^T e - e^T capacity e / 2: the modal
     coordinates have the forces load^T e, and the flows (charges, C) are load q + capacity e. Effort times the rate of

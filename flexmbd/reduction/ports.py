@@ -2,9 +2,9 @@
 
 An electrode's voltage V loads the body by the forces f V, and its charge is f^T z + C V (`FieldConditions`). With all
 interfaces fixed z = K^-1 f V, of which the modes Phi have Phi (Phi^T K Phi)^-1 Phi^T f V. What they leave out,
-R = K^-1 f less that, is the potential that follows the voltage at rest, and the quasi-static share of all modes that were
-left out: as f^T R it goes into the capacity. So the statics of the record, of voltages and of forces on interfaces, are
-the full model's with any number of modes.
+R = K^-1 f less that, is the potential that follows the voltage at rest, and the quasi-static share of all modes that
+were left out: as f^T R it goes into the capacity. So the statics of the record, of voltages and of forces on
+interfaces, are the full model's with any number of modes.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def check_ports(model: LinearModel, *, nonlinear: bool) -> None:
         refuse_unheld(model.K, model.forms, model.conditions)
     if nonlinear and model.conditions is not None and model.conditions.ports:
         raise ReductionError(
-            f"nonlinear= goes without ports, as {model.conditions.ports[0]}: what a voltage does to a body that bends a "
-            "lot is not known; reduce it for small displacements, or ground the electrode"
+            f"nonlinear= goes without ports, as {model.conditions.ports[0]}: what a voltage does to a body that bends "
+            "a lot is not known; reduce it for small displacements, or ground the electrode"
         )
 
 
@@ -76,7 +76,7 @@ def port_responses(statics: Statics) -> PortResponses | None:
 
 
 def deformations(statics: Statics, responses: PortResponses) -> tuple[FloatArray, FloatArray]:
-    """The responses without the potential that a voltage makes in a body at rest, and forces that call them. Collective.
+    """The responses without the potential that a voltage makes at rest, and forces that call them. Collective.
 
     Returns:
         (owned dofs, k) shapes, of which the massless unknowns are in balance without a load on them, so that the strain

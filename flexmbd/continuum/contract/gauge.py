@@ -32,7 +32,7 @@ def gauge_faults(shifts: Any, density: ufl.core.expr.Expr, unknown: TrialSymbols
     for name, given in shifts.items():
         shift = numbers(given)
         if shift.shape != (size,) or not np.isfinite(shift).all() or not shift.any():
-            yield f"the shift {name!r} must be {size} finite numbers, one a component of the unknown, got {given!r:.100}"
+            yield f"the shift {name!r} must be {size} finite numbers, one a component of the unknown, got {given!r:.60}"
         elif shift[unknown.moved].any():
             yield f"the shift {name!r} moves the body: it may have no part in displacements and rotations"
         elif _costs(density, unknown, shift.reshape(shape)):

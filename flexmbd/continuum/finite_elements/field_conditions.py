@@ -1,14 +1,14 @@
 """Conditions on a field whose uniform shift costs no energy, built into the stiffness of a body.
 
-With w_k, one unit of the field (1 V) on the k-th electrode and zero elsewhere, the unknown is z + sum_k w_k V_k, where z
+With w_k, one unit of the field (1 V) on the k-th electrode and zero elsewhere, the unknown is z + sum_k w_k V_k; z
 vanishes on electrodes that are given or grounded and has one value on each that floats. The electric enthalpy is then
 z^T K z / 2 - z^T f V - V^T C V / 2 with
 
     f_k = -K w_k on what is free,    C_kl = -w_k^T K w_l,
 
-so that K z = f V, and the charges -dH/dV = f^T z + C V. K becomes that of z alone: rows and columns of what is given are
-taken out but for the diagonal, and those of an electrode that floats are added up in the row of one of its dofs. All
-that follows, modes, static shapes, counts, needs to know no more of it.
+so that K z = f V, and the charges are -dH/dV = f^T z + C V. K becomes that of z alone: rows and columns of what is given
+are taken out but for the diagonal, and those of an electrode that floats are added up in the row of one of its dofs.
+All that follows, modes, static shapes, counts, needs to know no more of it.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class UniformShift:
 
     Attributes:
         values: (owned dofs,) of one unit of it.
-        mean: (owned dofs,) whose product with an unknown, over all ranks, is the mean of the field in these units, where
-            the field is held in the mean; else None.
+        mean: (owned dofs,) whose product with an unknown, over all ranks, is the mean of the field in these units,
+            where the field is held in the mean; else None.
     """
 
     values: FloatArray
@@ -98,7 +98,7 @@ class FieldConditions:
             block: fields in which dofs that follow are zero.
             first: global number of this rank's first dof.
         """
-        means = [shift for shift in self.shifts.values() if shift.mean is not None]
+        means = [(shift.values, shift.mean) for shift in self.shifts.values() if shift.mean is not None]
         if not (self.floating or means):
             return block
         whole = block.copy(order="F")
@@ -106,9 +106,8 @@ class FieldConditions:
             place = group.leader - first
             own = block[place] if 0 <= place < len(block) else np.zeros(block.shape[1])
             whole[group.dofs] = total(comm, own)
-        for shift in means:
-            assert shift.mean is not None
-            whole -= np.outer(shift.values, total(comm, shift.mean @ whole))
+        for values, mean in means:
+            whole -= np.outer(values, total(comm, mean @ whole))
         return whole
 
 
@@ -134,7 +133,7 @@ def uniform_shifts(groups: Sequence[CellGroup], layout: DofLayout) -> dict[str, 
 
 
 def _listed(shifts: Mapping[str, FloatArray]) -> str:
-    return ", ".join(f"{name!r} {tuple(values.tolist())}" for name, values in shifts.items()) or "none"
+    return ", ".join(f"{name!r} {values.tolist()}" for name, values in shifts.items()) or "none"
 
 
 def _dofs_of(components: FloatArray, layout: DofLayout) -> FloatArray:
@@ -259,7 +258,7 @@ class _Builder:
         return int(self.comm.allreduce(mine, op=MPI.MIN))
 
     def _free_dof(self, shift: UniformShift, held: BoolArray) -> NDArray[np.int64]:
-        """The dof by which a field is held that nothing else holds, on the rank that owns it; no partition changes it."""
+        """The dof by which a field is held that nothing else holds, on its rank; no partition changes it."""
         there = np.flatnonzero((shift.values != 0.0) & ~held)
         numbers_of = dof_numbers(self.forms, there)
         lowest = self.comm.allreduce(int(numbers_of.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
@@ -297,7 +296,8 @@ class _Builder:
         vector = fem.assemble_vector(fem.form(ufl.inner(unit, v) * ufl.dx(metadata={"quadrature_degree": degree})))
         vector.scatter_reverse(la.InsertMode.add)
         weights: FloatArray = vector.array[: self.layout.n_owned].copy()
-        return weights / float(total(self.comm, np.array([weights @ shift.values]))[0])
+        weights /= float(total(self.comm, np.array([weights @ shift.values]))[0])
+        return weights
 
 
 def _take_out(K: PETSc.Mat, held: BoolArray, *, first: int) -> None:  # noqa: N803
@@ -327,7 +327,7 @@ def costs_nothing(K: PETSc.Mat, shift: FloatArray) -> bool:  # noqa: N803
 
 
 def refuse_unheld(K: PETSc.Mat, forms: DiscreteForms, conditions: FieldConditions | None) -> None:  # noqa: N803
-    """Refuse a continuous field, beside the motion, whose uniform shift costs nothing, and that no gauge names. Collective.
+    """Refuse a continuous field beside the motion whose uniform shift costs nothing, and that no gauge names. Collective.
 
     Args:
         K: stiffness with its conditions.
@@ -353,10 +353,10 @@ def refuse_unheld(K: PETSc.Mat, forms: DiscreteForms, conditions: FieldCondition
             unit[component] = 1.0
             if costs_nothing(K, _dofs_of(unit, layout)):
                 raise ReductionError(
-                    f"{forms.form_name}: nothing holds component {component} of the unknown: a uniform shift of it costs "
-                    "no energy, as of a potential. Name the shift, and one unit of it, by gauge(p), as "
-                    '{"potential": (0.0, 0.0, 0.0, 1.0)}, and give the model electrodes, conditions=[Electrode(...)]; or '
-                    "hold it by surface_energy on some facets"
+                    f"{forms.form_name}: nothing holds component {component} of the unknown: a uniform shift of it "
+                    "costs no energy, as of a potential. Name the shift, and one unit of it, by gauge(p), as "
+                    '{"potential": (0.0, 0.0, 0.0, 1.0)}, and give the model electrodes, conditions=[Electrode(...)]; '
+                    "or hold it by surface_energy on some facets"
                 )
 
 

@@ -14,8 +14,8 @@ from dolfinx import fem
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
-from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums, tell_units
+from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.field_conditions import find_conditions
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface

@@ -23,7 +23,7 @@ class _Named(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StrainFlow:
-    """The flow of a port at no effort, load . q, of which states, controllers and linearised machines make a measurement.
+    """The flow of a port at no effort, load . q: a measurement of states, controllers and linearised machines.
 
     Of a controller, or wherever a function of the machine's ``fm.Instant`` is asked for, it is called.
 
@@ -125,7 +125,7 @@ class Port:
 
     @property
     def effort(self) -> Any:
-        """The effort that is given, a number, a function of time or a signal; else a signal, which is it from then on."""
+        """The effort that is given, a number, a function of time or a signal; else a signal, the effort from then on."""
         if self._given is None:
             self._signal = Signal(f"{self.effort_name} of {self.label}")
             self._given = self._signal

@@ -17,8 +17,8 @@ from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 class PortEffort(OffJoints):
     """The effort of a port, as an electrode's voltage: forces load times effort on the modes.
 
-    A scene has one for each port of its bodies, with the effort that the port is given (``port.effort``). As an input of
-    a linearised machine it is made anew, with a value.
+    A scene has one for each port of its bodies, with the effort that the port is given (``port.effort``). As an input
+    of a linearised machine it is made anew, with a value.
 
     Attributes:
         port: of a body.

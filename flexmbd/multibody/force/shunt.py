@@ -28,9 +28,9 @@ def shunt(
 
         Q' = I,   L I' = -R I - V - Q / C_s,   V = (Q - load . q) / C,
 
-    where C is the port's capacity; without an inductance I = -(V + Q / C_s) / R. Other ports of the body must rest at no
-    voltage, or have no capacity with this one. The port's effort becomes a signal of the circuit. Add what is returned by
-    ``scene.add_force``.
+    where C is the port's capacity; without an inductance I = -(V + Q / C_s) / R. Other ports of the body must rest at
+    no voltage, or have no capacity with this one. The port's effort becomes a signal of the circuit. Add what is
+    returned by ``scene.add_force``.
 
     Args:
         port: of a body in the scene, whose effort nothing else gives.
@@ -41,7 +41,8 @@ def shunt(
         voltage_scale: V, a typical voltage, to which rtol is relative.
 
     Raises:
-        SceneError: a number out of its range, a port whose effort is given already, or one that has a capacity with others.
+        SceneError: a number out of its range, a port whose effort is given already, or one that has a capacity with
+            others.
     """
     refuse_other(port, Port, "what a shunt is across", wanted='a port, as body.port("top")')
     what = f"shunt of {port.label}"

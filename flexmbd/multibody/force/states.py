@@ -29,8 +29,8 @@ from flexmbd.multibody.motion.quantity import Acceleration, Output, Position, Ve
 
 FloatArray = NDArray[np.float64]
 
-#: What states follow: of fm.output a Position or Velocity; a port's strain flow; a signal that a controller sets; a number or function of
-#: time as data; a function of the machine's Instant.
+#: What states follow: of fm.output a Position or Velocity; a port's strain flow; a signal that a controller sets; a
+#: number or function of time as data; a function of the machine's Instant.
 Followed: TypeAlias = Output | StrainFlow | Signal | Table | Sine | Compiled | float | Callable[[Instant], ArrayLike]
 #: f(t, z, u) -> rates or outputs in Python, or ``flexmbd.compiled`` f(t, z, u, out); or ``flexmbd.Switched``.
 StateEquation: TypeAlias = Compiled | Switched | Callable[[float, FloatArray, FloatArray], Any]

@@ -104,13 +104,17 @@ class Instant:
     def port_effort(self, port: Port) -> float:
         """Effort of a body's port, as an electrode's voltage (V)."""
         refuse_other(port, Port, "what is asked for its effort", wanted='a port, as body.port("top")')
-        return float(port_efforts(self.scene, port.body, np.array([self.t]), self.x[None], self.v[None])[0, port.number])
+        return float(self._efforts(port)[port.number])
 
     def port_flow(self, port: Port) -> float:
         """Flow of a body's port, as an electrode's charge (C): load . q + capacity . efforts."""
         refuse_other(port, Port, "what is asked for its flow", wanted='a port, as body.port("top")')
-        efforts = port_efforts(self.scene, port.body, np.array([self.t]), self.x[None], self.v[None])[0]
-        return float(port.load @ self.q(port.body) + port.body.record.ports.capacity[port.number] @ efforts)
+        capacity = port.body.record.ports.capacity[port.number]
+        return float(port.load @ self.q(port.body) + capacity @ self._efforts(port))
+
+    def _efforts(self, port: Port) -> FloatArray:
+        """Of all ports of a port's body."""
+        return port_efforts(self.scene, port.body, np.array([self.t]), self.x[None], self.v[None])[0]
 
     def states(self, states: object) -> FloatArray:
         """(n,) values of a user's state equations, of ``System.add_states``."""

@@ -1,4 +1,7 @@
-"""Efforts of a body's ports over time, evaluated anew as all given forces are: functions of time, signals, states' outputs."""
+"""Efforts of a body's ports over time, evaluated anew as all given forces are.
+
+They are functions of time, signals of controllers, and outputs of states.
+"""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class PortSeries:
 
     @cached_property
     def work(self) -> FloatArray:
-        """(nt,) J that came in by the port since the first instant: effort over flow, by trapezoids between instants."""
+        """(nt,) J that came in by the port since the first instant: effort over flow, by trapezoids."""
         steps = 0.5 * (self.effort[1:] + self.effort[:-1]) * np.diff(self.flow)
         return np.concatenate([np.zeros(1), np.cumsum(steps)])
 

@@ -43,8 +43,8 @@ from flexmbd.multibody.results.contact_series import (
     hard_contact_rows,
 )
 from flexmbd.multibody.results.energy import Energy
-from flexmbd.multibody.results.port_series import PortSeries, energy_of_ports, port_series
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
+from flexmbd.multibody.results.port_series import PortSeries, energy_of_ports, port_series
 from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.input_values import evaluate_inputs

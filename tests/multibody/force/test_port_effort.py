@@ -40,13 +40,13 @@ Q0 = np.array([0.05, -0.02, 0.03])
 )
 @pytest.mark.parametrize("inductance", [0.0, 0.4])
 def test_a_shunt_against_the_matrix_exponential(method, inductance):
-    """Modes, charge and current of a resistor, an inductor and a capacitor in series, to rtol; the energy that is lost."""
+    """Modes, charge and voltage with a resistor, an inductor and a capacitor in series, to rtol; the energy lost."""
     resistance, own = 3.0, 0.05
     scene, body = clamped(ONE)
     body.q = Q0
     port = body.port("a")
     circuit = scene.add_force(
-        fm.force.shunt(port, resistance=resistance, inductance=inductance, capacitance=own, charge=0.01, voltage_scale=1.0)
+        fm.force.shunt(port, resistance=resistance, inductance=inductance, capacitance=own, charge=0.01)
     )
     times = np.linspace(0.0, 1.5, 7)
     rtol = 1e-4 if isinstance(method, (fm.GeneralizedAlpha, fm.CentralDifference)) else 1e-7
@@ -174,7 +174,8 @@ def test_a_transfer_function_from_voltage_to_charge():
     record = with_ports(damping=0.01)
     scene, body = clamped(record)
     machine = scene.linearize(
-        inputs=[fm.force.PortEffort(body.port("a"), 1.0)], outputs=[body.port("b").strain_charge, body.port("b").strain_current]
+        inputs=[fm.force.PortEffort(body.port("a"), 1.0)],
+        outputs=[body.port("b").strain_charge, body.port("b").strain_current],
     )
     A, B, C, D = machine.state_space()
     s = 4.0j
@@ -212,23 +213,23 @@ def test_a_port_at_rest_costs_no_element():
 
 def test_wrong_ports():
     scene, body = clamped(with_ports())
-    with pytest.raises(fm.SceneError, match="no port 'top'; it has: 'a', 'b'"):
+    with pytest.raises(fm.SceneError, match=r"no port 'top'; it has: 'a', 'b'"):
         body.port("top")
-    with pytest.raises(fm.SceneError, match="has no ports.*electrodes"):
+    with pytest.raises(fm.SceneError, match=r"has no ports.*electrodes"):
         fm.FlexibleBody(replace(ONE, ports=None), name="bare").port("a")
     port = body.port("a")
     assert port is body.port("a")
-    with pytest.raises(fm.SceneError, match="voltage of port arm.a: the scene has it already"):
+    with pytest.raises(fm.SceneError, match=r"voltage of port arm.a: the scene has it already"):
         scene.add_force(fm.force.PortEffort(port, 3.0))
     port.voltage = "much"
-    with pytest.raises(fm.SceneError, match="voltage of port arm.a: str is not a function of time"):
+    with pytest.raises(fm.SceneError, match=r"voltage of port arm.a: str is not a function of time"):
         scene.simulate(0.1)
     port.voltage = 3.0
-    with pytest.raises(fm.SceneError, match="shunt of arm.a: its voltage is given already"):
+    with pytest.raises(fm.SceneError, match=r"shunt of arm.a: its voltage is given already"):
         fm.force.shunt(port, resistance=1.0)
-    with pytest.raises(fm.SceneError, match="resistance = 0.0 must be positive"):
+    with pytest.raises(fm.SceneError, match=r"resistance = 0.0 must be positive"):
         fm.force.shunt(body.port("b"), resistance=0.0)
-    with pytest.raises(fm.SceneError, match="a port, as body.port"):
+    with pytest.raises(fm.SceneError, match=r"a port, as body.port"):
         fm.force.shunt(body, resistance=1.0)
     with pytest.raises(fm.SceneError, match=r"\['a'\].*have a capacity with it"):
         fm.force.shunt(body.port("b"), resistance=1.0)
@@ -239,10 +240,10 @@ def test_a_port_used_twice():
     scene, body = clamped(ONE)
     port = body.port("a")
     scene.add_force(fm.force.shunt(port, resistance=1.0))
-    with pytest.raises(fm.SceneError, match="set the signal 'voltage of arm.a' already"):
+    with pytest.raises(fm.SceneError, match=r"set the signal 'voltage of arm.a' already"):
         scene.start_with([fm.force.shunt(port, resistance=1.0)])
     scene.add_controller(lambda t, y: 0.0, period=0.01, measurements=[port.strain_charge], inputs=[port.voltage])
-    with pytest.raises(fm.SceneError, match="'voltage of arm.a' is set by states 'shunt of arm.a' already"):
+    with pytest.raises(fm.SceneError, match=r"'voltage of arm.a' is set by states 'shunt of arm.a' already"):
         scene.simulate(0.1)
 
 
@@ -254,7 +255,7 @@ def test_states_that_follow_what_they_set():
     scene.add_states(
         lambda t, z, u: -z, initial=[0.0], scale=1.0, measurements=[signal], outputs=lambda t, z, u: z, inputs=[signal]
     )
-    with pytest.raises(fm.SceneError, match="follow the signal 'v', which they set"):
+    with pytest.raises(fm.SceneError, match=r"follow the signal 'v', which they set"):
         scene.simulate(0.1)
 
 

@@ -6,9 +6,9 @@ its tangent.  The outputs are put where loads read their functions of time: thos
 elements have been asked (``inverse_dynamics.residual``), those on frames and on modes before (``put_outputs``).
 
 Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
-of z and u; how many loads there are, whether any is on frames, and how many are on modes; the scales; of each quantity its kind, its place and the velocity that goes with it; of each load its
-output and its row of ``Plan.times``; of each load on modes its output, the first velocity, how many, and where their
-forces begin in ``Plan.data``.
+of z and u; how many loads there are, whether any is on frames, and how many are on modes; the scales; of each quantity
+its kind, its place and the velocity that goes with it; of each load its output and its row of ``Plan.times``; of each
+load on modes its output, the first velocity, how many, and where their forces begin in ``Plan.data``.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def _put(plan, work, outputs, loads, places):
 
 @kernel
 def put_outputs(plan, work, row, x, v, loads_there):
-    """Put the outputs among the functions of time, if there are loads of a kind that read them, ON_FRAMES or ON_MODES."""
+    """Put the outputs among the functions of time, if loads of a kind read them, ON_FRAMES or ON_MODES."""
     if plan.data[row[at.EL_DATA] + loads_there] == 0.0:
         return
     n, _, _, loads, _, _, places = _sizes(plan, row)
