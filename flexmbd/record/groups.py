@@ -262,7 +262,9 @@ class Ports:
 
     With efforts e (voltages, V) the body has the enthalpy q^T K q / 2 - q^T load^T e - e^T capacity e / 2: the modal
     coordinates have the forces load^T e, and the flows (charges, C) are load q + capacity e. Effort times the rate of
-    the flow is power, W. An effort of zero is a short circuit to the ground, in which the modes are the record's.
+    the flow is power, W. Efforts do their work on strain: with `ModalStretch` the strain's coordinates
+    (`ReducedBody.strained`) stand in the place of q. An effort of zero is a short circuit to the ground, in which the
+    modes are the record's.
 
     Attributes:
         names: (k,) of the ports.

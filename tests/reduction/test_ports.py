@@ -266,8 +266,8 @@ def test_other_wrong_arguments():
     with pytest.raises(FormulationError, match=r"solid_linear has no gauge 'potential'"):
         bar(solid_linear.Parameters(E=YOUNG, nu=0.3, rho=RHO), [TOP], form=solid_linear)
     other = dataclasses.replace(PZT, potential_scale=1e8)
+    pairs = {"a": (solid_piezo, PZT), "b": (solid_piezo, other)}
     with pytest.raises(FormulationError, match=r"different shifts.*same scale"):
-        pairs = {"a": (solid_piezo, PZT), "b": (solid_piezo, other)}
         bar(None, [TOP], divisions=(2, 1, 2), layers=("a", "b"), pairs=pairs)
     if COMM.size > 1:
         with pytest.raises(MeshError, match=r"conditions"):

@@ -6,9 +6,9 @@ z^T K z / 2 - z^T f V - V^T C V / 2 with
 
     f_k = -K w_k on what is free,    C_kl = -w_k^T K w_l,
 
-so that K z = f V, and the charges are -dH/dV = f^T z + C V. K becomes that of z alone: rows and columns of what is given
-are taken out but for the diagonal, and those of an electrode that floats are added up in the row of one of its dofs.
-All that follows, modes, static shapes, counts, needs to know no more of it.
+so that K z = f V, and the charges are -dH/dV = f^T z + C V. K becomes that of z alone: rows and columns of what is
+given are taken out but for the diagonal, and those of an electrode that floats are added up in the row of one of its
+dofs. All that follows, modes, static shapes, counts, needs to know no more of it.
 """
 
 from __future__ import annotations
@@ -327,7 +327,7 @@ def costs_nothing(K: PETSc.Mat, shift: FloatArray) -> bool:  # noqa: N803
 
 
 def refuse_unheld(K: PETSc.Mat, forms: DiscreteForms, conditions: FieldConditions | None) -> None:  # noqa: N803
-    """Refuse a continuous field beside the motion whose uniform shift costs nothing, and that no gauge names. Collective.
+    """Refuse a continuous field beside the motion that nothing holds, and that no gauge names. Collective.
 
     Args:
         K: stiffness with its conditions.

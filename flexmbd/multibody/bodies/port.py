@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +16,9 @@ from flexmbd.record.groups import Ports
 FloatArray = NDArray[np.float64]
 
 
-class _Named(Protocol):
-    """The body of a port, as far as it is concerned."""
-
-    name: str
-
-
 @dataclass(frozen=True, eq=False)
 class StrainFlow:
-    """The flow of a port at no effort, load . q: a measurement of states, controllers and linearised machines.
+    """The flow of a port at no effort (``Port.strain_flow``): a measurement of states, controllers and linearised machines.
 
     Of a controller, or wherever a function of the machine's ``fm.Instant`` is asked for, it is called.
 
@@ -36,24 +31,22 @@ class StrainFlow:
     order: int
 
     @property
-    def weights(self) -> FloatArray:
-        """(n,) per modal coordinate."""
-        return self.port.load
-
-    @property
     def label(self) -> str:
         """Its name in messages and linearised machines."""
         return f"{'rate of ' if self.order else ''}{self.port.flow_name} of the strain at {self.port.label}"
 
     def __call__(self, now: Any) -> float:
         """At an instant."""
-        q = now.q_rate(self.port.body) if self.order else now.q(self.port.body)
-        return float(self.weights @ q)
+        q = now.q(self.port.body)
+        if self.order == 0:
+            return float(self.port.flow_of_strain(q[None])[0])
+        return float(self.port.slope(q) @ now.q_rate(self.port.body))
+
 
 
 @dataclass(frozen=True, eq=False)
 class PortFlow:
-    """The flow of a port, load . q + capacity . efforts, as a function of the machine's ``fm.Instant``.
+    """The flow of a port, that of the strain and capacity . efforts, as a function of the machine's ``fm.Instant``.
 
     Attributes:
         port: whose.
@@ -79,7 +72,7 @@ class Port:
         number: its place among the body's ports, from 0.
     """
 
-    def __init__(self, body: _Named, ports: Ports, name: str) -> None:
+    def __init__(self, body: Any, ports: Ports, name: str) -> None:
         """Not for users, who ask ``body.port(name)``.
 
         Raises:
@@ -88,7 +81,7 @@ class Port:
         if name not in ports.names:
             there = ", ".join(map(repr, ports.names))
             raise SceneError(f"body {body.name!r} has no port {name!r}; it has: {there}")
-        self.body: Any = body
+        self.body = body
         self.name, self.number, self._ports = name, ports.names.index(name), ports
         self._given: Any = None
         self._signal: Signal | None = None
@@ -115,8 +108,31 @@ class Port:
 
     @property
     def load(self) -> FloatArray:
-        """(n,) force on each modal coordinate per unit effort; flow per unit modal coordinate."""
+        """(n,) force on each modal coordinate per unit effort in the undeformed body; flow per unit modal coordinate."""
         return self._ports.load[self.number]
+
+    @cached_property
+    def second(self) -> FloatArray | None:
+        """(n, n) by which that grows with the modal coordinates, symmetric; None where it does not.
+
+        An effort does its work on the strain, which has a part of second order in the modes' rotations (`ModalStretch`):
+        a bent arm is not stretched, though its membrane modes move. So a voltage also stiffens or softens.
+        """
+        stretch = self.body.record.stretch
+        if stretch is None or not len(stretch.strain):
+            return None
+        shares = stretch.strain @ (self.load / self.body.record.stiffness)
+        found: FloatArray = np.tensordot(shares, stretch.P, 1)
+        return 0.5 * (found + found.T)
+
+    def slope(self, q: FloatArray) -> FloatArray:
+        """(n,) derivative of the strain's flow by the modal coordinates q (n,)."""
+        return self.load if self.second is None else self.load + self.second @ q
+
+    def flow_of_strain(self, q: FloatArray) -> FloatArray:
+        """(nt,) flow at no effort, at modal coordinates q (nt, n): load . q + q . second q / 2."""
+        flow: FloatArray = q @ self.load
+        return flow if self.second is None else flow + 0.5 * np.einsum("ti,ij,tj->t", q, self.second, q)
 
     @property
     def capacity(self) -> float:
@@ -125,7 +141,7 @@ class Port:
 
     @property
     def effort(self) -> Any:
-        """The effort that is given, a number, a function of time or a signal; else a signal, the effort from then on."""
+        """The effort that is given, a number, a function of time or a signal; else a new signal, which then is it."""
         if self._given is None:
             self._signal = Signal(f"{self.effort_name} of {self.label}")
             self._given = self._signal
@@ -152,7 +168,7 @@ class Port:
 
     @property
     def strain_flow(self) -> StrainFlow:
-        """The part of the flow that the deformation makes, load . q; what states follow that set the effort."""
+        """The part of the flow that the deformation makes; what states follow that set the effort."""
         return StrainFlow(self, 0)
 
     @property

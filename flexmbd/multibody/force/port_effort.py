@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
@@ -15,7 +17,7 @@ from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 
 @dataclass(frozen=True, eq=False)
 class PortEffort(OffJoints):
-    """The effort of a port, as an electrode's voltage: forces load times effort on the modes.
+    """The effort of a port, as an electrode's voltage: forces (load + second q) times effort on the modes.
 
     A scene has one for each port of its bodies, with the effort that the port is given (``port.effort``). As an input
     of a linearised machine it is made anew, with a value.
@@ -50,10 +52,11 @@ class PortEffort(OffJoints):
         value = self.port.effort_now if self.value is None else self.value
         if isinstance(value, bool):
             raise SceneError(f"{self.what}: {value} is not a number")
-        time, load = table.time(value, self.what), self.port.load
+        time, load, second = table.time(value, self.what), self.port.load, self.port.second
         table.effort(self.port, time)
         if load.size:
-            _, v = table.modes(self.port.body)
+            x, v = table.modes(self.port.body)
             acts = self.value is not None or not (is_number(value) and value == 0.0)
-            data = table.numbers(load)
-            table.element(MODAL_FORCE, self.what, v=v, data=data, count=load.size, time=time, acts=acts)
+            data = table.numbers(load if second is None else np.concatenate([load, second.ravel()]))
+            place = -1 if second is None else x
+            table.element(MODAL_FORCE, self.what, x=place, v=v, data=data, count=load.size, time=time, acts=acts)

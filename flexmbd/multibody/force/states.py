@@ -212,8 +212,10 @@ class States:
         """Of each number of a quantity its kind, its place, and the velocity that goes with it."""
         if isinstance(quantity, StrainFlow):
             x, v = table.modes(quantity.port.body)
-            weights = quantity.weights
-            return [(OF_MODES, table.numbers([len(weights), quantity.order, x, v, *weights]), v)]
+            load, second = quantity.port.load, quantity.port.second
+            matrix = () if second is None else second.ravel()
+            head = [len(load), quantity.order, x, v, second is not None]
+            return [(OF_MODES, table.numbers([*map(float, head), *load, *matrix]), v)]
         if isinstance(quantity, Output):
             kind = OF_POSITION if isinstance(quantity, Position) else OF_VELOCITY
             of = quantity.of

@@ -53,8 +53,9 @@ def output_derivatives(scene: CompiledScene, x: FloatArray, v: FloatArray, outpu
     """
     if isinstance(output, StrainFlow):
         slots = scene.index.modal(output.port.body)
-        L = output.weights @ np.eye(scene.nv)[slots.v]
-        return OutputDerivatives((output.label,), output.order, L[None], np.zeros((1, scene.nv)))
+        port, unit = output.port, np.eye(scene.nv)[slots.v]
+        changing = np.zeros(len(unit)) if port.second is None else port.second @ v[slots.v]
+        return OutputDerivatives((output.label,), output.order, (port.slope(x[slots.x]) @ unit)[None], (changing @ unit)[None])
     if type(output) not in ORDERS:
         raise SceneError(
             f"{output!r} is not an output; give fm.output.Position, Velocity or Acceleration of a frame, a joint or a "

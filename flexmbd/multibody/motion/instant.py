@@ -107,10 +107,10 @@ class Instant:
         return float(self._efforts(port)[port.number])
 
     def port_flow(self, port: Port) -> float:
-        """Flow of a body's port, as an electrode's charge (C): load . q + capacity . efforts."""
+        """Flow of a body's port, as an electrode's charge (C): that of the strain, and capacity . efforts."""
         refuse_other(port, Port, "what is asked for its flow", wanted='a port, as body.port("top")')
         capacity = port.body.record.ports.capacity[port.number]
-        return float(port.load @ self.q(port.body) + capacity @ self._efforts(port))
+        return float(port.flow_of_strain(self.q(port.body)[None])[0] + capacity @ self._efforts(port))
 
     def _efforts(self, port: Port) -> FloatArray:
         """Of all ports of a port's body."""

@@ -60,11 +60,11 @@ def loads_on_frames(elements: Sequence[Sequence[int]], times: Collection[int]) -
 
 def loads_on_modes(
     elements: Sequence[Sequence[int]], loads: Sequence[tuple[int, int]]
-) -> list[tuple[int, int, int, int]]:
-    """Of each load on modes that outputs set: the output, the first velocity, how many, where its forces stand."""
+) -> list[tuple[int, int, int, int, int]]:
+    """Of each load on modes that outputs set what ``state_rates`` has."""
     of_modes = [row for row in elements if row[at.EL_KIND] == kind_of(MODAL_FORCE)]
     return [
-        (output, row[at.EL_V], row[at.EL_COUNT], row[at.EL_DATA])
+        (output, row[at.EL_V], row[at.EL_COUNT], row[at.EL_DATA], row[at.EL_X])
         for output, time in loads
         for row in of_modes
         if row[at.EL_TIME] == time

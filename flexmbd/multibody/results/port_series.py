@@ -49,7 +49,7 @@ def port_series(scene: Machine, port: Port, t: FloatArray, x: FloatArray, v: Flo
     efforts = port_efforts(scene, port.body, t, x, v)
     q = x[:, scene.index.modal(port.body).x]
     ports: Ports = port.body.record.ports
-    flow = q @ port.load + efforts @ ports.capacity[port.number]
+    flow = port.flow_of_strain(q) + efforts @ ports.capacity[port.number]
     return PortSeries(t.copy(), efforts[:, port.number].copy(), flow)
 
 

@@ -15,9 +15,9 @@ LOAD = np.array([[0.3, -0.2, 0.5], [0.1, 0.4, -0.3]])
 CAPACITY = np.array([[2e-2, 3e-3], [3e-3, 1e-2]])
 
 
-def with_ports(load=LOAD, capacity=CAPACITY, *, damping=0.0):
+def with_ports(load=LOAD, capacity=CAPACITY, *, damping=0.0, stretched=()):
     """A body of particles, springs of some 100 1/s^2, with electrodes."""
-    record = particle_body(3, modes=MODES, damping=damping).record
+    record = particle_body(3, modes=MODES, damping=damping, stretched=stretched).record
     k = len(load)
     names = tuple("ab"[:k])
     ports = Ports(names, ("voltage",) * k, ("V",) * k, ("charge",) * k, ("C",) * k, load, capacity)
@@ -147,6 +147,62 @@ def test_power_of_a_given_voltage():
     assert abs(energy - energy[0]).max() > 0.01
     stored = 0.5 * CAPACITY[1, 1] * 0.25 + 0.5 * CAPACITY[0, 0] * (3 * np.sin(0.4)) ** 2
     np.testing.assert_allclose(energy[0], stored + CAPACITY[0, 1] * 0.5 * 3 * np.sin(0.4), rtol=1e-9)
+
+
+STRETCHED = with_ports(LOAD[:1], CAPACITY[:1, :1], stretched=(1,))
+
+
+@pytest.mark.parametrize("method", [fm.RadauIIA(), fm.ExplicitRungeKutta(), fm.GeneralizedAlpha()], ids=str)
+@pytest.mark.parametrize("circuit", [True, False])
+def test_efforts_work_on_strain(method, circuit):
+    """Where bending stretches, charge is that of the strain, and the account closes at large motions."""
+    scene, body = clamped(STRETCHED)
+    body.q = Q0
+    port = body.port("a")
+    if circuit:
+        scene.add_force(fm.force.shunt(port, resistance=3.0))
+    else:
+        port.voltage = fm.Sine(3.0, 8.0)
+    run = scene.simulate(1.0, rtol=1e-5 if isinstance(method, fm.GeneralizedAlpha) else 1e-8, integrator=method)
+    t = np.linspace(0.0, 1.0, 4001)
+    series, energy, q = run.port(port, t=t), run.energy(t=t).total, run.q(body, t=t)
+    np.testing.assert_allclose(series.flow, STRETCHED.strained(q) @ LOAD[0] + CAPACITY[0, 0] * series.effort, rtol=1e-9)
+    assert abs(STRETCHED.strained(q) - q).max() > 0.02 * abs(q).max()
+    size = abs(energy).max()
+    limit = 3e-3 if isinstance(method, fm.GeneralizedAlpha) else 1e-5
+    np.testing.assert_allclose(series.work, energy - energy[0], atol=limit * size)
+    assert abs(series.work).max() > 0.1 * size
+
+
+def test_a_voltage_stiffens_by_the_strain_of_second_order():
+    """Frequencies about the equilibrium at a voltage, against differences of the enthalpy's slope."""
+    scene, body = clamped(STRETCHED)
+    port = body.port("a")
+    port.voltage = 20.0
+    rest = scene.equilibrium()
+    q = rest.q(body)
+
+    def enthalpy(q):
+        strain = STRETCHED.strained(q[None])[0]
+        return 0.5 * STRETCHED.stiffness @ strain**2 - 20.0 * LOAD[0] @ strain
+
+    h = 1e-4 * np.eye(MODES)
+    slope = [(enthalpy(q + d) - enthalpy(q - d)) / 2e-4 for d in h]
+    np.testing.assert_allclose(slope, 0.0, atol=1e-7 * 20.0)
+    curvature = [
+        [(enthalpy(q + d + e) - enthalpy(q + d - e) - enthalpy(q - d + e) + enthalpy(q - d - e)) / 4e-8 for e in h]
+        for d in h
+    ]
+    found = scene.linearize(about=rest).eigenvalues()
+    expected = np.sqrt(np.linalg.eigvalsh(curvature))
+    np.testing.assert_allclose(np.sort(found.imag[found.imag > 0]), expected, rtol=1e-5)
+    assert abs(expected / np.sqrt(STRETCHED.stiffness) - 1).max() > 0.01
+    # the charge's slope there, as a linear machine has it
+    machine = scene.linearize(about=rest, outputs=[port.strain_charge], inputs=[fm.force.PortEffort(port, 1.0)])
+    _, B, C, _ = machine.state_space()
+    slope = [LOAD[0] @ (STRETCHED.strained((q + d)[None]) - STRETCHED.strained((q - d)[None]))[0] / 2e-4 for d in h]
+    np.testing.assert_allclose(np.sort(abs(C[0][abs(C[0]) > 0])), np.sort(np.abs(slope)), rtol=1e-6)
+    np.testing.assert_allclose(np.sort(abs(B[:, 0][abs(B[:, 0]) > 0])), np.sort(np.abs(slope)), rtol=1e-6)
 
 
 def test_a_controller_senses_and_damps():

@@ -8,7 +8,8 @@ elements have been asked (``inverse_dynamics.residual``), those on frames and on
 Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
 of z and u; how many loads there are, whether any is on frames, and how many are on modes; the scales; of each quantity
 its kind, its place and the velocity that goes with it; of each load its output and its row of ``Plan.times``; of each
-load on modes its output, the first velocity, how many, and where their forces begin in ``Plan.data``.
+load on modes its output, the first velocity, how many, where their forces begin in ``Plan.data``, and the place in x
+that ``modal_force`` has.
 """
 
 from __future__ import annotations
@@ -21,13 +22,15 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
 from flexmbd.multibody.kernels.elements.differences import difference_step, put_moved_state
 from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
+from flexmbd.multibody.kernels.elements.modal_force import modal_force
 from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
 # Kinds of quantities: a coordinate, its rate, a function of time, a weighted sum of the coordinates of a body's modes
-# or of their rates, whose place is that of its numbers: how many, 0 or 1 for rates, the first in x and in v, weights.
+# or of their rates, whose place is that of its numbers: how many, 0 or 1 for rates, the first in x and in v, whether
+# there is a matrix, weights w, matrix G. The sum is w . q + q . G q / 2.
 OF_POSITION, OF_VELOCITY, OF_TIME, OF_MODES = range(4)
 _STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, ON_FRAMES, ON_MODES, N_HEAD = range(8)
-_SUM_COUNT, _SUM_ORDER, _SUM_X, _SUM_V, _SUM_WEIGHTS = range(5)
+_SUM_COUNT, _SUM_ORDER, _SUM_X, _SUM_V, _SUM_HAS_MATRIX, _SUM_WEIGHTS = range(6)
 
 
 @kernel
@@ -40,13 +43,27 @@ def _sizes(plan, row):
 
 
 @kernel
-def _sum_of_modes(plan, o, x, v):
-    """A weighted sum of modal coordinates, or of their rates."""
+def _product(plan, o, i, values, first):
+    """(G values)_i of a sum's matrix; 0 where it has none."""
+    n = int(plan.data[o + _SUM_COUNT])
     total = 0.0
-    rates = plan.data[o + _SUM_ORDER] != 0.0
+    if plan.data[o + _SUM_HAS_MATRIX] != 0.0:
+        for k in range(n):
+            total += plan.data[o + _SUM_WEIGHTS + n * (1 + i) + k] * values[first + k]
+    return total
+
+
+@kernel
+def _sum_of_modes(plan, o, x, v):
+    """w . q + q . G q / 2 of modal coordinates, or its rate."""
+    total = 0.0
+    first_x, first_v = int(plan.data[o + _SUM_X]), int(plan.data[o + _SUM_V])
     for i in range(int(plan.data[o + _SUM_COUNT])):
-        value = v[int(plan.data[o + _SUM_V]) + i] if rates else x[int(plan.data[o + _SUM_X]) + i]
-        total += plan.data[o + _SUM_WEIGHTS + i] * value
+        turned = _product(plan, o, i, x, first_x)
+        if plan.data[o + _SUM_ORDER] != 0.0:
+            total += (plan.data[o + _SUM_WEIGHTS + i] + turned) * v[first_v + i]
+        else:
+            total += (plan.data[o + _SUM_WEIGHTS + i] + 0.5 * turned) * x[first_x + i]
     return total
 
 
@@ -129,7 +146,7 @@ def put_outputs(plan, work, row, x, v, loads_there):
 
 
 @kernel
-def _add_change(plan, work, tw, row, found, column, factor, matrix):
+def _add_change(plan, work, tw, row, x, found, column, factor, matrix):
     """Subtract ``factor`` times rates and outputs from a column of the matrix, in the rows that they act on."""
     n, _, _, loads, scales, _, places = _sizes(plan, row)
     for i in range(n):
@@ -147,24 +164,26 @@ def _add_change(plan, work, tw, row, found, column, factor, matrix):
     o = places + 2 * loads
     for _ in range(int(plan.data[row[at.EL_DATA] + ON_MODES])):
         change = factor * work.generalized[found + n + int(plan.data[o])]
-        for r in range(int(plan.data[o + 2])):
-            matrix[int(plan.data[o + 1]) + r, column] -= change * plan.data[int(plan.data[o + 3]) + r]
-        o += 4
+        first, count = int(plan.data[o + 1]), int(plan.data[o + 2])
+        for r in range(count):
+            force = modal_force(plan, int(plan.data[o + 3]), int(plan.data[o + 4]), count, x, r)
+            matrix[first + r, column] -= change * force
+        o += 5
 
 
 @kernel
 def _subtract_sum_tangent(plan, work, tw, row, x, v, i, per_x, per_v, matrix):
-    """Derivatives by the modes, or their rates, of which quantity i is a sum."""
+    """Derivatives by the modes and their rates of which quantity i is a sum."""
     n, _, _, _, _, quantities, _ = _sizes(plan, row)
     o = int(plan.data[quantities + 3 * (i - n) + 1])
-    count, first = int(plan.data[o + _SUM_COUNT]), int(plan.data[o + _SUM_V])
+    count, first_x, first = int(plan.data[o + _SUM_COUNT]), int(plan.data[o + _SUM_X]), int(plan.data[o + _SUM_V])
     rates = plan.data[o + _SUM_ORDER] != 0.0
-    per = per_v if rates else per_x
     size = 0.0
     for j in range(count):
+        slope = plan.data[o + _SUM_WEIGHTS + j] + _product(plan, o, j, x, first_x)
         of_mode = max(tw.size_v[first + j], abs(v[first + j])) if rates else tw.size_x[first + j]
-        size += abs(plan.data[o + _SUM_WEIGHTS + j]) * of_mode
-    if per == 0.0 or size == 0.0:
+        size += abs(slope) * of_mode
+    if size == 0.0:
         return
     step = difference_step(1.0, 0.0, size, 1.0)
     for sign in (-1.0, 1.0):
@@ -172,8 +191,9 @@ def _subtract_sum_tangent(plan, work, tw, row, x, v, i, per_x, per_v, matrix):
         work.generalized[i] += sign * step
         found = _call(plan, work, row, x, v)
         for j in range(count):
-            factor = sign * per * plan.data[o + _SUM_WEIGHTS + j] / (2.0 * step)
-            _add_change(plan, work, tw, row, found, first + j, factor, matrix)
+            slope = plan.data[o + _SUM_WEIGHTS + j] + _product(plan, o, j, x, first_x)
+            weight = per_v * slope + per_x * _product(plan, o, j, v, first) if rates else per_x * slope
+            _add_change(plan, work, tw, row, x, found, first + j, sign * weight / (2.0 * step), matrix)
 
 
 @kernel
@@ -207,7 +227,7 @@ def _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
             _fill(plan, work, row, x, v)
             work.generalized[i] += sign * step
             found = _call(plan, work, row, x, v)
-            _add_change(plan, work, tw, row, found, column, sign * per * unit / (2.0 * step), matrix)
+            _add_change(plan, work, tw, row, x, found, column, sign * per * unit / (2.0 * step), matrix)
 
 
 @kernel
@@ -221,7 +241,7 @@ def _subtract_whole_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
         for sign in (-1.0, 1.0):
             put_moved_state(plan, tw, x, v, c, sign * per_x * step, sign * per_v * step)
             found = _call(plan, work, row, tw.moved_x, tw.moved_v)
-            _add_change(plan, work, tw, row, found, c, sign / (2.0 * step), matrix)
+            _add_change(plan, work, tw, row, tw.moved_x, found, c, sign / (2.0 * step), matrix)
 
 
 @kernel
