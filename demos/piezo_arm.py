@@ -38,8 +38,8 @@ def say(text: str = "") -> None:
 
 # ## The arm
 #
-# Steel is the same formulation without piezoelectricity, and an electrode of cells: a metal has one potential, here that
-# of the ground. The skins' outer faces are electrodes of their own, two ports.
+# Steel is the same formulation without piezoelectricity, and an electrode of cells: a metal has one potential, here
+# that of the ground. The skins' outer faces are electrodes of their own, two ports.
 
 ceramic = forms.solid_piezo.reference().parameters  # PZT-5A, poled along z
 steel = forms.solid_piezo.elastic(E=2.1e11, nu=0.3, rho=7850.0)
@@ -67,9 +67,9 @@ def machine() -> tuple[fm.System, fm.FlexibleBody]:
 # ## The circuit
 #
 # Of the lowest mode, with the frequency w in short circuit, the coupling K^2 = b^2 / (C k) says how much of its energy
-# is electric. A coil and a resistor in series are an absorber; so large a coil is made of amplifiers. Tuned as Hagood and
-# von Flotow (1991) have it,
-# L = 1 / (C w^2 (1 + K^2)^2) and R = sqrt(2) K / (C w (1 + K^2)). A resistor alone is best at R = 1 / (C w sqrt(1 + K^2)).
+# is electric. A coil and a resistor in series are an absorber; so large a coil is made of amplifiers. Tuned as Hagood
+# and von Flotow (1991) have it, L = 1 / (C w^2 (1 + K^2)^2) and R = sqrt(2) K / (C w (1 + K^2)). A resistor alone is
+# best at R = 1 / (C w sqrt(1 + K^2)).
 
 which = record.ports.names.index("z_max")
 modes = record.ports.load[which] ** 2 / record.stiffness

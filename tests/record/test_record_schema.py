@@ -118,7 +118,8 @@ def nonlinear_record():
 
 
 GROUPS = (
-    "modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "ports", "stress", "contact",
+    "modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "ports", "stress",
+    "contact",
 )  # fmt: skip
 
 

@@ -1,6 +1,9 @@
 """Electrodes: reduced piezoelectric bodies against closed forms of bars and bimorphs, and against each other."""
 
 import dataclasses
+import re
+import types
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -203,8 +206,6 @@ def test_the_record_comes_back(tmp_path):
 
 def gauged(**entries):
     """The piezoelectric solid with other functions."""
-    import types
-
     form = types.ModuleType("own_piezo")
     form.__dict__.update({**vars(solid_piezo), "__name__": "own_piezo", "__file__": None, **entries})
     return form
@@ -304,3 +305,21 @@ def test_an_electrode_between_two_layers():
     tip = body.interface("x_max").modes @ (body.ports.load[0] / body.stiffness)
     np.testing.assert_allclose(abs(tip[2]), 3.0 * e31 / YOUNG * LENGTH**2 / THICK**2, rtol=2e-4)
     np.testing.assert_allclose(body.ports.capacity, 4 * KAPPA * LENGTH * WIDTH / THICK, rtol=1e-4)
+
+
+@pytest.mark.skipif(COMM.size > 1, reason="the page is for one process")
+def test_the_page():
+    """docs/ports.md runs; what its resistor takes the arm has lost."""
+    page = (Path(__file__).parents[2] / "docs" / "ports.md").read_text(encoding="utf-8")
+    names = {}
+    for block in re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE):
+        exec(block, names)
+    damped, sense, act, body = (names[name] for name in ("damped", "sense", "act", "body"))
+    series = [damped.port(port, t=np.linspace(0.0, 0.02, 8001)) for port in (sense, act)]
+    energy = damped.energy().total
+    assert series[1].work[-1] < 0.0
+    np.testing.assert_allclose(sum(one.work[-1] for one in series), energy[-1] - energy[0], rtol=1e-3)
+    charge = damped.states(names["circuit"])[:, 0]
+    np.testing.assert_allclose(charge, damped.port(act).flow, atol=1e-6 * abs(charge).max())
+    with pytest.warns(fm.RangeWarning, match=r"'arm': its stress .* short circuit.*z_max"), pytest.raises(fm.RecordError):
+        names["run"].stress(body, names["model"], t=0.001)

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StrainFlow:
-    """The flow of a port at no effort (``Port.strain_flow``): a measurement of states, controllers and linearised machines.
+    """The flow of a port at no effort: a measurement of states, controllers and linearised machines.
 
     Of a controller, or wherever a function of the machine's ``fm.Instant`` is asked for, it is called.
 
@@ -108,15 +108,16 @@ class Port:
 
     @property
     def load(self) -> FloatArray:
-        """(n,) force on each modal coordinate per unit effort in the undeformed body; flow per unit modal coordinate."""
+        """(n,) force on each modal coordinate per unit effort, undeformed; flow per unit modal coordinate."""
         return self._ports.load[self.number]
 
     @cached_property
     def second(self) -> FloatArray | None:
         """(n, n) by which that grows with the modal coordinates, symmetric; None where it does not.
 
-        An effort does its work on the strain, which has a part of second order in the modes' rotations (`ModalStretch`):
-        a bent arm is not stretched, though its membrane modes move. So a voltage also stiffens or softens.
+        An effort does its work on the strain, which has a part of second order in the modes' rotations
+        (`ModalStretch`): a bent arm is not stretched, though its membrane modes move. So a voltage also stiffens or
+        softens.
         """
         stretch = self.body.record.stretch
         if stretch is None or not len(stretch.strain):

@@ -55,7 +55,8 @@ def output_derivatives(scene: CompiledScene, x: FloatArray, v: FloatArray, outpu
         slots = scene.index.modal(output.port.body)
         port, unit = output.port, np.eye(scene.nv)[slots.v]
         changing = np.zeros(len(unit)) if port.second is None else port.second @ v[slots.v]
-        return OutputDerivatives((output.label,), output.order, (port.slope(x[slots.x]) @ unit)[None], (changing @ unit)[None])
+        L, G = (row[None] @ unit for row in (port.slope(x[slots.x]), changing))
+        return OutputDerivatives((output.label,), output.order, L, G)
     if type(output) not in ORDERS:
         raise SceneError(
             f"{output!r} is not an output; give fm.output.Position, Velocity or Acceleration of a frame, a joint or a "

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.brief import brief
+from flexmbd.errors import RangeWarning, warn
+from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.port_efforts import port_efforts
@@ -61,3 +63,20 @@ def energy_of_ports(scene: Machine, t: FloatArray, x: FloatArray, v: FloatArray)
             efforts = port_efforts(scene, port.body, t, x, v)
             total += 0.5 * np.einsum("ti,ij,tj->t", efforts, port.body.record.ports.capacity, efforts)
     return total
+
+
+def tell_stress_of_modes(scene: Machine, body: FlexibleBody, t: FloatArray, x: FloatArray, v: FloatArray) -> None:
+    """Warn with a RangeWarning where a body's stress is asked for at an effort, whose own stress the modes have not."""
+    if body.record.ports is None:
+        return
+    efforts = port_efforts(scene, body, t, x, v)[0]
+    if efforts.any():
+        told = ", ".join(
+            f"{name} {value:.4g} {unit}"
+            for name, value, unit in zip(body.record.ports.names, efforts, body.record.ports.effort_units, strict=True)
+        )
+        warn(
+            f"flexible body {body.name!r}: its stress is that of its modes, in short circuit, and lacks what the "
+            f"efforts of its ports make by themselves ({told}); take it where they are zero",
+            RangeWarning,
+        )

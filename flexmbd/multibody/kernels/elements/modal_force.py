@@ -13,7 +13,7 @@ from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedFor
 
 @kernel
 def modal_force(plan, data, place, count, x, j):
-    """Force on mode j per unit of the function of time; ``place``: in x, of the first mode, below 0 without a matrix."""
+    """Force on mode j per unit of the function of time; ``place``: of the first mode in x, -1 without a matrix."""
     force = plan.data[data + j]
     if place >= 0:
         for k in range(count):
