@@ -75,6 +75,7 @@ from flexmbd.multibody.bodies.homogeneous import HomogeneousEnergy as Homogeneou
 from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff as StVenantKirchhoff
 from flexmbd.multibody.bodies.homogeneous import polar as polar
 from flexmbd.multibody.bodies.point_mass import PointMass as PointMass
+from flexmbd.multibody.bodies.port import InducedFlow as InducedFlow
 from flexmbd.multibody.bodies.port import Port as Port
 from flexmbd.multibody.bodies.port import PortFlow as PortFlow
 from flexmbd.multibody.bodies.port import StrainFlow as StrainFlow

@@ -59,6 +59,34 @@ class PortFlow:
         return float(now.port_flow(self.port))
 
 
+@dataclass(frozen=True, eq=False)
+class InducedFlow:
+    """The flow that all but a port's own effort brings: the strain, and the efforts of other ports of its body.
+
+    A circuit follows it as states: with the charge Q among them the voltage is (Q - induced) / capacity. Of a
+    controller, or wherever a function of the machine's ``fm.Instant`` is asked for, it is called.
+
+    Attributes:
+        port: whose.
+    """
+
+    port: Port
+
+    @property
+    def others(self) -> list[tuple[Port, float]]:
+        """The other ports with which it has a capacity, and that."""
+        names, row = self.port.body.record.ports.names, self.port.body.record.ports.capacity[self.port.number]
+        return [
+            (self.port.body.port(name), float(row[k]))
+            for k, name in enumerate(names)
+            if k != self.port.number and row[k] != 0.0
+        ]
+
+    def __call__(self, now: Any) -> float:
+        """At an instant."""
+        return float(now.port_flow(self.port) - self.port.capacity * now.port_effort(self.port))
+
+
 class Port:
     """A port of a body in a scene: its effort is given, its flow is asked for; ``body.port("top")``.
 
@@ -137,7 +165,7 @@ class Port:
 
     @property
     def capacity(self) -> float:
-        """Flow per own effort while the modes rest, as C/V = F; with other ports see ``body.record.ports.capacity``."""
+        """Flow per own effort while the modes rest, as C/V = F."""
         return float(self._ports.capacity[self.number, self.number])
 
     @property
@@ -168,8 +196,13 @@ class Port:
         return PortFlow(self)
 
     @property
+    def induced_flow(self) -> InducedFlow:
+        """What the strain and the efforts of other ports make of the flow; what states follow that set the effort."""
+        return InducedFlow(self)
+
+    @property
     def strain_flow(self) -> StrainFlow:
-        """The part of the flow that the deformation makes; what states follow that set the effort."""
+        """The part of the flow that the deformation makes."""
         return StrainFlow(self, 0)
 
     @property
@@ -195,8 +228,14 @@ class Port:
         return self.flow
 
     @property
+    def induced_charge(self) -> InducedFlow:
+        """The charge (C) that the strain and the voltages of other electrodes bring; what a circuit's states follow."""
+        self._refuse_other("charge")
+        return self.induced_flow
+
+    @property
     def strain_charge(self) -> StrainFlow:
-        """The part of the charge (C) that the deformation makes: all of it at no voltage."""
+        """The part of the charge (C) that the deformation makes: all of it where no electrode has a voltage."""
         self._refuse_other("charge")
         return self.strain_flow
 

@@ -102,6 +102,9 @@ class ElementTable(Protocol):
     def effort(self, port: Port, time: int) -> None:
         """Note in which row of ``Plan.times`` the effort of a port stands; the first to do so gives it."""
 
+    def follow(self, times: Sequence[int]) -> None:
+        """Note that states follow functions of time, by their rows, which no states may then set."""
+
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""
 

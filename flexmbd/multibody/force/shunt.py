@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, is_number, refuse_other
+from flexmbd.given import checked, refuse_other
 from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.force.states import States, linear_equations
@@ -26,11 +26,11 @@ def shunt(
 
     States are the electrode's charge Q (C), and with an inductance the current I (A) into the electrode:
 
-        Q' = I,   L I' = -R I - V - Q / C_s,   V = (Q - load . q) / C,
+        Q' = I,   L I' = -R I - V - Q / C_s,   V = (Q - induced charge) / C,
 
-    where C is the port's capacity; without an inductance I = -(V + Q / C_s) / R. Other ports of the body must rest at
-    no voltage, or have no capacity with this one. The port's effort becomes a signal of the circuit. Add what is
-    returned by ``scene.add_force``.
+    where C is the port's capacity; without an inductance I = -(V + Q / C_s) / R. The port's effort becomes a signal of
+    the circuit. Add what is returned by ``scene.add_force``. Two ports of a body with a capacity between them cannot
+    both have circuits: write the states of both as one.
 
     Args:
         port: of a body in the scene, whose effort nothing else gives.
@@ -41,8 +41,7 @@ def shunt(
         voltage_scale: V, a typical voltage, to which rtol is relative.
 
     Raises:
-        SceneError: a number out of its range, a port whose effort is given already, or one that has a capacity with
-            others.
+        SceneError: a number out of its range, or a port whose effort is given already.
     """
     refuse_other(port, Port, "what a shunt is across", wanted='a port, as body.port("top")')
     what = f"shunt of {port.label}"
@@ -52,15 +51,8 @@ def shunt(
         check_numbers(what, positive={"capacitance": capacitance})
     if not port.is_free:
         raise SceneError(f"{what}: its {port.effort_name} is given already, {port.effort!r:.60}; an electrode has one")
-    ports = port.body.record.ports
-    others = [name for k, name in enumerate(ports.names) if k != port.number and ports.capacity[port.number, k] != 0.0]
-    if not all(is_number(now := port.body.port(name).effort_now) and now == 0.0 for name in others):
-        raise SceneError(
-            f"{what}: {others} of the same body have a capacity with it and voltages of their own; write the states of "
-            "all of them as one, fm.System.add_states"
-        )
     per_charge, own = 1.0 / port.capacity, 0.0 if capacitance is None else 1.0 / capacitance
-    # u is the strain's charge; V + Q / C_s = stiff Q - per_charge u
+    # u is the induced charge; V + Q / C_s = stiff Q - per_charge u
     stiff, C = per_charge + own, [[per_charge, 0.0]]
     if inductance > 0.0:
         A = [[0.0, 1.0], [-stiff / inductance, -resistance / inductance]]
@@ -75,4 +67,4 @@ def shunt(
         scale.append(voltage_scale * np.sqrt(port.capacity / inductance))
         names.append("current")
     initial = [charge, *([0.0] * (len(scale) - 1))]
-    return States(rates, initial, scale, [port.strain_flow], outputs, [port.effort], what, names)
+    return States(rates, initial, scale, [port.induced_flow], outputs, [port.effort], what, names)

@@ -100,7 +100,7 @@ class StateTable(ABC):
         law = checked_law(self._note_breaks(law, what), what, Signature.FRAME_STATES, names)
         sizes, initial = state_sizes(scale, states, what)
         times = [self.time(one, f"input {k} of {what}") for k, one in enumerate(inputs)]
-        self._followed.append([(OF_TIME, time, 0) for time in times])
+        self.follow(times)
         first, link = self._add_links(what, tuple(states), initial, sizes)
         n, values = len(initial), flat(numbers)
         data = self.numbers([n, len(times), link, *sizes, *times, len(values), *values])
@@ -138,6 +138,10 @@ class StateTable(ABC):
         rows = [self.frame(frame) for frame in frames]
         data = self.numbers([*flat(law), *rows, *flat(numbers)])
         self.element(HARD_GROUP, what, f=rows[0], g=rows[-1], data=data, count=len(rows))
+
+    def follow(self, times: Sequence[int]) -> None:
+        """Note that states follow functions of time, by their rows."""
+        self._followed.append([(OF_TIME, time, 0) for time in times])
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""

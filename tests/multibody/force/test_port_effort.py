@@ -287,8 +287,41 @@ def test_wrong_ports():
         fm.force.shunt(body.port("b"), resistance=0.0)
     with pytest.raises(fm.SceneError, match=r"a port, as body.port"):
         fm.force.shunt(body, resistance=1.0)
-    with pytest.raises(fm.SceneError, match=r"\['a'\].*have a capacity with it"):
-        fm.force.shunt(body.port("b"), resistance=1.0)
+
+
+def test_a_circuit_beside_a_given_voltage():
+    """The other electrode's voltage acts through the modes and through the capacity between them; power closes."""
+    record = with_ports()
+    scene, body = clamped(record)
+    given, own = body.port("a"), body.port("b")
+    given.voltage = fm.Sine(3.0, 8.0)
+    circuit = scene.add_force(fm.force.shunt(own, resistance=5.0))
+    run = scene.simulate(1.0, rtol=1e-9)
+    np.testing.assert_allclose(run.port(own).flow, run.states(circuit)[:, 0], atol=1e-12)
+    t = np.linspace(0.0, 1.0, 4001)
+    works = [run.port(port, t=t).work for port in (given, own)]
+    energy = run.energy(t=t).total
+    np.testing.assert_allclose(sum(works), energy - energy[0], atol=1e-6 * energy.max())
+    lost = np.trapezoid(run.port(own, t=t).effort ** 2 / 5.0, t)
+    np.testing.assert_allclose(works[1][-1], -lost, rtol=1e-5)
+    assert lost > 1e-3 * energy.max()
+    now = run.at(0.5)
+    np.testing.assert_allclose(
+        own.induced_charge(now), LOAD[1] @ run.q(body, t=[0.5])[0] + 3e-3 * 3.0 * np.sin(4.0), rtol=1e-9
+    )
+
+
+def test_two_circuits_with_a_capacity_between():
+    scene, body = clamped(with_ports())
+    for name in "ab":
+        scene.add_force(fm.force.shunt(body.port(name), resistance=1.0))
+    with pytest.raises(fm.SceneError, match=r"follow the signal 'voltage of arm\.[ab]', which they set"):
+        scene.simulate(0.1)
+    alone = with_ports(LOAD, np.diag(np.diag(CAPACITY)))
+    scene, body = clamped(alone)
+    for name in "ab":
+        scene.add_force(fm.force.shunt(body.port(name), resistance=1.0))
+    scene.simulate(0.1)
 
 
 def test_a_port_used_twice():

@@ -27,10 +27,11 @@ from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
 # Kinds of quantities: a coordinate, its rate, a function of time, a weighted sum of the coordinates of a body's modes
 # or of their rates, whose place is that of its numbers: how many, 0 or 1 for rates, the first in x and in v, whether
-# there is a matrix, weights w, matrix G. The sum is w . q + q . G q / 2.
+# there is a matrix, how many functions of time, weights w, matrix G, of each of these functions f its row of
+# ``Plan.times`` and a factor c. The sum is w . q + q . G q / 2 + c . f.
 OF_POSITION, OF_VELOCITY, OF_TIME, OF_MODES = range(4)
 _STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, ON_FRAMES, ON_MODES, N_HEAD = range(8)
-_SUM_COUNT, _SUM_ORDER, _SUM_X, _SUM_V, _SUM_HAS_MATRIX, _SUM_WEIGHTS = range(6)
+_SUM_COUNT, _SUM_ORDER, _SUM_X, _SUM_V, _SUM_HAS_MATRIX, _SUM_TIMES, _SUM_WEIGHTS = range(7)
 
 
 @kernel
@@ -54,9 +55,13 @@ def _product(plan, o, i, values, first):
 
 
 @kernel
-def _sum_of_modes(plan, o, x, v):
-    """w . q + q . G q / 2 of modal coordinates, or its rate."""
+def _sum_of_modes(plan, work, o, x, v):
+    """w . q + q . G q / 2 + c . f of modal coordinates, or the rate of the first two."""
     total = 0.0
+    n = int(plan.data[o + _SUM_COUNT])
+    t = o + _SUM_WEIGHTS + n + (n * n if plan.data[o + _SUM_HAS_MATRIX] != 0.0 else 0)
+    for i in range(int(plan.data[o + _SUM_TIMES])):
+        total += plan.data[t + 2 * i + 1] * work.time[int(plan.data[t + 2 * i]), 0]
     first_x, first_v = int(plan.data[o + _SUM_X]), int(plan.data[o + _SUM_V])
     for i in range(int(plan.data[o + _SUM_COUNT])):
         turned = _product(plan, o, i, x, first_x)
@@ -81,7 +86,7 @@ def _fill(plan, work, row, x, v):
         elif plan.data[o] == OF_VELOCITY:
             work.generalized[n + j] = v[place]
         elif plan.data[o] == OF_MODES:
-            work.generalized[n + j] = _sum_of_modes(plan, place, x, v)
+            work.generalized[n + j] = _sum_of_modes(plan, work, place, x, v)
         else:
             work.generalized[n + j] = work.time[place, 0]
 
