@@ -98,7 +98,7 @@ def set_loads(
             if k not in loading or k in others:
                 raise SceneError(
                     f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque, a JointForce "
-                    "or a LineForce, a component of a FrameForce, or the effort of a port (a voltage)"
+                    "or a LineForce, a component of a FrameForce, a DistributedLoad's factor, or a port's voltage"
                 )
         if not places:
             raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")
