@@ -23,6 +23,7 @@ from flexmbd.multibody.force.kane_force import KaneForce as KaneForce
 from flexmbd.multibody.force.line_force import LineForce as LineForce
 from flexmbd.multibody.force.plastic_joint_spring import PlasticJointSpring as PlasticJointSpring
 from flexmbd.multibody.force.plastic_spring import PlasticSpring as PlasticSpring
+from flexmbd.multibody.force.port_effort import PortEffort as PortEffort
 from flexmbd.multibody.force.protocol import BetweenFrames as BetweenFrames
 from flexmbd.multibody.force.protocol import ElementTable as ElementTable
 from flexmbd.multibody.force.protocol import Force as Force
@@ -33,6 +34,7 @@ from flexmbd.multibody.force.protocol import check_numbers as check_numbers
 from flexmbd.multibody.force.shaft_inertia import ShaftInertia as ShaftInertia
 from flexmbd.multibody.force.shared_numbers import SharedNumbers as SharedNumbers
 from flexmbd.multibody.force.shared_numbers import WithSharedNumbers as WithSharedNumbers
+from flexmbd.multibody.force.shunt import shunt as shunt
 from flexmbd.multibody.force.spring_damper import SpringDamper as SpringDamper
 from flexmbd.multibody.force.state_force import StateForce as StateForce
 from flexmbd.multibody.functions.callback import Law as Law

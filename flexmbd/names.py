@@ -76,6 +76,10 @@ from flexmbd.multibody.bodies.homogeneous import HomogeneousEnergy as Homogeneou
 from flexmbd.multibody.bodies.homogeneous import StVenantKirchhoff as StVenantKirchhoff
 from flexmbd.multibody.bodies.homogeneous import polar as polar
 from flexmbd.multibody.bodies.point_mass import PointMass as PointMass
+from flexmbd.multibody.bodies.port import InducedFlow as InducedFlow
+from flexmbd.multibody.bodies.port import Port as Port
+from flexmbd.multibody.bodies.port import PortFlow as PortFlow
+from flexmbd.multibody.bodies.port import StrainFlow as StrainFlow
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody as PseudoRigidBody
 from flexmbd.multibody.bodies.shape import Shape as Shape
 from flexmbd.multibody.bodies.solid import Outline as Outline
@@ -116,6 +120,7 @@ from flexmbd.multibody.motion.instant import Instant as Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene as CompiledScene
 from flexmbd.multibody.results.energy import Energy as Energy
 from flexmbd.multibody.results.momentum import Momentum as Momentum
+from flexmbd.multibody.results.port_series import PortSeries as PortSeries
 from flexmbd.multibody.start.consistent_start import Start as Start
 from flexmbd.multibody.start.drawing import DrawnBody as DrawnBody
 from flexmbd.multibody.swarm.pseudo_rigid_swarm import PseudoRigidSwarm as PseudoRigidSwarm
@@ -132,6 +137,7 @@ from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalInterfaces as NodalInterfaces
 from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
+from flexmbd.record.groups import Ports as Ports
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.reduced_body import ReducedBody as ReducedBody

@@ -4,6 +4,7 @@ A public name: users enter here.
 """
 
 from flexmbd.multibody.motion.quantity import Acceleration as Acceleration
+from flexmbd.multibody.motion.quantity import LinearOutput as LinearOutput
 from flexmbd.multibody.motion.quantity import Observed as Observed
 from flexmbd.multibody.motion.quantity import Output as Output
 from flexmbd.multibody.motion.quantity import Position as Position

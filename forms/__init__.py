@@ -22,5 +22,6 @@ from flexmbd.forms import solid_micropolar as solid_micropolar
 from flexmbd.forms import solid_mixed as solid_mixed
 from flexmbd.forms import solid_nearly_incompressible as solid_nearly_incompressible
 from flexmbd.forms import solid_orthotropic as solid_orthotropic
+from flexmbd.forms import solid_piezo as solid_piezo
 from flexmbd.forms import st_venant_kirchhoff as st_venant_kirchhoff
 from flexmbd.forms import updated_lagrangian as updated_lagrangian

@@ -42,7 +42,8 @@ _CLOSED = 1e-6
 
 _UNHELD = (
     "not reduced: a constant of a further unknown, as of an electric potential, does nothing, and static shapes are "
-    "not determined; give the form a surface_energy that holds it, a ground, on some facets"
+    "not determined; name it by gauge(p), as {'potential': (0.0, 0.0, 0.0, 1.0)}, or give the form a surface_energy "
+    "that holds it, a ground, on some facets"
 )
 
 # Of the part as a full body: enough to tell whether it gains energy.
@@ -85,9 +86,9 @@ class Road:
 
     @property
     def has_free_constants(self) -> bool:
-        """Whether a constant of a further unknown does nothing, and no term on facets holds it."""
+        """Whether a constant of a further unknown does nothing, no term on facets holds it, and no gauge names it."""
         trial = Trial(self.form, self.cell, self.degree)
-        if self.surfaces or trial.layout.kinematic.all():
+        if self.surfaces or optional_entries(self.form).gauge is not None or trial.layout.kinematic.all():
             return False
         d = trial.scale
         return free_constants(trial, d[:, None] * trial.stiffness(trial.rest()) * d) > 0

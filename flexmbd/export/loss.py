@@ -29,6 +29,7 @@ class Capabilities:
         nodal_interfaces: whether the nodes of nodal interfaces are carried as dofs of their own.
         damping: whether a damping matrix is carried.
         gyroscopic: whether the forces of rotors inside the body are carried.
+        ports: whether pairs of effort and flow, as electrodes' voltage and charge, are carried.
         large_motion: whether the inertia of the moving body is carried: the integrals from which
             velocity-dependent forces follow. Else the file is good for small motions of B.
         stiffening: whether stiffening by load or stretch is carried.
@@ -42,6 +43,7 @@ class Capabilities:
     nodal_interfaces: bool = False
     damping: bool = True
     gyroscopic: bool = False
+    ports: bool = False
     large_motion: bool = True
     stiffening: bool = False
     floating: bool = True
@@ -98,6 +100,8 @@ def _losses_of_the_body(body: ReducedBody, capabilities: Capabilities) -> list[s
         losses.append("the damping matrix")
     if not capabilities.gyroscopic and body.gyroscopic is not None:
         losses.append("the gyroscopic forces of the rotors inside it")
+    if not capabilities.ports and body.ports is not None:
+        losses.append(f"the ports ({', '.join(body.ports.names)}), whose efforts would all be zero")
     if not capabilities.floating and body.frame is None and body.n_modes > 0:
         losses.append("the floating frame: it takes bodies whose frame sits on an interface")
     return losses

@@ -17,7 +17,9 @@ from flexmbd.files.tree_file import Tree
 from flexmbd.given import checked
 from flexmbd.record.reduced_body import ReducedBody
 
-CAPABILITIES = Capabilities(nodal_interfaces=True, gyroscopic=True, stiffening=True, nodes=True, stress=True)
+CAPABILITIES = Capabilities(
+    nodal_interfaces=True, gyroscopic=True, ports=True, stiffening=True, nodes=True, stress=True
+)
 
 
 @checked_writer

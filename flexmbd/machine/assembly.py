@@ -27,6 +27,7 @@ from flexmbd.multibody.contact.surface_contact import Elastic, SurfaceContact, s
 from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
+from flexmbd.multibody.force.port_effort import PortEffort
 from flexmbd.multibody.force.protocol import Force
 from flexmbd.multibody.force.states import Followed, StateEquation, States, linear_equations
 from flexmbd.multibody.functions.linear_system import as_linear_system
@@ -127,6 +128,8 @@ class MachineAssembly:
             self._add_beam(body)
         else:
             self._bodies.append(body)
+            if isinstance(body, FlexibleBody) and body.record.ports is not None:
+                self._forces += [PortEffort(body.port(port)) for port in body.record.ports.names]
         return body
 
     def _add_beam(self, beam: ExactBeam) -> None:
@@ -227,6 +230,11 @@ class MachineAssembly:
             SceneError: it acts on a joint or frame of another scene, or one that cannot take it.
         """
         self._check_force(force)
+        if isinstance(force, PortEffort):
+            raise SceneError(
+                f"{force.what}: the scene has it already, as each port has one effort; set it by "
+                f"body.port({force.port.name!r}).effort = ..."
+            )
         self._forces.append(force)
         return force
 

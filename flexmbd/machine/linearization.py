@@ -15,10 +15,10 @@ from flexmbd.multibody.kernels.base.arrays import Work, new_work
 from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.linear.derivatives import DERIVING
 from flexmbd.multibody.linear.linearize import LinearEquations, linearize
-from flexmbd.multibody.linear.ports import Input, Ports, find_ports
+from flexmbd.multibody.linear.ports import Input, InputEffects, find_ports
 from flexmbd.multibody.linear.steadiness import AHEAD, SAME
 from flexmbd.multibody.linear.working_point import WorkingPoint
-from flexmbd.multibody.motion.quantity import Output
+from flexmbd.multibody.motion.quantity import LinearOutput
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.multibody.start.consistent_start import Start, match_motion
@@ -60,7 +60,7 @@ def linear_machine(
     *,
     inputs: Sequence[Input],
     disturbances: Sequence[Input],
-    outputs: Sequence[Output],
+    outputs: Sequence[LinearOutput],
     modes: InteriorModes,
     bodies: Mapping[str, Body],
     team: Team,
@@ -95,7 +95,7 @@ def _refuse_changing_inputs(
     point: WorkingPoint,
     equations: LinearEquations,
     work: Work,
-    ports: Ports,
+    ports: InputEffects,
     inputs: Sequence[Input],
 ) -> None:
     """Raise SceneError where what an input does, seen from the turning axes, changes along the steady motion."""

@@ -35,7 +35,7 @@ from flexmbd.multibody.linear.path.continuation import equilibrium_path
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
 from flexmbd.multibody.linear.ports import Input, refuse_followers, without_inputs
 from flexmbd.multibody.linear.working_point import WorkingPoint
-from flexmbd.multibody.motion.quantity import Output
+from flexmbd.multibody.motion.quantity import LinearOutput
 from flexmbd.multibody.results.explain import explain
 from flexmbd.multibody.results.range_watch import RangeWatch
 from flexmbd.multibody.team import on_every_rank
@@ -156,7 +156,7 @@ class System(CompilableMachine, Steppable):
         *,
         inputs: Sequence[Input] = (),
         disturbances: Sequence[Input] = (),
-        outputs: Sequence[Output] = (),
+        outputs: Sequence[LinearOutput] = (),
         about: WorkingPoint | Trajectory | None = None,
         t: float = 0.0,
         modes: InteriorModes = _INTERIOR_MODES,
@@ -168,7 +168,8 @@ class System(CompilableMachine, Steppable):
                 by functions of time per unit of each, of a FrameForce by numbers per force as given; they need not
                 be in the scene.  Of a joint with a prescribed motion three: displacement, velocity, acceleration.
             disturbances: the columns of W, alike.
-            outputs: the quantities observed: fm.output.Position(frame or joint or flexible body), ...
+            outputs: the quantities observed: fm.output.Position(frame or joint or flexible body), ..., a port's
+                strain_charge or strain_current.
             about: of ``equilibrium``, or a trajectory, whose end is meant; by default the start.
             t: s, at which forces and motions are taken; of ``about`` its own.
             modes: how many coordinates bodies with history get, fm.InteriorModes(count, below_hz).

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import Plan
@@ -149,6 +150,7 @@ class SceneIndex:
         forces: rows of force elements; not of those that are solved together.
         memories: of force elements with memory, the places in x of what they remember, by name.
         states: of users' state equations, where their values stand.
+        efforts: of ports, the row of ``Plan.times`` of their effort.
         shared: of numbers that forces share, where they begin in ``Plan.data``.
         substitutes: of bodies, frames, joints and forces whose numbers differ from those of the scene that was
             compiled: objects that have the numbers of this variant.
@@ -162,6 +164,7 @@ class SceneIndex:
     forces: RunMap[object, ForceRows] = field(default_factory=RunMap)
     memories: IdentityMap[object, dict[str, int]] = field(default_factory=IdentityMap)
     states: IdentityMap[object, StatePlaces] = field(default_factory=IdentityMap)
+    efforts: IdentityMap[Port, int] = field(default_factory=IdentityMap)
     shared: IdentityMap[object, int] = field(default_factory=IdentityMap)
     substitutes: IdentityMap[object, Any] = field(default_factory=IdentityMap)
 

@@ -21,13 +21,15 @@ from flexmbd.record.groups import (
     NodalInterfaces,
     NodalModes,
     NonlinearStiffness,
+    Ports,
     RecordGroup,
     StressModes,
     Surface,
 )
+from flexmbd.round_off import SEVEN_DIGITS
 
 #: What a group has names of, other than loads.
-_NAMED: dict[type[RecordGroup], str] = {NodalInterfaces: "an interface", ContactPatches: "a surface"}
+_NAMED: dict[type[RecordGroup], str] = {NodalInterfaces: "an interface", ContactPatches: "a surface", Ports: "a port"}
 
 
 def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
@@ -57,8 +59,25 @@ def group_faults(group: RecordGroup, *, n: int) -> Iterable[str]:
     for names in (getattr(group, item) for item in NAMES if hasattr(group, item)):
         if len(set(names)) != len(names):
             yield f"{kind} names {_NAMED.get(type(group), 'a load')} twice: {names}"
+    if isinstance(group, Ports):
+        yield from _port_faults(group, sound=not misshapen)
     if isinstance(group, ContactPatches) and not misshapen:
         yield from (f"{kind}: {fault}" for fault in contact_faults(group))
+
+
+def _port_faults(group: Ports, *, sound: bool) -> Iterable[str]:
+    for item in ("efforts", "effort_units", "flows", "flow_units"):
+        texts = getattr(group, item)
+        if len(texts) != len(group.names) or not all(texts):
+            yield f"Ports has {item} {texts} for {len(group.names)} ports"
+    if not sound:
+        return
+    sizes = np.sqrt(np.abs(np.diag(group.capacity)))
+    scaled = group.capacity / np.outer(np.where(sizes > 0.0, sizes, 1.0), np.where(sizes > 0.0, sizes, 1.0))
+    if not _are_symmetric(group.capacity[None]):
+        yield "Ports: capacity is not symmetric: some efforts would gain energy on the way round"
+    elif (least := float(np.linalg.eigvalsh(scaled).min(initial=0.0))) < -SEVEN_DIGITS:
+        yield f"Ports: capacity is negative, {least:.1e} in its scale: some efforts would take no energy to be set"
 
 
 def _are_symmetric(matrices: FloatArray) -> bool:
@@ -96,6 +115,9 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
         case DistributedLoads():
             k = len(group.names)
             return {"force": (k, 3), "moment": (k, 3), "modal": (k, n)}
+        case Ports():
+            k = len(group.names)
+            return {"load": (k, n), "capacity": (k, k)}
         case StressModes():
             k = group.node.size
             return {"node": (k,), "x": (k, 3), "interface": (k,), "sigma": (k, 6, n)}

@@ -257,6 +257,35 @@ class DistributedLoads:
 
 
 @dataclass(frozen=True, eq=False)
+class Ports:
+    """Optional group ``ports/``: pairs of effort and flow beside the frames, as electrodes' voltage and charge.
+
+    With efforts e (voltages, V) the body has the enthalpy q^T K q / 2 - q^T load^T e - e^T capacity e / 2: the modal
+    coordinates have the forces load^T e, and the flows (charges, C) are load q + capacity e. Effort times the rate of
+    the flow is power, W. Efforts do their work on strain: with `ModalStretch` the strain's coordinates
+    (`ReducedBody.strained`) stand in the place of q. An effort of zero is a short circuit to the ground, in which the
+    modes are the record's.
+
+    Attributes:
+        names: (k,) of the ports.
+        efforts, flows: (k,) what they are called, as voltage and charge.
+        effort_units, flow_units: (k,) as V and C.
+        load: (k, n) force on each modal coordinate per unit effort; flow per unit modal coordinate.
+        capacity: (k, k) flow per effort at q = 0, with what the modes leave out; symmetric, not negative.
+    """
+
+    names: tuple[str, ...]
+    efforts: tuple[str, ...]
+    effort_units: tuple[str, ...]
+    flows: tuple[str, ...]
+    flow_units: tuple[str, ...]
+    load: FloatArray
+    capacity: FloatArray
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
 class StressModes:
     """Optional group ``stress/``: stress at the nodes per unit modal coordinate, averaged over cells.
 
@@ -286,6 +315,7 @@ RecordGroup = (
     | NonlinearStiffness
     | Gyroscopic
     | DistributedLoads
+    | Ports
     | StressModes
     | ContactPatches
 )
@@ -301,12 +331,14 @@ GROUPS: dict[str, type[RecordGroup]] = {
     "nonlinear": NonlinearStiffness,
     "gyroscopic": Gyroscopic,
     "loads": DistributedLoads,
+    "ports": Ports,
     "stress": StressModes,
     "contact": ContactPatches,
 }
 
 _WHOLE = ("node", "dof", "triangle", "interface", "surface", "facet", "patch")
 NAMES = ("loads", "names")
+_TEXTS = (*NAMES, "efforts", "effort_units", "flows", "flow_units")
 
 
 def frozen(array: ArrayLike, *, kind: type[np.generic] = np.float64) -> NDArray[Any]:
@@ -338,7 +370,7 @@ def frozen_group(group: RecordGroup) -> RecordGroup:
     parts: dict[str, Any] = {}
     for item in fields(group):
         value = getattr(group, item.name)
-        if item.name in NAMES:
+        if item.name in _TEXTS:
             parts[item.name] = (value,) if isinstance(value, str) else tuple(map(str, value))
         else:
             parts[item.name] = frozen(value, kind=np.int64 if item.name in _WHOLE else np.float64)

@@ -36,6 +36,7 @@ from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalInterfaces as NodalInterfaces
 from flexmbd.record.groups import NodalModes as NodalModes
 from flexmbd.record.groups import NonlinearStiffness as NonlinearStiffness
+from flexmbd.record.groups import Ports as Ports
 from flexmbd.record.groups import StressModes as StressModes
 from flexmbd.record.groups import Surface as Surface
 from flexmbd.record.held_modes import held_frequencies, interface_motion, mass_matrix, modal_mass
@@ -76,6 +77,7 @@ class ReducedBody(PicturedRecord):
         nonlinear: optional strain energy of large displacements, in the place of `geometric` and `stretch`.
         gyroscopic: optional forces of rotors inside the body, which take no power.
         loads: optional distributed loads.
+        ports: optional pairs of effort and flow, as electrodes' voltage and charge.
         stress: optional stress modes.
         contact: optional contact patches, with the flexibility there that the modes leave out.
     """
@@ -99,6 +101,7 @@ class ReducedBody(PicturedRecord):
     nonlinear: NonlinearStiffness | None = None
     gyroscopic: Gyroscopic | None = None
     loads: DistributedLoads | None = None
+    ports: Ports | None = None
     stress: StressModes | None = None
     contact: ContactPatches | None = None
 
@@ -255,8 +258,8 @@ class ReducedBody(PicturedRecord):
             digest.update(frame.name.encode())
             for array in (frame.p_BI_B, frame.R_BI, frame.modes):
                 digest.update(array.tobytes())
-        mechanical = self.nodal, self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads, self.contact
-        for group in mechanical:
+        groups = self.nodal, self.geometric, self.stretch, self.nonlinear, self.gyroscopic, self.loads, self.contact
+        for group in (*groups, self.ports):
             if group is not None:
                 for item in fields(group):
                     value = getattr(group, item.name)

@@ -26,6 +26,7 @@ from flexmbd.record.groups import (
     NodalInterfaces,
     NodalModes,
     NonlinearStiffness,
+    Ports,
     RecordGroup,
     StressModes,
     Surface,
@@ -56,6 +57,7 @@ _PURPOSE = {
     "nonlinear": "the strain energy of large displacements",
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
+    "ports": "efforts that a machine sets and flows that answer, as electrodes' voltage and charge",
     "stress": "stress at the nodes without the model",
     "contact": "patches that may be touched, and the flexibility there that the modes leave out",
 }
@@ -276,6 +278,8 @@ def _groups(body: _Record) -> Iterable[str]:
             yield from _load_lines(group)
         elif isinstance(group, ContactPatches):
             yield from _contact_lines(group)
+        elif isinstance(group, Ports):
+            yield from _port_lines(group)
 
 
 def _group_text(group: RecordGroup) -> str:
@@ -299,6 +303,8 @@ def _group_text(group: RecordGroup) -> str:
             return _count(len(group.area), "patch", "patches")
         case DistributedLoads():
             return _count(len(group.names), "load")
+        case Ports():
+            return _count(len(group.names), "port")
 
 
 def _geometric_lines(group: GeometricStiffness, stiffness: FloatArray) -> Iterable[str]:
@@ -314,6 +320,12 @@ def _load_lines(group: DistributedLoads) -> Iterable[str]:
         forces = _vector(force, scale=float(np.linalg.norm(force)))
         moments = _vector(moment, scale=float(np.linalg.norm(moment)))
         yield _entry("", f"{name}: force {forces} N, moment {moments} N m about B, per unit factor")
+
+
+def _port_lines(group: Ports) -> Iterable[str]:
+    texts = group.names, group.efforts, group.effort_units, group.flow_units
+    for name, effort, unit, per, own in zip(*texts, np.diag(group.capacity), strict=True):
+        yield _entry("", f"{name}: {effort} in {unit}, {own:.4g} {per}/{unit} beside the modes")
 
 
 def _contact_lines(group: ContactPatches) -> Iterable[str]:

@@ -28,6 +28,7 @@ from flexmbd.reduction.modes.ritz import ritz_modes
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation
 from flexmbd.reduction.optional_groups import Contents, Responses, responses
+from flexmbd.reduction.ports import deformations, port_capacity
 from flexmbd.reduction.projection import Basis
 from flexmbd.reduction.residual_vectors import residual_vectors as residual_modes
 from flexmbd.reduction.stages import Stages, ranks_note
@@ -91,6 +92,7 @@ def craig_bampton_basis(
     shapes, moved, rigid_part = _without_rigid_motion(statics, kept.interfaces, shapes, floats=frame is None)
     more = 0 if beside is None else beside.shapes.shape[1]
     contact = None if found.contact is None else residual_flexibility(statics, fixed, found.contact)
+    ports = None if found.ports is None else port_capacity(statics, fixed, found.ports)
     basis = Basis(
         frame=frame,
         p=statics.p,
@@ -109,9 +111,10 @@ def craig_bampton_basis(
         resolved=resolved,
         rigid_part=rigid_part,
         projections=inner(model.comm, shapes, images),
-        responses=replace(found, contact=None),
+        responses=replace(found, contact=None, ports=None),
         large=None if beside is None else beside.placed(len(kept.names)),
         contact=contact,
+        ports=ports,
     )
     return basis, count, {**notes, "rigid motion error": f"{static.rigid_error:.1e}", "solver": statics.solver}
 
@@ -165,7 +168,11 @@ def _added_modes(
     stage.begin(_kind_added(contents))
     if contents.residual_vectors:
         # what the loads of the body's motion stretch is among them
-        return residual_modes(statics, fixed, forces=found.loads.forces, held=found.held, images=images)
+        forces, held = found.loads.forces, found.held
+        if found.ports is not None:
+            shapes, loads = deformations(statics, found.ports)
+            forces, held = np.hstack([forces, loads]), np.hstack([held, shapes])
+        return residual_modes(statics, fixed, forces=forces, held=held, images=images)
     return _stretch_modes(statics, fixed, found, images)
 
 

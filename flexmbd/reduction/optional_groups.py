@@ -56,6 +56,7 @@ from flexmbd.reduction.large_displacements.modal_derivatives import (
     refuse_other_nonlinear,
 )
 from flexmbd.reduction.loads import loads_group, missing_energy
+from flexmbd.reduction.ports import PortResponses, check_ports, port_responses
 from flexmbd.reduction.spread_groups import SpreadGroup, SpreadRows, all_numbers
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
@@ -129,6 +130,7 @@ class Contents:
         check_damping(model, self.damping)
         check_inertia(model)
         check_gyroscopic(model)
+        check_ports(model, nonlinear=self.nonlinear is not None)
         if self.nonlinear is not None:
             check_nonlinear(model)
 
@@ -143,12 +145,14 @@ class Responses:
         displacements: (owned dofs, l).
         held: (owned dofs, l) with all interfaces fixed.
         contact: to unit loads on the contact patches, or None.
+        ports: to unit efforts of the ports, or None.
     """
 
     loads: UnitLoads
     displacements: FloatArray
     held: FloatArray
     contact: PatchResponses | None = None
+    ports: PortResponses | None = None
 
 
 def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundInterface]) -> Responses:
@@ -159,7 +163,8 @@ def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundIn
     loads = joined(unit_loads(statics, interfaces), named) if moved else named
     held = statics.held_response(loads.forces)
     touched = None if contents.patches is None else patch_responses(statics, contents.patches)
-    return Responses(loads, statics.static_response(loads.forces, held=held), held, touched)
+    displacements = statics.static_response(loads.forces, held=held)
+    return Responses(loads, displacements, held, touched, port_responses(statics))
 
 
 def optional_parts(

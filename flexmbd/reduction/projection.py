@@ -25,6 +25,7 @@ from flexmbd.reduction.large_displacements.basis import LargeDisplacements
 from flexmbd.reduction.modes.signs import determined_rotation
 from flexmbd.reduction.normal_form import normal_form
 from flexmbd.reduction.optional_groups import Contents, Responses, optional_parts
+from flexmbd.reduction.ports import PortCapacity, port_notes, ports_group
 from flexmbd.reduction.record_stream import write_record
 from flexmbd.reduction.static_shapes.stiffness_round_off import MARGIN, WORTHLESS, round_off
 
@@ -51,6 +52,7 @@ class Basis:
         responses: to the loads that the record's contents need.
         large: what a body that bends a lot has besides, or None.
         contact: what the modes leave out of the flexibility of the contact patches, or None.
+        ports: what the modes leave out of the ports' flow, or None.
     """
 
     frame: str | None
@@ -69,6 +71,7 @@ class Basis:
     responses: Responses
     large: LargeDisplacements | None = None
     contact: ResidualFlexibility | None = None
+    ports: PortCapacity | None = None
 
 
 def project(
@@ -135,6 +138,9 @@ def project(
     if contents.patches is not None and basis.contact is not None:
         more["contact"] = contact_group(contents.patches, basis.contact, modes=modes[: model.n_owned], p=p, R=R)
         parts["provenance"].update(contact_notes(contents.patches, basis.contact))
+    if basis.ports is not None:
+        more["ports"] = ports_group(model, basis.ports, modes=modes[: model.n_owned])
+        parts["provenance"].update(port_notes(basis.ports))
     if len(stiffness) and (basis.large is not None or model.state is not None):
         parts["provenance"][SHARE] = repr(model_share(model, modes[: model.n_owned], parts["stiffness"])[0])
     if stream is None:

@@ -26,6 +26,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.port_series import tell_stress_of_modes
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
@@ -395,4 +396,5 @@ class Trajectory(ForceSeries):
             return self.recorded(body).stress(t)
         if model is None:
             raise SceneError(f"the stress of body {body.name!r} needs the model that it was reduced from")
+        tell_stress_of_modes(self.scene, body, np.array([t]), *self.motion([t])[:2])
         return model.stress_field(self.scene.index.now(body).record, self.q(body, t=t))

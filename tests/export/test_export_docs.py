@@ -25,7 +25,7 @@ def row(one):
         one.programs,
         "all" if capabilities.interfaces is None else f"{capabilities.interfaces or '-'}",
         *(said(getattr(capabilities, name)) for name in ("rotations", "nodal_interfaces", "damping", "gyroscopic")),
-        *(said(getattr(capabilities, name)) for name in ("large_motion", "stiffening")),
+        *(said(getattr(capabilities, name)) for name in ("ports", "large_motion", "stiffening")),
         *(said(getattr(capabilities, name)) for name in ("floating", "nodes", "stress")),
         "-" if one.read is None else f"{one.digits} digits",
     ]

@@ -24,6 +24,7 @@ from flexmbd.record.reduced_body import (
     NodalInterfaces,
     NodalModes,
     NonlinearStiffness,
+    Ports,
     ReducedBody,
     StressModes,
     Surface,
@@ -33,8 +34,16 @@ PAGE = (Path(__file__).parents[2] / "docs" / "record.md").read_text()
 
 # no two sizes alike, so that no shape can be taken for another
 SIZE = {"n": 5, "b": 2, "k": 7, "s": 11, "v": 8, "t": 9, "g": 13, "d": 1, "h": 3, "u": 17, "c": 4, "w": 6}
-SIZE |= {"p3": 35, "p4": 70, "r": 3, "j": 10, "m": 12, "f": 14, "e": 4}
+SIZE |= {"p3": 35, "p4": 70, "r": 3, "j": 10, "m": 12, "f": 14, "e": 4, "a": 15}
 TYPES = {"f8": "<f8", "i8": "<i8", "text": "|O"}
+
+
+PORT_TEXTS = "port", "effort", "unit", "flow", "other unit"
+
+
+def port_numbers(rng, n):
+    half = rng.normal(size=(15, 20))
+    return rng.normal(size=(15, n)), half @ half.T
 
 
 def symmetric(matrices):
@@ -76,6 +85,7 @@ def full_record():
         stretch=ModalStretch(rng.normal(size=(3, n)), symmetric(rng.normal(size=(3, n, n)))),
         gyroscopic=Gyroscopic(rng.normal(size=3), rng.normal(size=(3, n)), half - half.T),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
+        ports=Ports(*(tuple(f"{what} {i}" for i in range(15)) for what in PORT_TEXTS), *port_numbers(rng, n)),
         stress=StressModes(
             np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
         ),
@@ -107,7 +117,10 @@ def nonlinear_record():
     return dataclasses.replace(full_record(), geometric=None, stretch=None, stress=None, nonlinear=group)
 
 
-GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress", "contact")
+GROUPS = (
+    "modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "ports", "stress",
+    "contact",
+)  # fmt: skip
 
 
 def assert_same(one, other):

@@ -64,6 +64,9 @@ class OptionalEntries:
             as terms that are integrated over facets of a solid: a foundation. Zero, without slope and convex at rest.
         surface_kinetic_energy: (v, p) kinetic energy of mass on the surface, J/m^2, as terms over facets: m/2 v.v with
             one mass per area m in all directions. Which facets: `surfaces` of a model.
+        gauge: (p) shifts of a field that cost no energy, by name, as {"potential": (0.0, 0.0, 0.0, 1.0)}: the numbers
+            by which one unit (1 V) shifts the components of the unknown, the same everywhere. Of p the values are
+            given and no symbols. See `gauge`.
         state: (p) with `update`: the history at a quadrature point at rest, (n,). Where the stress depends on rates
             residual, update, stress and local_residual take the length of the step as the keyword `dt`, s, at least
             0: at 0 no time passes, and nothing flows or relaxes.
@@ -94,6 +97,7 @@ class OptionalEntries:
     gyroscopic: Entry = field(default=None, metadata={"arguments": 3})
     surface_energy: Entry = field(default=None, metadata={"arguments": 2})
     surface_kinetic_energy: Entry = field(default=None, metadata={"arguments": 2})
+    gauge: Entry = field(default=None, metadata={"arguments": 1})
     state: Entry = field(default=None, metadata={"arguments": 1})
     update: Entry = field(default=None, metadata={"arguments": 3})
     local_unknowns: Entry = field(default=None, metadata={"arguments": 1})

@@ -14,6 +14,7 @@ import ufl
 from flexmbd.continuum.compat import topological_dimension
 from flexmbd.continuum.contract.dissipation import dissipation_faults
 from flexmbd.continuum.contract.entries import STEP, is_rate_dependent, optional_entries
+from flexmbd.continuum.contract.gauge import gauge_faults
 from flexmbd.continuum.contract.gyroscopic import gyroscopic_faults
 from flexmbd.continuum.contract.surface_terms import FACET, surface_energy_faults, surface_kinetic_energy_faults
 from flexmbd.continuum.contract.terms import term_faults
@@ -106,6 +107,15 @@ def _gyroscopic(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
     terms = module.gyroscopic(unknown.u, rates, unknown.parameters)
     faults = list(term_faults(terms, unknown.cell, lambda integrand: iter(())))
     yield from faults or gyroscopic_faults(terms, unknown, rates, rigid_motion=module.rigid_motion)
+
+
+def _gauge(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    if optional_entries(module).residual is not None:
+        yield "goes with strain_energy: it is a shift that costs no energy"
+        return
+    terms = module.strain_energy(unknown.u, unknown.parameters)
+    density = sum((integrand for integrand, _ in terms), ufl.as_ufl(0.0))
+    yield from gauge_faults(module.gauge(module.reference().parameters), density, unknown)
 
 
 def _surface_energy(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
@@ -281,6 +291,7 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "kinetic_energy": _kinetic_energy,
     "dissipation": _dissipation,
     "gyroscopic": _gyroscopic,
+    "gauge": _gauge,
     "surface_energy": _surface_energy,
     "surface_kinetic_energy": _surface_kinetic_energy,
     "rigid_motion": _rigid_motion,

@@ -55,6 +55,11 @@ class DiscreteForms:
     whole: fem.FunctionSpace
 
     @property
+    def comm(self) -> MPI.Comm:
+        """The ranks it is spread over."""
+        return self.mesh.comm
+
+    @property
     def formulation(self) -> Formulation:
         """The first group's formulation, whose element and rigid motion are those of all."""
         return self.groups[0].formulation

@@ -196,7 +196,7 @@ def _check_shared(found: Sequence[FoundInterface], comm: MPI.Comm) -> None:
 
 
 def _find(interface: Interface, *, mesh: TaggedMesh, layout: DofLayout) -> FoundInterface:
-    group = _group(interface.name, mesh)
+    group = mesh_group(interface.name, mesh)
     _check_entities(group)
     # collective: they tell nodes to ranks that hold none of the entities
     nodes = layout.nodes_on(group.dim, group.entities)
@@ -220,7 +220,8 @@ def _moved(start: FloatArray, end: FloatArray) -> FloatArray:
     return x
 
 
-def _group(name: str, mesh: TaggedMesh) -> Group:
+def mesh_group(name: str, mesh: TaggedMesh) -> Group:
+    """The entities of a named group: facets, edges, vertices or cells; the first kind that has the name."""
     if name in mesh.facet_groups:
         dim = mesh.dim - 1
         # points inside a line are where beams join, and carry a frame as well as its ends

@@ -19,6 +19,7 @@ from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
+from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface
 from flexmbd.continuum.finite_elements.interface import FoundInterface
 from flexmbd.continuum.finite_elements.model_picture import PicturedModel
@@ -78,6 +79,7 @@ class LinearModel(PicturedModel):
         supports: facets that are held in the axes of the body frame.
         nodal: groups whose nodes keep all their dofs in a reduction.
         condensed: matrices of the fields of one cell; None: there are none.
+        conditions: what holds a potential, built into K, or None.
     """
 
     def __init__(
@@ -93,12 +95,14 @@ class LinearModel(PicturedModel):
         supports: tuple[HeldSurface, ...] = (),
         nodal: tuple[NodalGroup, ...] = (),
         condensed: CondensedStiffness | None = None,
+        conditions: FieldConditions | None = None,
     ) -> None:
         """Keep the parts; not collective."""
         super().__init__(forms, layout=layout, interfaces=interfaces)
         self.parameters = parameters
         self.K, self.M, self.state = K, M, state
-        self.supports, self.nodal, self.condensed = supports, nodal, condensed
+        self.supports, self.nodal = supports, nodal
+        self.condensed, self.conditions = condensed, conditions
 
     @property
     def n_owned_nodes(self) -> int:

@@ -16,6 +16,8 @@ from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.elastic_sums import elastic_sums, tell_units
+from flexmbd.continuum.finite_elements.electrode import Condition
+from flexmbd.continuum.finite_elements.field_conditions import find_conditions
 from flexmbd.continuum.finite_elements.held_surface import SurfaceSupport, find_supports
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -40,6 +42,7 @@ class ContinuumModel(LinearModel):
         surfaces: Surfaces | None = None,
         supports: Sequence[SurfaceSupport] = (),
         condense: bool = True,
+        conditions: Sequence[Condition] = (),
     ) -> None:
         """Check everything, then assemble. Collective over the mesh's communicator.
 
@@ -55,16 +58,19 @@ class ContinuumModel(LinearModel):
             supports: symmetry planes of a half or a quarter of a part, and rollers, at rest in the body frame.
             condense: whether fields of one cell, as enhanced strains, are condensed there; else they are unknowns of
                 the body. What is reduced is the same but for round-off.
+            conditions: electrodes, of a formulation whose `gauge` names a potential. Where none of them fixes it, the
+                potential is zero in the mean.
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
                 entries that are not finite; terms on facets without `surfaces`; a field of one cell that its own
-                equations do not determine.
+                equations do not determine; electrodes on a field of which the formulation names no gauge.
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
-                facets that the surface has not; supports that are not well formed.
+                facets that the surface has not; supports that are not well formed; electrodes that touch, that are
+                given twice, or on groups that the mesh has not.
         """
         framed: Any = interfaces
         nodes: list[NodalInterface] = []
@@ -100,6 +106,7 @@ class ContinuumModel(LinearModel):
             (mass,) = assembly.assemble(integrals, forms.groups, forms.space)
         if not forms.surfaces:
             tell_units(elastic_sums(mesh, forms.layout, stiffness, mass), mesh.comm.rank)
+        stiffness, found = find_conditions(conditions, stiffness, forms)
         super().__init__(
             forms,
             parameters,
@@ -111,9 +118,11 @@ class ContinuumModel(LinearModel):
             supports=held,
             nodal=nodal,
             condensed=condensed,
+            conditions=found,
         )
         self._given: dict[str, Any] = {
             "degree": degree, "interfaces": interfaces, "surfaces": surfaces, "supports": supports, "condense": False,
+            "conditions": conditions,
         }  # fmt: skip
         self._formulation = formulation
 

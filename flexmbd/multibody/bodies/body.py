@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.brief import brief
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, numbers, refuse_no_name, refuse_no_truth, refuse_other
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.bodies.shape import Shape, refuse_no_shape
 from flexmbd.multibody.bodies.solid import Solid, principal_axes
 from flexmbd.overflow import looked_at
@@ -287,6 +288,7 @@ class FlexibleBody:
             refuse_no_name(self.name, "a flexible body's name")
         self._q: FloatArray | None = None
         self._q_rate: FloatArray | None = None
+        self._ports: dict[str, Port] = {}
 
     @property
     def q(self) -> FloatArray | None:
@@ -334,6 +336,22 @@ class FlexibleBody:
             return Frame(self, np.zeros(3), np.eye(3), None, label)
         interface = self.record.interface(name)
         return replace(interface_frame(self, self.record, interface, f"{label}.{name}"), interface=name)
+
+    def port(self, name: str) -> Port:
+        """The port ``name`` of the record: an electrode, whose voltage is given and whose charge is asked for.
+
+        Raises:
+            SceneError: the body has no such port; the message lists those there are.
+        """
+        refuse_no_name(name, "the name of a port")
+        if self.record.ports is None:
+            raise SceneError(
+                f"body {self.name!r} has no ports; they are electrodes of the model that was reduced: "
+                f'ContinuumModel(..., conditions=[Electrode("top")])'
+            )
+        if name not in self._ports:
+            self._ports[name] = Port(self, self.record.ports, name)
+        return self._ports[name]
 
     def show(
         self,

@@ -12,6 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import is_number, numbers
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
 from flexmbd.multibody.functions.callback import Law, StateFunction, StateRates
 from flexmbd.multibody.functions.compiled_function import Compiled
@@ -97,6 +98,12 @@ class ElementTable(Protocol):
 
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``; ``what`` is its name in messages, ``rate`` says whether its rate is needed too."""
+
+    def effort(self, port: Port, time: int) -> None:
+        """Note in which row of ``Plan.times`` the effort of a port stands; the first to do so gives it."""
+
+    def follow(self, times: Sequence[int]) -> None:
+        """Note that states follow functions of time, by their rows, which no states may then set."""
 
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
+from flexmbd.multibody.bodies.port import InducedFlow, StrainFlow
 from flexmbd.multibody.force.protocol import ElementTable, vector
 from flexmbd.multibody.functions.compiled_function import Compiled, Signature
 from flexmbd.multibody.functions.linear_system import LinearSystem
@@ -21,16 +22,18 @@ from flexmbd.multibody.functions.switched import Switched, at_side, refuse_other
 from flexmbd.multibody.functions.time_function import Sine, answered
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.fingerprint import fingerprint
-from flexmbd.multibody.kernels.elements.state_rates import OF_POSITION, OF_TIME, OF_VELOCITY
+from flexmbd.multibody.kernels.elements.state_rates import OF_MODES, OF_POSITION, OF_TIME, OF_VELOCITY
 from flexmbd.multibody.motion.instant import Instant, measure
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.quantity import Acceleration, Output, Position, Velocity
 
 FloatArray = NDArray[np.float64]
 
-#: What states follow: of fm.output a Position or Velocity; a signal that a controller sets; a number or function of
-#: time as data; a function of the machine's Instant.
-Followed: TypeAlias = Output | Signal | Table | Sine | Compiled | float | Callable[[Instant], ArrayLike]
+#: What states follow: of fm.output a Position or Velocity; a port's induced or strain flow; a signal that a controller
+#: sets; a number or function of time as data; a function of the machine's Instant.
+Followed: TypeAlias = (
+    Output | InducedFlow | StrainFlow | Signal | Table | Sine | Compiled | float | Callable[[Instant], ArrayLike]
+)
 #: f(t, z, u) -> rates or outputs in Python, or ``flexmbd.compiled`` f(t, z, u, out); or ``flexmbd.Switched``.
 StateEquation: TypeAlias = Compiled | Switched | Callable[[float, FloatArray, FloatArray], Any]
 
@@ -94,6 +97,8 @@ class States:
         switches = [f for f in (self.rates, self.outputs) if isinstance(f, Switched)]
         if switches and switches[0].when is not switches[-1].when:
             raise SceneError(f"{self.what}: rates and outputs that both switch must do so by one function when=")
+        if switches and any(isinstance(q, (InducedFlow, StrainFlow)) for q in self.measurements):
+            raise SceneError(f"{self.what}: equations that switch cannot follow a port; follow the modal coordinates")
         if switches and any(isinstance(q, (Signal, Table, Sine, Compiled)) for q in self.measurements):
             raise SceneError(f"{self.what}: equations that switch cannot follow signals or data; follow coordinates")
         if self._asks_machine and any(isinstance(q, (Signal, Table, Sine, Compiled)) for q in self.measurements):
@@ -108,7 +113,7 @@ class States:
                 f"{self.what}: states cannot follow accelerations, which depend on the states; measure accelerations "
                 "with a controller, or follow positions and velocities"
             )
-        kinds = (Position, Velocity, Signal, Table, Sine, Compiled)
+        kinds = (Position, Velocity, InducedFlow, StrainFlow, Signal, Table, Sine, Compiled)
         if not isinstance(quantity, kinds) and (isinstance(quantity, Output) or not callable(quantity)):
             value: Any = quantity
             vector(value, (), f"{self.what}: what states follow (fm.output.Position or Velocity, a signal, data)")
@@ -162,7 +167,9 @@ class States:
     def _asks_machine(self) -> bool:
         """Whether they follow more than coordinates and data, so that the machine's frames are asked in Python."""
         return any(
-            isinstance(q.of, Frame) if isinstance(q, Output) else not isinstance(q, (Signal, Table, Sine, Compiled))
+            isinstance(q.of, Frame)
+            if isinstance(q, Output)
+            else not isinstance(q, (InducedFlow, StrainFlow, Signal, Table, Sine, Compiled))
             and callable(q)
             for q in self.measurements
         )
@@ -205,6 +212,8 @@ class States:
 
     def _rows(self, quantity: Followed, table: ElementTable) -> list[tuple[int, int, int]]:
         """Of each number of a quantity its kind, its place, and the velocity that goes with it."""
+        if isinstance(quantity, InducedFlow | StrainFlow):
+            return [self._flow_row(quantity, table)]
         if isinstance(quantity, Output):
             kind = OF_POSITION if isinstance(quantity, Position) else OF_VELOCITY
             of = quantity.of
@@ -216,6 +225,19 @@ class States:
                 places = [(x + k, v + k) for k in range(0 if record is None else record.n_modes)]
             return [(kind, x if kind == OF_POSITION else v, v) for x, v in places]
         return [(OF_TIME, table.time(quantity, f"what {self.what} follow"), 0)]
+
+    def _flow_row(self, quantity: InducedFlow | StrainFlow, table: ElementTable) -> tuple[int, int, int]:
+        """Kind, place and velocity of a port's flow as a sum of modal coordinates and functions of time."""
+        port = quantity.port
+        x, v = table.modes(port.body)
+        matrix = () if port.second is None else port.second.ravel()
+        others = quantity.others if isinstance(quantity, InducedFlow) else []
+        times = [table.time(other.effort_now, f"{other.effort_name} of {other.label}") for other, _ in others]
+        table.follow(times)
+        order = quantity.order if isinstance(quantity, StrainFlow) else 0
+        efforts = [part for time, (_, per) in zip(times, others, strict=True) for part in (float(time), per)]
+        head = [len(port.load), order, x, v, port.second is not None, len(others)]
+        return OF_MODES, table.numbers([*map(float, head), *port.load, *matrix, *efforts]), v
 
 
 class _PythonEquations:

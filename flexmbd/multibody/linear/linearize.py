@@ -23,12 +23,12 @@ from flexmbd.multibody.linear.derivatives import Derivatives
 from flexmbd.multibody.linear.elimination import Coordinates, Elimination, Prescribed, eliminate
 from flexmbd.multibody.linear.interior_balance import InteriorEquations, linearize_interiors
 from flexmbd.multibody.linear.output_equations import OutputDerivatives, output_derivatives
-from flexmbd.multibody.linear.ports import Ports
+from flexmbd.multibody.linear.ports import InputEffects
 from flexmbd.multibody.linear.round_off import RoundOff, energies_at_play, round_off, without_round_off
 from flexmbd.multibody.linear.steadiness import AHEAD, SAME, STEADY, left_and_parts, motion_rate, steady_motion
 from flexmbd.multibody.linear.steady_motion import Slopes, SteadyMotion
 from flexmbd.multibody.linear.working_point import WorkingPoint
-from flexmbd.multibody.motion.quantity import Output
+from flexmbd.multibody.motion.quantity import LinearOutput
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 from flexmbd.overflow import refuse_not_finite, refuse_overflow
 from flexmbd.round_off import of_solver
@@ -65,7 +65,7 @@ class LinearEquations:
 
 @refuse_overflow("the linear machine")
 def linearize(
-    point: WorkingPoint, work: Work, ports: Ports, outputs: Sequence[Output], modes: InteriorModes
+    point: WorkingPoint, work: Work, ports: InputEffects, outputs: Sequence[LinearOutput], modes: InteriorModes
 ) -> LinearEquations:
     """Linearise about a working point, in which interiors stand; ``work.time`` of ``point.scene`` is up to date.
 
@@ -118,7 +118,9 @@ def _without_untouched(point: WorkingPoint, work: Work) -> WorkingPoint:
     return replace(point, scene=replace(point.scene, plan=plan))
 
 
-def _reduce(of: Derivatives, by: Elimination, ports: Ports) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _reduce(
+    of: Derivatives, by: Elimination, ports: InputEffects
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Put xi, dv and da = Vz dz/dt + Vy dy/dt + ... into the equations and project them on Vz."""
     given = ports.given
     push = by.Vz.T @ of.mass @ by.Vy
@@ -214,7 +216,7 @@ def _refuse_changing_outputs(
     motion: SteadyMotion,
     rate: float,
     slopes: Sequence[OutputDerivatives],
-    outputs: Sequence[Output],
+    outputs: Sequence[LinearOutput],
 ) -> None:
     """Raise SceneError where what is observed of the same motions beside the steady one changes along it."""
     size = coordinate_sizes(point.scene)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.port import StrainFlow
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base import kinds
@@ -18,7 +19,7 @@ from flexmbd.multibody.kernels.reading.force_tables import without_loads
 from flexmbd.multibody.kernels.reading.tree import with_frame
 from flexmbd.multibody.linear.derivatives import derive
 from flexmbd.multibody.linear.working_point import frame_motion
-from flexmbd.multibody.motion.quantity import ORDERS, Output, Rotation
+from flexmbd.multibody.motion.quantity import ORDERS, LinearOutput, Rotation
 from flexmbd.multibody.plan.compiled_scene import CompiledScene, add_probe
 from flexmbd.multibody.plan.scene_matrices import coordinate_sizes
 
@@ -44,12 +45,18 @@ class OutputDerivatives:
         return replace(self, L=np.pad(self.L, ((0, 0), (0, added))), G=np.pad(self.G, ((0, 0), (0, added))))
 
 
-def output_derivatives(scene: CompiledScene, x: FloatArray, v: FloatArray, output: Output) -> OutputDerivatives:
+def output_derivatives(scene: CompiledScene, x: FloatArray, v: FloatArray, output: LinearOutput) -> OutputDerivatives:
     """Derivatives of an output at configuration x (nx,) and velocities v (nv,).
 
     Raises:
         SceneError: it is not in the scene, has no coordinates there, or is not an output.
     """
+    if isinstance(output, StrainFlow):
+        slots = scene.index.modal(output.port.body)
+        port, unit = output.port, np.eye(scene.nv)[slots.v]
+        changing = np.zeros(len(unit)) if port.second is None else port.second @ v[slots.v]
+        L, G = (row[None] @ unit for row in (port.slope(x[slots.x]), changing))
+        return OutputDerivatives((output.label,), output.order, L, G)
     if type(output) not in ORDERS:
         raise SceneError(
             f"{output!r} is not an output; give fm.output.Position, Velocity or Acceleration of a frame, a joint or a "

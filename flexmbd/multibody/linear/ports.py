@@ -31,7 +31,7 @@ _ORDERS = ("", "rate of ", "acceleration of ")
 
 
 @dataclass(frozen=True, eq=False)
-class Ports:
+class InputEffects:
     """Effects of the nu inputs.
 
     Attributes:
@@ -48,7 +48,7 @@ class Ports:
     force: FloatArray
     given: Prescribed
 
-    def extended(self, added: int) -> Ports:
+    def extended(self, added: int) -> InputEffects:
         """The same of a machine with further coordinates, on which they do nothing."""
         motion = np.pad(self.given.motion, ((0, 0), (0, added), (0, 0)))
         force = np.pad(self.force, ((0, added), (0, 0)))
@@ -66,7 +66,7 @@ def refuse_followers(forces: Sequence[Force], inputs: Sequence[Input]) -> None:
             )
 
 
-def find_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inputs: Sequence[Input]) -> Ports:
+def find_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inputs: Sequence[Input]) -> InputEffects:
     """Find what each input does at the working point.
 
     Args:
@@ -97,7 +97,7 @@ def find_ports(scene: CompiledScene, point: WorkingPoint, times: FloatArray, inp
     force = np.array([column for _, column in columns]).reshape(nu, scene.nv).T
     firsts = tuple(first for first, _ in motions)
     given = _prescribed(scene, motions, nu)
-    return Ports(tuple(name for name, _ in columns), tuple(count), firsts, force, given)
+    return InputEffects(tuple(name for name, _ in columns), tuple(count), firsts, force, given)
 
 
 def _columns(scene: CompiledScene, point: WorkingPoint, force: Force) -> list[tuple[str, FloatArray]]:

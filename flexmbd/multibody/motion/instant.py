@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import SceneError
-from flexmbd.given import numbers
+from flexmbd.given import numbers, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.point_mass import refuse_turn
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.reading.force_tables import refuse_hard_contacts
 from flexmbd.multibody.motion.machine import Machine
 from flexmbd.multibody.motion.memory_series import memory_series
 from flexmbd.multibody.motion.moving_frames import MovingFrames
+from flexmbd.multibody.motion.port_efforts import port_efforts
 from flexmbd.multibody.motion.quantity import ORDERS, Output
 from flexmbd.multibody.motion.reaction import reactions
 from flexmbd.overflow import finite_answer, looked_at
@@ -98,6 +100,21 @@ class Instant:
     def q_rate(self, body: Body) -> FloatArray:
         """(n,) rates of the modal coordinates."""
         return self.v[self.scene.index.modal(body).v].copy()
+
+    def port_effort(self, port: Port) -> float:
+        """Effort of a body's port, as an electrode's voltage (V)."""
+        refuse_other(port, Port, "what is asked for its effort", wanted='a port, as body.port("top")')
+        return float(self._efforts(port)[port.number])
+
+    def port_flow(self, port: Port) -> float:
+        """Flow of a body's port, as an electrode's charge (C): that of the strain, and capacity . efforts."""
+        refuse_other(port, Port, "what is asked for its flow", wanted='a port, as body.port("top")')
+        capacity = port.body.record.ports.capacity[port.number]
+        return float(port.flow_of_strain(self.q(port.body)[None])[0] + capacity @ self._efforts(port))
+
+    def _efforts(self, port: Port) -> FloatArray:
+        """Of all ports of a port's body."""
+        return port_efforts(self.scene, port.body, np.array([self.t]), self.x[None], self.v[None])[0]
 
     def states(self, states: object) -> FloatArray:
         """(n,) values of a user's state equations, of ``System.add_states``."""

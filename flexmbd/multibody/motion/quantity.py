@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.port import StrainFlow
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.joint.connection import Connection
 
@@ -42,6 +43,9 @@ class Rotation:
 
 
 Output: TypeAlias = Position | Velocity | Acceleration | Rotation
+
+#: What a linearised machine is observed by.
+LinearOutput: TypeAlias = Output | StrainFlow
 
 #: Orders of differentiation.
 ORDERS = {Position: 0, Rotation: 0, Velocity: 1, Acceleration: 2}

@@ -14,6 +14,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import PlacedInterior
 from flexmbd.multibody.bodies.point_mass import is_point, refuse_turn
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.force.alike import AlikeElements
 from flexmbd.multibody.force.protocol import BetweenFrames, Force, SwitchValue, WithStates
 from flexmbd.multibody.force.shared_numbers import SharedNumbers, WithSharedNumbers
@@ -231,6 +232,11 @@ class ForceTable(StateTable):
     def time(self, function: TimeFunction, what: str, *, rate: bool = False) -> int:
         """Row of ``Plan.times``."""
         return self._numbering.add_time(load_row(function, what, rate=rate), what, motion=rate)
+
+    def effort(self, port: Port, time: int) -> None:
+        """Note in which row of ``Plan.times`` the effort of a port stands."""
+        if port not in self._numbering.index.efforts:
+            self._numbering.index.efforts[port] = time
 
     def law(self, law: Compiled | Law, what: str) -> int:
         """Address of f(t, beta, rate of beta) -> N or N m."""

@@ -14,6 +14,7 @@ from flexmbd.multibody.functions.time_function import TimeRow
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.elements.given_on_line import GIVEN_ON_LINE
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
+from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
 from flexmbd.multibody.kernels.elements.state_rates import OF_TIME
 from flexmbd.multibody.kernels.elements.table import kind_of
 from flexmbd.multibody.scene_index import IdentityMap
@@ -57,6 +58,19 @@ def loads_on_frames(elements: Sequence[Sequence[int]], times: Collection[int]) -
     return [k for k, row in enumerate(elements) if row[at.EL_TIME] in times and row[at.EL_KIND] in _GIVEN]
 
 
+def loads_on_modes(
+    elements: Sequence[Sequence[int]], loads: Sequence[tuple[int, int]]
+) -> list[tuple[int, int, int, int, int]]:
+    """Of each load on modes that outputs set what ``state_rates`` has."""
+    of_modes = [row for row in elements if row[at.EL_KIND] == kind_of(MODAL_FORCE)]
+    return [
+        (output, row[at.EL_V], row[at.EL_COUNT], row[at.EL_DATA], row[at.EL_X])
+        for output, time in loads
+        for row in of_modes
+        if row[at.EL_TIME] == time
+    ]
+
+
 def set_loads(
     states: StateEquations, times: Sequence[TimeRow], forces: Sequence[Sequence[int]],
     elements: Sequence[Sequence[int]], followed: frozenset[int],
@@ -64,12 +78,15 @@ def set_loads(
     """Of each load that the outputs set the output and the row of ``Plan.times``.
 
     Raises:
-        SceneError: states follow what they set, or a signal loads neither a joint's coordinate nor frames.
+        SceneError: states follow what they set, or a signal loads neither a joint's coordinate, nor frames, nor modes.
     """
     loads, loading = [], {row[at.FORCE_TIME] for row in forces}
     on_frames = loads_on_frames(elements, range(len(times)))
     loading |= {elements[k][at.EL_TIME] for k in on_frames}
-    others = {row[at.EL_TIME] for k, row in enumerate(elements) if k not in on_frames}
+    of_modes = {k for k, row in enumerate(elements) if row[at.EL_KIND] == kind_of(MODAL_FORCE)}
+    loading |= {elements[k][at.EL_TIME] for k in of_modes}
+    early = of_modes.union(on_frames)
+    others = {row[at.EL_TIME] for k, row in enumerate(elements) if k not in early}
     for j, signal in enumerate(states.inputs):
         places = [k for k, row in enumerate(times) if row.signal is signal]
         for k in places:
@@ -81,7 +98,7 @@ def set_loads(
             if k not in loading or k in others:
                 raise SceneError(
                     f"{states.what}: the signal {signal.name!r} can only be the value of a JointTorque, a JointForce "
-                    "or a LineForce, or a component of a FrameForce"
+                    "or a LineForce, a component of a FrameForce, a DistributedLoad's factor, or a port's voltage"
                 )
         if not places:
             raise SceneError(f"{states.what}: no load of the scene has the signal {signal.name!r}")

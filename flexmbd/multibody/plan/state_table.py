@@ -29,6 +29,7 @@ from flexmbd.multibody.plan.state_loads import (
     StateEquationRows,
     followed_times,
     loads_on_frames,
+    loads_on_modes,
     refuse_set_twice,
     set_loads,
 )
@@ -99,7 +100,7 @@ class StateTable(ABC):
         law = checked_law(self._note_breaks(law, what), what, Signature.FRAME_STATES, names)
         sizes, initial = state_sizes(scale, states, what)
         times = [self.time(one, f"input {k} of {what}") for k, one in enumerate(inputs)]
-        self._followed.append([(OF_TIME, time, 0) for time in times])
+        self.follow(times)
         first, link = self._add_links(what, tuple(states), initial, sizes)
         n, values = len(initial), flat(numbers)
         data = self.numbers([n, len(times), link, *sizes, *times, len(values), *values])
@@ -137,6 +138,10 @@ class StateTable(ABC):
         rows = [self.frame(frame) for frame in frames]
         data = self.numbers([*flat(law), *rows, *flat(numbers)])
         self.element(HARD_GROUP, what, f=rows[0], g=rows[-1], data=data, count=len(rows))
+
+    def follow(self, times: Sequence[int]) -> None:
+        """Note that states follow functions of time, by their rows."""
+        self._followed.append([(OF_TIME, time, 0) for time in times])
 
     def _add_links(self, what: str, names: tuple[str, ...], initial: FloatArray, scale: FloatArray) -> tuple[int, int]:
         """Links of the states of the force at hand: the first velocity and the first row of ``Plan.tree``; -1: none."""
@@ -198,8 +203,10 @@ class StateTable(ABC):
             n, m, k = len(states.scales), len(rows), len(states.inputs)
             times = {time for _, time in loads}
             set_by_states |= times
-            head = [n, m, k, one.whole, len(loads), bool(loads_on_frames(self.elements, times)), *states.scales]
-            data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads)])
+            on_modes = loads_on_modes(self.elements, loads)
+            on_frames = bool(loads_on_frames(self.elements, times))
+            head = [n, m, k, one.whole, len(loads), on_frames, len(on_modes), *states.scales]
+            data = self.numbers([*map(float, head), *np.ravel(rows), *np.ravel(loads), *np.ravel(on_modes)])
             side = -1 if one.switch is None else self.side(*one.switch, one.states.what)
             self.element(
                 STATES, states.what, v=one.first, data=data, count=2 * n + m + k, address=one.addresses[0],

@@ -93,6 +93,11 @@ def prestressed(
             "springs on facets (surface_energy) are possible in bodies reduced about rest alone, not about a loaded "
             "state; load the reduced body in the machine instead"
         )
+    if model.conditions is not None:
+        raise ReductionError(
+            f"the potential of {model.form_name} is held in bodies reduced about rest alone, not about a loaded state; "
+            "load the reduced body in the machine instead"
+        )
     if model.nodal:
         raise ReductionError(
             f"nodal interfaces, as {model.nodal[0].name!r}, are those of a part at rest: leave them out before "

@@ -13,6 +13,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, refuse_other, shown
 from flexmbd.integrate.moreau.moreau_jean import MoreauJean
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
@@ -44,6 +45,7 @@ from flexmbd.multibody.results.contact_series import (
 )
 from flexmbd.multibody.results.energy import Energy
 from flexmbd.multibody.results.given_strains import energy_of_given, given_strains, power_of_given
+from flexmbd.multibody.results.port_series import PortSeries, energy_of_ports, port_series
 from flexmbd.multibody.results.surface_series import AnySeries, SurfaceSeries, surface_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
@@ -219,8 +221,24 @@ class ForceSeries(MotionSeries):
             found[k] = balancing_multipliers(scene, work, *moves, rank=rank, load=loads[k])
         return found
 
+    @checked("t")
+    def port(self, port: Port, *, t: ArrayLike | None = None) -> PortSeries:
+        """Effort, flow and work of a body's port, as voltage and charge of an electrode, at the rows or at times ``t``.
+
+        Efforts are evaluated anew, as all given forces are.
+
+        Raises:
+            SceneError: the port is of another scene, or a function of time fails.
+        """
+        refuse_other(port, Port, "what is asked for effort and flow", wanted='a port, as body.port("top")')
+        x, v, _ = (self.x, self.v, self.a) if t is None else self.motion(t)
+        return port_series(self.scene, port, self._instants(t), x, v)
+
     def energy(self, *, t: ArrayLike | None = None) -> Energy:
-        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``."""
+        """Kinetic, elastic, gravitational energy and that of springs and stops at each instant, or at times ``t``.
+
+        Elastic is with the electric energy that bodies with ports store by their voltages.
+        """
         return self._energy if t is None else self._energy_of(t)
 
     def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
@@ -407,6 +425,8 @@ class ForceSeries(MotionSeries):
         out = np.zeros((len(x), 4))
         none, scratch = np.zeros((2, self.scene.nv))
         energy_series(plan, new_work(plan), x, v, none, scratch, out)
+        if len(self.scene.index.efforts):
+            out[:, 1] += energy_of_ports(self.scene, self._instants(t), x, v)
         if any(isinstance(force, BeamStrain) for force in self.scene.index.forces):
             out[:, 3] += energy_of_given(self.scene, self._instants(t), self.body_motion(t=t))
         with looked_at():

@@ -3,11 +3,13 @@
 Each state is the velocity of a link of its own, of unit inertia and without mass (``Numbering.add_states``), divided by
 the state's scale: its acceleration is the rate f.  So every integrator solves it, controls its error and finds it in
 its tangent.  The outputs are put where loads read their functions of time: those on joints' coordinates do so after all
-elements have been asked (``inverse_dynamics.residual``), those on frames before (``put_outputs``).
+elements have been asked (``inverse_dynamics.residual``), those on frames and on modes before (``put_outputs``).
 
 Its numbers: how many states, quantities and outputs; whether the function takes x and v of the whole machine in place
-of z and u; how many loads there are, and whether any is on frames; the scales; of each quantity its kind, its place and
-the velocity that goes with it; of each load its output and its row of ``Plan.times``.
+of z and u; how many loads there are, whether any is on frames, and how many are on modes; the scales; of each quantity
+its kind, its place and the velocity that goes with it; of each load its output and its row of ``Plan.times``; of each
+load on modes its output, the first velocity, how many, where their forces begin in ``Plan.data``, and the place in x
+that ``modal_force`` has.
 """
 
 from __future__ import annotations
@@ -20,11 +22,16 @@ from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.native import call_state
 from flexmbd.multibody.kernels.elements.differences import difference_step, put_moved_state
 from flexmbd.multibody.kernels.elements.element import Behaviour, GeneralisedForce, Stiffness
+from flexmbd.multibody.kernels.elements.modal_force import modal_force
 from flexmbd.multibody.kernels.elements.user_law import address_at_side
 
-# Kinds of quantities: a coordinate, its rate, a function of time.
-OF_POSITION, OF_VELOCITY, OF_TIME = range(3)
-_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, _ON_FRAMES, N_HEAD = range(7)
+# Kinds of quantities: a coordinate, its rate, a function of time, a weighted sum of the coordinates of a body's modes
+# or of their rates, whose place is that of its numbers: how many, 0 or 1 for rates, the first in x and in v, whether
+# there is a matrix, how many functions of time, weights w, matrix G, of each of these functions f its row of
+# ``Plan.times`` and a factor c. The sum is w . q + q . G q / 2 + c . f.
+OF_POSITION, OF_VELOCITY, OF_TIME, OF_MODES = range(4)
+_STATES, _QUANTITIES, _OUTPUTS, _WHOLE, _LOADS, ON_FRAMES, ON_MODES, N_HEAD = range(8)
+_SUM_COUNT, _SUM_ORDER, _SUM_X, _SUM_V, _SUM_HAS_MATRIX, _SUM_TIMES, _SUM_WEIGHTS = range(7)
 
 
 @kernel
@@ -34,6 +41,35 @@ def _sizes(plan, row):
     n, m, k = int(plan.data[o + _STATES]), int(plan.data[o + _QUANTITIES]), int(plan.data[o + _OUTPUTS])
     scales = o + N_HEAD
     return n, m, k, int(plan.data[o + _LOADS]), scales, scales + n, scales + n + 3 * m
+
+
+@kernel
+def _product(plan, o, i, values, first):
+    """(G values)_i of a sum's matrix; 0 where it has none."""
+    n = int(plan.data[o + _SUM_COUNT])
+    total = 0.0
+    if plan.data[o + _SUM_HAS_MATRIX] != 0.0:
+        for k in range(n):
+            total += plan.data[o + _SUM_WEIGHTS + n * (1 + i) + k] * values[first + k]
+    return total
+
+
+@kernel
+def _sum_of_modes(plan, work, o, x, v):
+    """w . q + q . G q / 2 + c . f of modal coordinates, or the rate of the first two."""
+    total = 0.0
+    n = int(plan.data[o + _SUM_COUNT])
+    t = o + _SUM_WEIGHTS + n + (n * n if plan.data[o + _SUM_HAS_MATRIX] != 0.0 else 0)
+    for i in range(int(plan.data[o + _SUM_TIMES])):
+        total += plan.data[t + 2 * i + 1] * work.time[int(plan.data[t + 2 * i]), 0]
+    first_x, first_v = int(plan.data[o + _SUM_X]), int(plan.data[o + _SUM_V])
+    for i in range(int(plan.data[o + _SUM_COUNT])):
+        turned = _product(plan, o, i, x, first_x)
+        if plan.data[o + _SUM_ORDER] != 0.0:
+            total += (plan.data[o + _SUM_WEIGHTS + i] + turned) * v[first_v + i]
+        else:
+            total += (plan.data[o + _SUM_WEIGHTS + i] + 0.5 * turned) * x[first_x + i]
+    return total
 
 
 @kernel
@@ -49,6 +85,8 @@ def _fill(plan, work, row, x, v):
             work.generalized[n + j] = x[place]
         elif plan.data[o] == OF_VELOCITY:
             work.generalized[n + j] = v[place]
+        elif plan.data[o] == OF_MODES:
+            work.generalized[n + j] = _sum_of_modes(plan, work, place, x, v)
         else:
             work.generalized[n + j] = work.time[place, 0]
 
@@ -103,9 +141,9 @@ def _put(plan, work, outputs, loads, places):
 
 
 @kernel
-def put_outputs(plan, work, row, x, v):
-    """Put the outputs among the functions of time, where loads on frames read them."""
-    if plan.data[row[at.EL_DATA] + _ON_FRAMES] == 0.0:
+def put_outputs(plan, work, row, x, v, loads_there):
+    """Put the outputs among the functions of time, if loads of a kind read them, ON_FRAMES or ON_MODES."""
+    if plan.data[row[at.EL_DATA] + loads_there] == 0.0:
         return
     n, _, _, loads, _, _, places = _sizes(plan, row)
     _fill(plan, work, row, x, v)
@@ -113,7 +151,7 @@ def put_outputs(plan, work, row, x, v):
 
 
 @kernel
-def _add_change(plan, work, tw, row, found, column, factor, matrix):
+def _add_change(plan, work, tw, row, x, found, column, factor, matrix):
     """Subtract ``factor`` times rates and outputs from a column of the matrix, in the rows that they act on."""
     n, _, _, loads, scales, _, places = _sizes(plan, row)
     for i in range(n):
@@ -128,6 +166,39 @@ def _add_change(plan, work, tw, row, found, column, factor, matrix):
             if tw.frame_load_times[i] == time:
                 for r in range(matrix.shape[0]):
                     matrix[r, column] -= change * tw.frame_loads[i, r]
+    o = places + 2 * loads
+    for _ in range(int(plan.data[row[at.EL_DATA] + ON_MODES])):
+        change = factor * work.generalized[found + n + int(plan.data[o])]
+        first, count = int(plan.data[o + 1]), int(plan.data[o + 2])
+        for r in range(count):
+            force = modal_force(plan, int(plan.data[o + 3]), int(plan.data[o + 4]), count, x, r)
+            matrix[first + r, column] -= change * force
+        o += 5
+
+
+@kernel
+def _subtract_sum_tangent(plan, work, tw, row, x, v, i, per_x, per_v, matrix):
+    """Derivatives by the modes and their rates of which quantity i is a sum."""
+    n, _, _, _, _, quantities, _ = _sizes(plan, row)
+    o = int(plan.data[quantities + 3 * (i - n) + 1])
+    count, first_x, first = int(plan.data[o + _SUM_COUNT]), int(plan.data[o + _SUM_X]), int(plan.data[o + _SUM_V])
+    rates = plan.data[o + _SUM_ORDER] != 0.0
+    size = 0.0
+    for j in range(count):
+        slope = plan.data[o + _SUM_WEIGHTS + j] + _product(plan, o, j, x, first_x)
+        of_mode = max(tw.size_v[first + j], abs(v[first + j])) if rates else tw.size_x[first + j]
+        size += abs(slope) * of_mode
+    if size == 0.0:
+        return
+    step = difference_step(1.0, 0.0, size, 1.0)
+    for sign in (-1.0, 1.0):
+        _fill(plan, work, row, x, v)
+        work.generalized[i] += sign * step
+        found = _call(plan, work, row, x, v)
+        for j in range(count):
+            slope = plan.data[o + _SUM_WEIGHTS + j] + _product(plan, o, j, x, first_x)
+            weight = per_v * slope + per_x * _product(plan, o, j, v, first) if rates else per_x * slope
+            _add_change(plan, work, tw, row, x, found, first + j, sign * weight / (2.0 * step), matrix)
 
 
 @kernel
@@ -147,6 +218,9 @@ def _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
             column = int(plan.data[o + 2])
             if kind == OF_TIME:
                 continue
+            if kind == OF_MODES:
+                _subtract_sum_tangent(plan, work, tw, row, x, v, i, per_x, per_v, matrix)
+                continue
             if kind == OF_POSITION:
                 per, size = per_x, tw.size_x[column]
             else:
@@ -158,7 +232,7 @@ def _subtract_own_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
             _fill(plan, work, row, x, v)
             work.generalized[i] += sign * step
             found = _call(plan, work, row, x, v)
-            _add_change(plan, work, tw, row, found, column, sign * per * unit / (2.0 * step), matrix)
+            _add_change(plan, work, tw, row, x, found, column, sign * per * unit / (2.0 * step), matrix)
 
 
 @kernel
@@ -172,7 +246,7 @@ def _subtract_whole_tangent(plan, work, tw, row, x, v, per_x, per_v, matrix):
         for sign in (-1.0, 1.0):
             put_moved_state(plan, tw, x, v, c, sign * per_x * step, sign * per_v * step)
             found = _call(plan, work, row, tw.moved_x, tw.moved_v)
-            _add_change(plan, work, tw, row, found, c, sign / (2.0 * step), matrix)
+            _add_change(plan, work, tw, row, tw.moved_x, found, c, sign / (2.0 * step), matrix)
 
 
 @kernel

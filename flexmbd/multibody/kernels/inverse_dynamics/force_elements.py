@@ -6,7 +6,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, rotate_back, sca
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.deferred import NUMBER, deferred_kernel
 from flexmbd.multibody.kernels.elements.frame_states import load_states
-from flexmbd.multibody.kernels.elements.state_rates import put_outputs
+from flexmbd.multibody.kernels.elements.state_rates import ON_FRAMES, ON_MODES, put_outputs
 from flexmbd.multibody.kernels.elements.table import (
     coordinate_energy,
     coordinate_law,
@@ -32,6 +32,9 @@ from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import load_surfac
 def subtract_coordinate_forces(plan, work, x, v, out):
     """Subtract from ``out`` (nv,) the generalised forces of all elements that act on coordinates."""
     for i in range(plan.elements.shape[0]):
+        if is_state_equations(plan.elements[i, at.EL_KIND]):
+            put_outputs(plan, work, plan.elements[i], x, v, ON_MODES)
+    for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         kind = row[at.EL_KIND]
         if is_coordinate_law(kind):
@@ -50,7 +53,7 @@ def load_elements(plan, work, x, v, out):
     plan.horizon[1] = 0.0
     for i in range(plan.elements.shape[0]):
         if is_state_equations(plan.elements[i, at.EL_KIND]):
-            put_outputs(plan, work, plan.elements[i], x, v)
+            put_outputs(plan, work, plan.elements[i], x, v, ON_FRAMES)
     for i in range(plan.elements.shape[0]):
         row = plan.elements[i]
         if not is_between_frames(row[at.EL_KIND]):
