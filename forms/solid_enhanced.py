@@ -8,12 +8,12 @@ which make strains beside those of u.  Functional in the initial configuration:
 
 with J the Jacobian of the cell, J0 that at its centre, and xi its coordinates from -1 to 1, taken as those of the
 parallelepiped of J0.  Nine of them are linear in xi, of Simo & Rifai; three, which change volume by xi eta, eta zeta
-and zeta xi, are for nu near 1/2, after Simo, Armero & Taylor.  The enhanced strains vanish in the mean over the cell
-against constant stresses, so that the patch test is passed in cells of any shape.  W is least in alpha, which is
-condensed in the cell: a body has the unknowns of a plain trilinear one, bends as one of quadratic cells through one
-cell of thickness, and does not lock where volume is kept.  Isotropic, homogeneous; rotations of any size, strains of
-some per cent.  Strongly compressed cells of this kind have modes without stiffness (Wriggers & Reese 1996): beyond some
-tens of per cent take quadratic ones.
+and zeta xi less their means over the cell, are for nu near 1/2, after Simo, Armero & Taylor.  The enhanced strains
+vanish in the mean against constant stresses, so that the patch test is passed in cells of any shape.  W is least in
+alpha, which is condensed in the cell: a body has the unknowns of a plain trilinear one, bends as one of quadratic cells
+through one cell of thickness, and does not lock where volume is kept.  Isotropic, homogeneous; rotations of any size,
+strains of some per cent.  Strongly compressed cells of this kind have modes without stiffness (Wriggers & Reese 1996):
+beyond some tens of per cent take quadratic ones.
 
 References: Simo & Rifai 1990, A class of mixed assumed strain methods and the method of incompatible modes,
 doi:10.1002/nme.1620290802; Simo, Armero & Taylor 1993, Improved versions of assumed enhanced strain tri-linear elements
@@ -107,11 +107,19 @@ def reference() -> Reference:
 
 
 class CellFrame(NamedTuple):
-    """A cell's Jacobian at its centre, its inverse, and the coordinates by it, from -1 to 1."""
+    """A cell's Jacobian at its centre, its inverse, the coordinates by it, and the means of their products.
+
+    Attributes:
+        j0: (3, 3) m.
+        back: (3, 3) 1/m.
+        xi: (3,) from -1 to 1 in a parallelepiped.
+        means: (3, 3) of xi_i xi_j over the coordinates of the cell, right where i and j differ.
+    """
 
     j0: Expr
     back: Expr
     xi: Expr
+    means: Expr
 
 
 def cell_frame(u: Expr) -> CellFrame:
@@ -119,11 +127,18 @@ def cell_frame(u: Expr) -> CellFrame:
     domain = ufl.domain.extract_unique_domain(u)
     vertices = ufl.geometry.CellVertices(domain)
     # vertex i has the reference coordinates (i & 1, i >> 1 & 1, i >> 2), from 0 to 1
-    signs = ufl.as_matrix([[(1 if i >> k & 1 else -1) / 8 for i in range(8)] for k in range(3)])
-    j0 = ufl.transpose(signs * vertices)
-    centre = ufl.dot(ufl.as_vector([1 / 8] * 8), vertices)
+    signs = [[1 if i >> k & 1 else -1 for i in range(8)] for k in range(3)]
+    x, y, z = signs
+    warps = [[a * b for a, b in zip(*pair, strict=True)] for pair in ((x, y), (y, z), (z, x))]
+    warps.append([a * b for a, b in zip(warps[0], z, strict=True)])
+    shapes = ufl.as_matrix([[sign / 8 for sign in row] for row in (*signs, *warps, [1] * 8)]) * vertices
+    j0 = ufl.as_matrix([[shapes[k, i] for k in range(3)] for i in range(3)])
     back = ufl.inv(j0)
-    return CellFrame(j0, back, back * (ufl.SpatialCoordinate(domain) - centre))
+    # x = centre + J0 (xi + sum of w_k N_k), N_k = xi eta, eta zeta, zeta xi, xi eta zeta, whose squares have the means
+    w = [back * ufl.as_vector([shapes[3 + k, i] for i in range(3)]) for k in range(4)]
+    means = sum(ufl.outer(w[k], w[k]) / (9 if k < 3 else 27) for k in range(4))
+    centre = ufl.as_vector([shapes[7, i] for i in range(3)])
+    return CellFrame(j0, back, back * (ufl.SpatialCoordinate(domain) - centre), means)
 
 
 def enhanced_strain(alpha: Expr, frame: CellFrame) -> Expr:
@@ -132,7 +147,9 @@ def enhanced_strain(alpha: Expr, frame: CellFrame) -> Expr:
     xy = (alpha[3] * xi[0] + alpha[4] * xi[1]) / 2
     xz = (alpha[5] * xi[0] + alpha[6] * xi[2]) / 2
     yz = (alpha[7] * xi[1] + alpha[8] * xi[2]) / 2
-    volume = alpha[9] * xi[0] * xi[1] + alpha[10] * xi[1] * xi[2] + alpha[11] * xi[2] * xi[0]
+    volume = sum(
+        alpha[9 + k] * (xi[i] * xi[j] - frame.means[i, j]) for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0)))
+    )
     xx, yy, zz = (alpha[k] * xi[k] + volume for k in range(3))
     local = ufl.as_matrix(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
     # J maps from coordinates of length 1: det J = 8 det J0 at the centre

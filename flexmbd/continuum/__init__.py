@@ -18,6 +18,7 @@ from flexmbd.continuum.parallel import python_takes_broken_pipes as _python_take
 
 _python_takes_broken_pipes()
 
+from flexmbd.continuum.contract.cell_fields import CellFields as CellFields
 from flexmbd.continuum.contract.dof_layout import DofLayout as DofLayout
 from flexmbd.continuum.contract.entries import OptionalEntries as OptionalEntries
 from flexmbd.continuum.contract.formulation import Formulation as Formulation
@@ -33,6 +34,7 @@ from flexmbd.continuum.contract_suite.outcome import Verdict as Verdict
 from flexmbd.continuum.finite_elements.cell_group import CellGroup as CellGroup
 from flexmbd.continuum.finite_elements.cell_group import Pairs as Pairs
 from flexmbd.continuum.finite_elements.cell_group import Source as Source
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness as CondensedStiffness
 from flexmbd.continuum.finite_elements.cut_mesh import CutMesh as CutMesh
 from flexmbd.continuum.finite_elements.cut_mesh import cut_mesh as cut_mesh
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms as DiscreteForms

@@ -29,7 +29,7 @@ from flexmbd.continuum.contract.formulation import Formulation, IntegralTerm, in
 from flexmbd.continuum.contract.trial_symbols import GDIM, FloatArray, TrialSymbols, affine
 from flexmbd.round_off import SQUARED
 
-Indices = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,21 @@ class CellFields:
         return parts[0] if len(parts) == 1 else basix.ufl.mixed_element(parts)
 
     @cached_property
-    def shared_components(self) -> Indices:
+    def shared_components(self) -> IntArray:
         """(n,) components of the flattened unknown that cells share."""
         return self._joined(_components(self.element), shared=True)
 
     @cached_property
-    def shared_places(self) -> Indices:
+    def shared_places(self) -> IntArray:
         """(n,) places of the shared dofs in the vector of a cell."""
         return self._joined(_dofs(self.element), shared=True)
 
     @cached_property
-    def cell_places(self) -> Indices:
+    def cell_places(self) -> IntArray:
         """(m,) places of the dofs of the fields of one cell in the vector of a cell."""
         return self._joined(_dofs(self.element), shared=False)
 
-    def names(self, dofs: Sequence[int] | Indices) -> str:
+    def names(self, dofs: Sequence[int] | IntArray) -> str:
         """What a message calls the fields that have some of the ``cell_places``, by their numbers there."""
         places, found = {int(self.cell_places[k]) for k in dofs}, []
         for i, part in enumerate(_dofs(self.element)):
@@ -107,7 +107,7 @@ class CellFields:
             (ufl.replace(ufl.algorithms.expand_derivatives(density), parts), rule) for density, rule in terms(*whole)
         ]
 
-    def _joined(self, parts: Sequence[Indices], *, shared: bool) -> Indices:
+    def _joined(self, parts: Sequence[IntArray], *, shared: bool) -> IntArray:
         return np.concatenate([part for i, part in enumerate(parts) if (i in self.of_cell) != shared])
 
 
@@ -160,7 +160,7 @@ def _inside_cells(element: Any) -> list[int]:
     ]
 
 
-def _components(element: Any) -> list[Indices]:
+def _components(element: Any) -> list[IntArray]:
     """Components of the flattened unknown, by sub-element."""
     cell = element.cell_type.name
     domain = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(GDIM,)))
@@ -169,17 +169,17 @@ def _components(element: Any) -> list[Indices]:
     return _counted([int(np.prod(shape, dtype=int)) for shape in shapes])
 
 
-def _dofs(element: Any) -> list[Indices]:
-    """Places in the vector of a cell, by sub-element."""
+def _dofs(element: Any) -> list[IntArray]:
+    """IntArray in the vector of a cell, by sub-element."""
     return _counted([int(part.dim) for part in element.sub_elements])
 
 
-def _counted(sizes: Sequence[int]) -> list[Indices]:
+def _counted(sizes: Sequence[int]) -> list[IntArray]:
     ends = np.cumsum([0, *sizes])
     return [np.arange(begin, end) for begin, end in pairwise(ends)]
 
 
-def _outer_terms(form: Any, unknown: TrialSymbols, components: Indices) -> bool:
+def _outer_terms(form: Any, unknown: TrialSymbols, components: IntArray) -> bool:
     """Whether kinetic energy, dissipation or terms on facets depend on some components of the unknown."""
     optional, p = optional_entries(form), unknown.parameters
     functions = (form.kinetic_energy, optional.dissipation, optional.surface_energy, optional.surface_kinetic_energy)
@@ -190,11 +190,11 @@ def _outer_terms(form: Any, unknown: TrialSymbols, components: Indices) -> bool:
     return any(_depends(density, unknown, (unknown.u, rates), components) for density, _ in terms)
 
 
-def _depends(density: Any, unknown: TrialSymbols, fields: Sequence[Any], components: Indices) -> bool:
+def _depends(density: Any, unknown: TrialSymbols, fields: Sequence[Any], components: IntArray) -> bool:
     """Whether a density is another where some components of its fields are not zero."""
     expanded = ufl.algorithms.expand_derivatives(density)
     values = []
-    nothing: Indices = np.zeros(0, dtype=np.int64)
+    nothing: IntArray = np.zeros(0, dtype=np.int64)
     for cut in (nothing, components):
         some = {field: _cut(affine(field.ufl_shape, seed=7 + k), cut) for k, field in enumerate(fields)}
         values.append(unknown.evaluate_expanded(expanded, some))
@@ -203,7 +203,7 @@ def _depends(density: Any, unknown: TrialSymbols, fields: Sequence[Any], compone
     return values[0] != values[1]
 
 
-def _names_component(expanded: Any, field: Any, components: Indices) -> bool:
+def _names_component(expanded: Any, field: Any, components: IntArray) -> bool:
     """Whether some components of a field stand in an expression, or the field as a whole."""
     whole = False
     for part in ufl.corealg.traversal.unique_pre_traversal(expanded):
@@ -215,7 +215,7 @@ def _names_component(expanded: Any, field: Any, components: Indices) -> bool:
     return whole
 
 
-def _is_determined(form: Any, unknown: TrialSymbols, components: Indices, of_cell: Indices) -> bool:
+def _is_determined(form: Any, unknown: TrialSymbols, components: IntArray, of_cell: IntArray) -> bool:
     """Whether second derivatives at rest of some components with those of fields of one cell are there, and count."""
     own, cell, displaced = (_second_derivatives(form, unknown, pair) for pair in (
         (components, components), (of_cell, components), (np.arange(3), np.arange(3)),
@@ -229,7 +229,7 @@ def _is_determined(form: Any, unknown: TrialSymbols, components: Indices, of_cel
     return own == 0.0 or displaced == 0.0 or mixed**2 * SQUARED <= abs(own * displaced)
 
 
-def _second_derivatives(form: Any, unknown: TrialSymbols, components: tuple[Indices, Indices]) -> float | None:
+def _second_derivatives(form: Any, unknown: TrialSymbols, components: tuple[IntArray, IntArray]) -> float | None:
     """Those at rest along two fields of which some components alone are not zero; None where only a mesh has them."""
     along, across = ufl.Argument(unknown.space, 1), ufl.Argument(unknown.space, 2)
     size = np.arange(int(np.prod(unknown.u.ufl_shape, dtype=int)))
@@ -245,7 +245,7 @@ def _second_derivatives(form: Any, unknown: TrialSymbols, components: tuple[Indi
     return total
 
 
-def _cut(field: Callable[[int], FloatArray], components: Indices) -> Callable[[int], FloatArray]:
+def _cut(field: Callable[[int], FloatArray], components: IntArray) -> Callable[[int], FloatArray]:
     """A vector field some of whose components are zero."""
 
     def cut(depth: int) -> FloatArray:

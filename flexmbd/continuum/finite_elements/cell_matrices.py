@@ -34,7 +34,7 @@ class CellMatrices:
         self._mesh, dofmap = space.mesh, space.dofmap
         self.size = int(dofmap.bs * dofmap.list.shape[1])
         expanded = [ufl.algorithms.expand_derivatives(form) for form in forms]
-        self._codes = [_Code(form, self._mesh) for form in expanded if not form.empty()]
+        self._codes = [_BilinearCode(form, self._mesh) for form in expanded if not form.empty()]
 
     def of_cells(
         self, cells: Indices, values: Callable[[fem.Function, Indices], FloatArray] | None = None
@@ -57,7 +57,7 @@ class CellMatrices:
         return found
 
 
-class _Code:
+class _BilinearCode:
     """A compiled form: its address, and what it reads, in order."""
 
     def __init__(self, form: ufl.Form, mesh: Any) -> None:
