@@ -131,7 +131,7 @@ def slowly_broken(body):
     held = clamped_dofs(body, ("x_min", "x_max"))
     way = np.zeros(body.layout.n_local)
     way[body.displacement_dofs[body.layout.nodes_on(2, body.mesh.facets("x_max")), 0]] = STRENGTH / E * LENGTH
-    times = [*np.linspace(0.02, 3.0, 100), 5.0, 10.0, 20.0, 50.0, 200.0]
+    times = [*np.linspace(0.02, 3.0, 100), 5.0, 8.0]
     follow(body, times, prescribed=held, displacement=lambda t: t * way[held])
     return body.energies()["fracture"]
 
