@@ -21,6 +21,7 @@ from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.nodes import NodalContact, Nodes, nodal_contacts
 from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
@@ -67,6 +68,7 @@ class MachineAssembly:
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
         self._touched = TouchedPairs()
+        self._nodal: list[NodalContact] = []
         self._couplings: list[CoordinateCoupling] = []
         self._controllers: list[Controller] = []
         # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
@@ -235,16 +237,20 @@ class MachineAssembly:
     @overload
     def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
 
+    @overload
+    def touch(self, one: Nodes, other: Touching, law: Hard) -> tuple[NodalContact, ...]: ...
+
     def touch(
-        self, one: Touching, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
-    ) -> tuple[Contact | HardContact | HardGroup, ...]:
+        self, one: Touching | Nodes, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
+    ) -> tuple[Contact | HardContact | HardGroup | NodalContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
         ground touches what a joint holds on it.  A list given as both touches within itself.
 
         Args:
-            one: a shape of ``flexmbd.contact``, or a list of them.
+            one: a shape of ``flexmbd.contact``, or a list of them; or fm.contact.Nodes(body, surface) of a body with
+                history, for which docs/bodies_with_history.md has what follows.
             other: likewise.
             law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...); or fm.contact.Hard(...), which
                 nothing enters, with friction and impacts of its own.
@@ -257,6 +263,8 @@ class MachineAssembly:
             SceneError: shapes of another scene, on one body, or a pair that is not known, or touches already; a law
                 that is none.
         """
+        if isinstance(one, Nodes) or isinstance(other, Nodes):
+            return self._touch_nodes(one, other, law, friction)
         held = (c for c in self._connections if not isinstance(c.joint, Free))
         pairs = [(c.parent.body, c.child.body) for c in held]
         pairs = [(a, b) for a, b in pairs if self.ground is not a and self.ground is not b]
@@ -271,6 +279,18 @@ class MachineAssembly:
             self._check_force(contact)
         self._touched.add(first, second, joined=pairs)
         self._forces.extend(found)
+        return tuple(found)
+
+    def _touch_nodes(self, one: object, other: object, law: object, friction: object) -> tuple[NodalContact, ...]:
+        """As ``touch``, of nodes of a body with history."""
+        nodes, shapes = (one, other) if isinstance(one, Nodes) else (other, one)
+        assert isinstance(nodes, Nodes)
+        if nodes.body not in self._members:
+            raise SceneError(f"{nodes.what}: the body is not in this scene; add it first")
+        found = nodal_contacts(nodes, shapes, law, friction=friction, known=self._nodal)
+        for contact in found:
+            self._refuse_foreign(contact.frame)
+        self._nodal.extend(found)
         return tuple(found)
 
     @checked("name")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,14 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
+from flexmbd.continuum.interior.shape_contacts import ShapeContacts
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
+from flexmbd.multibody.interiors.touching import Obstacle
 
 FloatArray = NDArray[np.float64]
+Poses: TypeAlias = tuple[FloatArray, FloatArray]
 
 # What is remembered of each node.
 _NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped", "_viscous", "_went")
@@ -82,6 +86,7 @@ class NodalMotion:
         force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
         load: (owned nodes, 3) N, of the applied loads, those on bonded nodes among them.
         loads: the applied loads.
+        shapes: of the machine, which surfaces touch.
         t: s.
     """
 
@@ -156,6 +161,7 @@ class NodalMotion:
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
+        self.meet(())
         self.x, self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((8, n, 3))
         self._viscous, self._went = np.zeros((2, n, 3))  # N; m/s, the mean velocities of the last step
         self.plane_forces: FloatArray = np.zeros((len(planes), 3))
@@ -176,22 +182,41 @@ class NodalMotion:
         """The longest stable step, s, as last found."""
         return self._limit
 
+    def meet(self, obstacles: Sequence[Obstacle]) -> None:
+        """Let surfaces touch these shapes, and no others, from the next `begin` or `restore` on. Collective.
+
+        Raises:
+            SceneError: on all ranks: as `ShapeContacts`; a contact has a plane's or a load's name.
+        """
+        taken = {plane.name for plane in self.planes} | set(self.loads.names)
+        both = sorted(taken & {one.name for one in obstacles})
+        if both:
+            raise SceneError(f"a contact, and a plane or load, are both called {both[0]!r}; give each its own name")
+        h = self._stable.at_rest
+        self.shapes = ShapeContacts(self.body, self.memory, self.masses, obstacles, h=h, bonded=self.bonded)
+
     def renew_limit(self) -> float:
         """Find the longest stable step, s, of the present shape. Collective."""
         if self.mesh.bulk is not None:
             self.mesh.bulk.set_rates(self._went @ self.mesh.R)
-        self._limit = self._with_contact(self._stable.present())
+        self._limit = self._with_contact(self._stable.present(), self.shapes.stiffness_bound(self.x))
         return self._limit
 
-    def _with_contact(self, h: float) -> float:
-        """The longest stable step, s, where it is h without contact."""
-        return float(h / np.sqrt(1.0 + max(self._pushes, default=0.0) * h**2 / 4))
+    def _with_contact(self, h: float, shapes: float = 0.0) -> float:
+        """The longest stable step, s, where it is h without contact; shapes: 1/s^2, what they add."""
+        return float(h / np.sqrt(1.0 + (max(self._pushes, default=0.0) + shapes) * h**2 / 4))
 
-    def begin(self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0) -> None:
+    def begin(
+        self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0, shapes: Poses | None = None
+    ) -> None:
         """Undeformed at t (s), at p (m) turned by R, at rest; velocities are to be set, `start` called. Collective.
 
+        Args:
+            p, R, gravity, t: as said.
+            shapes: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.
+
         Raises:
-            SceneError: the body begins behind a plane.
+            SceneError: the body begins behind a plane or in a shape.
         """
         self.x = self.mesh.begin(p, R)
         self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((7, *self.x.shape))
@@ -205,8 +230,14 @@ class NodalMotion:
         self._limit = self._with_contact(self._stable.at_rest)
         for plane in self.planes:
             body_energies = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
-            size = max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0))))
-            plane.check_start(max(body_energies), size)
+            plane.check_start(max(body_energies), self._size())
+        if shapes is not None:
+            self.shapes.begin(self.x, *shapes, size=self._size())
+            self._limit = self._with_contact(self._stable.at_rest, self.shapes.stiffness_bound(self.x))
+
+    def _size(self) -> float:
+        """m, the largest coordinate of the undeformed body. Collective."""
+        return float(max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0)))))
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
@@ -217,12 +248,13 @@ class NodalMotion:
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
 
-    def advance(self, h: float, bonded: FloatArray | None = None) -> None:
+    def advance(self, h: float, bonded: FloatArray | None = None, *, shapes: Poses | None = None) -> None:
         """Step by h (s). Collective.
 
         Args:
             h: s.
             bonded: (bonded nodes, 3) m, where they are at the end.
+            shapes: where the frames of shapes are at the end, as of `begin`.
 
         Raises:
             ConvergenceError: on all ranks: a cell is turned inside out.
@@ -238,6 +270,7 @@ class NodalMotion:
         if bonded is not None:
             move[self.bonded] = bonded - self.x[self.bonded]
         before = [getattr(self, name) for name in _WORKING]
+        pushed, *placed = self.shapes.parts, *self.shapes.poses
         self.x += move
         self._went = np.asarray(move / h)
         self.force = self._pull(h)
@@ -246,11 +279,16 @@ class NodalMotion:
             self.load = self.loads_at(self.t - _BESIDE * h)
         middle = self.v + h / 2 * self.a
         self._h = h
+        if shapes is not None:
+            self.shapes.place(*shapes)
         self._accelerate(middle, h, h**2, answer=1.0 / (1.0 + self._damping * h / 2))
         self.v = middle + h / 2 * self.a
         self._damped = self._drag()
         for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
+        if shapes is not None:
+            self.shapes.walk(self.x)
+            self._works[2:4] += self.shapes.work_on_frames(pushed, *placed)
 
     def _pull(self, h: float) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
@@ -303,6 +341,7 @@ class NodalMotion:
         found: dict[str, FloatArray] = {plane.name: np.zeros(3) for plane in self.planes}
         for plane, force in zip(self.planes, self.mesh.sum(self.plane_forces), strict=True):
             found[plane.name] = found[plane.name] + force
+        found.update(self.shapes.resultants())
         if self.loads.any:
             values = self.loads.values(self.t)
             found.update(self.loads.resultants(values, self.x, self._R_begun))
@@ -320,7 +359,7 @@ class NodalMotion:
         own = [self._h, self._limit, *self._stable.memory, self.t]
         axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own, self._R_begun.ravel()])
         sums = {"works": works, "axes": axes, "plane forces": self.mesh.sum(self.plane_forces)}
-        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums}
+        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums, **self.shapes.snapshot()}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
         """Go back to a snapshot of this body, on any number of ranks. Collective."""
@@ -336,6 +375,7 @@ class NodalMotion:
         self._stable.memory = float(axes[17]), float(axes[18])
         self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
         self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
+        self.shapes.restore(memory, self.x)
 
     def loads_at(self, t: float) -> FloatArray:
         """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""
@@ -347,6 +387,11 @@ class NodalMotion:
             turned = self.loads.following(values, self.x @ self._R_begun)
             force += turned @ self._R_begun.T
         return np.asarray(force + self.loads.dead(values, self._R_begun))
+
+    @property
+    def touched(self) -> FloatArray:
+        """(owned nodes, 3) N, of contact and friction, of shapes those on bonded nodes as well."""
+        return np.asarray(self._met + self._rubbed)
 
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""
@@ -373,5 +418,12 @@ class NodalMotion:
             self._rubbed += m * rubbed
             self.plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
             pull = pull + (met + rubbed) * self._moves
+        for shape in self.shapes.contacts:
+            pushed = shape.push(self.x, v, pull, h=h, reach=answer * reach)
+            nodes, on = pushed.nodes, self.masses[pushed.nodes, None]
+            self._met[nodes] += on * pushed.met
+            self._rubbed[nodes] += on * pushed.rubbed
+            shape.take(self.x[nodes], on * pushed.met, on * pushed.rubbed)
+            pull[nodes] += (pushed.met + pushed.rubbed) * self._moves[nodes]
         self.a = answer * pull
         return free

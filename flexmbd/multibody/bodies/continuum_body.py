@@ -356,7 +356,14 @@ class ContinuumBody:
 
 @dataclass(frozen=True)
 class PlacedInterior:
-    """A body's k frames in a plan: rows of ``Plan.frames``."""
+    """A body's frames in a plan, its own and those of shapes that its surface touches: rows of ``Plan.frames``.
+
+    Attributes:
+        body: the body.
+        rows: of the frames.
+        giving: names of the contacts with shapes that give way.
+    """
 
     body: ContinuumBody
     rows: tuple[int, ...]
+    giving: tuple[str, ...] = ()

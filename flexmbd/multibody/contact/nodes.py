@@ -1,0 +1,209 @@
+"""Nodes on the surface of a body with history, which touch rigid shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmbd.errors import SceneError
+from flexmbd.given import is_number, refuse_no_name, refuse_other
+from flexmbd.multibody.bodies.body import Body, Frame, Ground
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.contact.hard_contact import Hard
+from flexmbd.multibody.contact.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    Disc,
+    HalfSpace,
+    HollowCylinder,
+    HollowSphere,
+    Sphere,
+    TouchShape,
+)
+from flexmbd.multibody.contact.profile import Profile
+from flexmbd.multibody.contact.table_shape import tables_of
+from flexmbd.multibody.contact.triangle_surface import TriangleSurface
+from flexmbd.multibody.interiors.touching import Obstacle, TouchingInterior
+from flexmbd.multibody.kernels.contact import signed_distance as at
+from flexmbd.round_off import WORTHLESS_PIVOT
+
+FloatArray = NDArray[np.float64]
+
+_TOUCHED = (Sphere, HollowSphere, Cylinder, HollowCylinder, Disc, Capsule, Box, HalfSpace, Profile, TriangleSurface)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """The nodes on a surface of a body with history, those bonded to its frames included.
+
+    Attributes:
+        body: in the scene, an ExplicitContinuum or ImplicitContinuum its interior.
+        surface: the name of a group of facets of its mesh.
+        penalty: of explicit steps: between 0 and 3, the stiffness of contact over that of the stable step, as of a
+            ``RigidPlane``; None: what meets the shape stops, which must then be on the ground.
+        name: of the contact in ``run.outer_forces``; by default made of the surface and the shape's frame.
+
+    Raises:
+        SceneError: it is no such body, has no such surface, or the penalty is none.
+    """
+
+    body: ContinuumBody
+    surface: str
+    penalty: float | None = 0.5
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        wanted = "a fm.ContinuumBody, as scene.add returned it"
+        refuse_other(self.body, ContinuumBody, "the body of contact.Nodes", wanted=wanted)
+        interior = self.body.interior
+        if not isinstance(interior, TouchingInterior):
+            raise SceneError(
+                f"contact.Nodes of body {self.body.name!r}: its interior, {type(interior).__name__}, has no surface that "
+                "touches; take ExplicitContinuum or ImplicitContinuum"
+            )
+        refuse_no_name(self.surface, "the surface of contact.Nodes")
+        if self.name is not None:
+            refuse_no_name(self.name, "the name of contact.Nodes")
+        known = self.penalty is None or (is_number(self.penalty) and 0.0 < self.penalty < 3.0)
+        if not known:
+            raise SceneError(f"{self.what}: penalty must be None or between 0 and 3, got {self.penalty!r}")
+        interior.check_surface(self.surface, what=self.what)
+
+    @property
+    def what(self) -> str:
+        """How messages call it."""
+        return f"nodes on {self.surface!r} of body {self.body.name!r}"
+
+
+@dataclass(frozen=True, eq=False)
+class NodalContact:
+    """The contact of a surface's nodes with one rigid shape; ``System.touch`` makes them.
+
+    Attributes:
+        nodes: the surface.
+        shape: on the ground, a rigid body, or a frame of a body with history.
+        law: hard, with Coulomb's friction.
+        name: in ``run.outer_forces(nodes.body)``.
+    """
+
+    nodes: Nodes
+    shape: TouchShape
+    law: Hard
+    name: str
+
+    @property
+    def frame(self) -> Frame:
+        """That carries the shape."""
+        return self.shape.frame
+
+    def obstacle(self) -> Obstacle:
+        """What the interior is told.
+
+        Raises:
+            SceneError: the shape's body has no inertia about an axis.
+        """
+        mass = None if isinstance(self.frame.body, Ground) else _mass_about(self.frame, self.name)
+        numbers, table = self.shape.numbers(), tables_of(self.shape)  # type: ignore[union-attr]
+        if table:
+            numbers[at.TABLE] = at.SHAPE_NUMBERS
+        data = np.concatenate([numbers, *(one.values for one in table)])
+
+        def distances(points: FloatArray) -> FloatArray:
+            out = np.zeros((len(points), 4))
+            at.distances(data, np.ascontiguousarray(points), out)
+            return out
+
+        penalty, box = self.nodes.penalty, _box(self.shape)
+        return Obstacle(self.name, self.nodes.surface, self.frame, distances, box, self.law.mu, penalty, mass)
+
+
+def nodal_contacts(
+    nodes: Nodes, shapes: object, law: object, *, friction: object, known: Sequence[NodalContact]
+) -> list[NodalContact]:
+    """The contacts of a surface with a shape or each of a list.
+
+    Raises:
+        SceneError: no such shape, law or name.
+    """
+    what = nodes.what
+    if not isinstance(law, Hard) or friction is not None:
+        raise SceneError(
+            f"{what} touch by fm.contact.Hard(mu=...), with friction in it: their body is what gives way, and has no "
+            "further stiffness"
+        )
+    law.check(what)
+    if law.restitution != 0.0:
+        raise SceneError(
+            f"{what}: restitution = {law.restitution} is of rigid bodies; what an elastic body's impact leaves follows "
+            "from its waves and what yields: leave it out"
+        )
+    found: list[NodalContact] = []
+    listed = list(shapes) if isinstance(shapes, list | tuple) else [shapes]
+    if not listed:
+        raise SceneError(f"{what}: a list of shapes that are to touch is empty")
+    for shape in listed:
+        if isinstance(shape, Nodes):
+            raise SceneError(f"{what} and {shape.what}: surfaces of two bodies with history do not touch yet")
+        refuse_other(shape, _TOUCHED, f"what {what} touch", wanted="a shape as fm.contact.Box(body.frame(), sides)")
+        assert isinstance(shape, _TOUCHED)
+        frame = shape.frame
+        if frame.modes is not None:
+            raise SceneError(
+                f"{what} and {type(shape).__name__} on {frame.label}: this frame deforms, and the shapes that nodes of a "
+                "body with history touch are on rigid bodies"
+            )
+        if isinstance(shape, Disc) and shape.thickness == 0.0:
+            raise SceneError(f"{what} pass {type(shape).__name__} on {frame.label}, which has no thickness; give it one")
+        if nodes.penalty is None and not isinstance(frame.body, Ground):
+            raise SceneError(
+                f"{what} and {type(shape).__name__} on {frame.label}: without a penalty nodes stop where they meet what "
+                "does not move; this shape's body gives way: give a penalty, as 0.5"
+            )
+        name = nodes.name or f"{nodes.surface} on {frame.label}"
+        taken = {one.name for one in (*known, *found) if one.nodes.body is nodes.body}
+        if name in taken:
+            name = next(f"{name} {k}" for k in range(2, len(taken) + 3) if f"{name} {k}" not in taken)
+        for one in (*known, *found):
+            if one.shape is shape and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
+                raise SceneError(f"{what} touch this {type(shape).__name__} on {frame.label} already")
+        found.append(NodalContact(nodes, shape, law, name))
+    return found
+
+
+def _box(shape: TouchShape) -> FloatArray:
+    """(2, 3) m, between which corners a shape is, in its frame's axes."""
+    half: FloatArray = np.full(3, np.inf)
+    if isinstance(shape, Box):
+        half = 0.5 * np.asarray(shape.sides, dtype=float)
+    elif isinstance(shape, Sphere):
+        half = np.full(3, shape.radius)
+    elif isinstance(shape, Capsule):
+        half = np.array([shape.radius, shape.radius, 0.5 * shape.length + shape.radius])
+    elif isinstance(shape, Disc):
+        half = np.array([shape.radius, shape.radius, 0.5 * shape.thickness])
+    elif isinstance(shape, Cylinder):
+        half = np.array([shape.radius, shape.radius, np.inf])
+    return np.array([-half, half])
+
+
+def _mass_about(frame: Frame, name: str) -> FloatArray:
+    """(6, 6) mass matrix of a frame's body, as rigid, about the frame's origin and in its axes."""
+    body: Body = frame.body
+    (first, second), m, p, R = body.moments(), float(body.mass), frame.p_BF_B, frame.R_BF
+    shifted = first - m * p
+    moved = R.T @ (second - np.outer(p, first) - np.outer(first, p) + m * np.outer(p, p)) @ R
+    x, y, z = R.T @ shifted
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    mass = np.block([[m * np.eye(3), -skew], [skew, np.trace(moved) * np.eye(3) - moved]])
+    scale = np.sqrt(np.diag(mass))
+    if not (scale > 0.0).all() or not np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] > WORTHLESS_PIVOT:
+        raise SceneError(
+            f"contact {name!r}: body {body.name!r}, which carries the shape, has no inertia about an axis; give it one"
+        )
+    return mass
+
+
