@@ -93,6 +93,8 @@ class ExplicitContinuum:
         nodes = self.motion
         nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion))
         nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
+        k = len(self.frames)
+        nodes.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
         nodes.v[self._nodes] = 0.0
         self._wrenches = self._on_frames(motion, nodes.loads_at(t))
         self._calls = 0

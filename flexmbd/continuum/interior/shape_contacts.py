@@ -121,6 +121,12 @@ class ShapeContact:
             self.stride = float(np.sqrt(((y - self._before) ** 2).sum(axis=1).max(initial=0.0)))
         self._before = y
 
+    def approach(self, x: FloatArray, v: FloatArray, frame_v: FloatArray, frame_w: FloatArray, *, h: float) -> None:
+        """Foresee how far nodes, at x (owned nodes, 3) m with v, go in a step h (s) against a frame with its twist."""
+        arms = x[self.nodes] - self.p
+        speeds = v[self.nodes] - frame_v - np.cross(frame_w, arms)
+        self.stride = h * float(np.sqrt((speeds**2).sum(axis=1).max(initial=0.0)))
+
     def forget(self) -> None:
         """Forget where the nodes were."""
         self._before = None
@@ -194,6 +200,11 @@ class ShapeContacts:
         """(3,) N by name, on the body. Collective."""
         forces = -self.wrenches()[:, :3]
         return {one.obstacle.name: force for one, force in zip(self.contacts, forces, strict=True)}
+
+    def approach(self, x: FloatArray, v: FloatArray, frame_v: FloatArray, frame_w: FloatArray, *, h: float) -> None:
+        """The first step is h (s): with nodes at x (owned nodes, 3) m, v m/s, frames with v, w (m, 3)."""
+        for one, linear, angular in zip(self.contacts, frame_v, frame_w, strict=True):
+            one.approach(x, v, linear, angular, h=h)
 
     def stiffness_bound(self, x: FloatArray) -> float:
         """1/s^2, a bound of the squared angular frequencies by contact alone, for some steps from now. Collective.
