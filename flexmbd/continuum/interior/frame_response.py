@@ -18,6 +18,7 @@ from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.interior.implicit_contacts import TouchedNodes
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -26,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrameResponse:
-    """The wrenches on k frames and their derivatives.
+    """The wrenches on k frames, those of shapes that are touched included, and their derivatives.
 
     Attributes:
         wrenches: (k, 6) on them.
@@ -91,6 +92,7 @@ class Condensation:
         apparent_acceleration: FloatArray,
         dead_load: FloatArray,
         slopes: tuple[float, float],
+        touched: TouchedNodes | None = None,
     ) -> FrameResponse:
         """Condense. Collective.
 
@@ -102,6 +104,7 @@ class Condensation:
             apparent_acceleration: (local nodes, 3) m/s^2, acceleration less gravity.
             dead_load: (owned dofs,) N, in inertial axes, the part of the loads that does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
+            touched: the contact forces there, where the body may touch shapes.
         """
         matrix = tangent()
         full_tangent = matrix.copy()
@@ -115,6 +118,7 @@ class Condensation:
             apparent_acceleration=apparent_acceleration,
             dead_load=dead_load,
             slopes=slopes,
+            touched=touched,
         )
         full_tangent.destroy()
         return response
@@ -130,16 +134,20 @@ class Condensation:
         apparent_acceleration: FloatArray,
         dead_load: FloatArray,
         slopes: tuple[float, float],
+        touched: TouchedNodes | None = None,
     ) -> FrameResponse:
         """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
         body, bonds = self.body, self.bonds
         R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
         internal = residual - self.product(apparent_acceleration) + dead_load
+        if touched is not None:
+            internal = internal + touched.at_nodes(touched.force, n).reshape(-1)
         nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
-        columns = range(6 * len(bonds.frames))
+        own_columns = 6 * len(bonds.frames)
+        columns = range(6 * len(motion.p))
         arms = x[nodes] - motion.p[bonds.frame_of]
-        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
+        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in range(own_columns)]
         own, averaged = bonds.own, bonds.own & bonds.averaged
         # of each column at owned nodes, in inertial axes
         carried, relative, accelerations, turned, constraint_forces = np.zeros((5, len(columns), n, 3))
@@ -150,30 +158,61 @@ class Condensation:
                 carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
                 relative[j] -= carried[j]
                 turned[j] = _crossed(turn, internal.reshape(-1, 3))
+                if touched is not None:  # what touches goes by the whole motion
+                    turned[j] -= touched.at_nodes(touched.changes(carried[j, touched.nodes]), n)
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
+        for j in columns[own_columns:]:
+            assert touched is not None
+            turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6))[0], n)
         left = multiply(tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
         left += _columns(turned @ R)
         moved = inverse(-left - _columns(constraint_forces @ R))
         changes = (left + multiply(tangent, moved)).T.reshape(len(columns), n, 3) @ R.T
         moved = moved.T.reshape(len(columns), n, 3) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
-        for j, (_, da, turn, _) in enumerate(moves):
-            forces = np.zeros((len(nodes), 3))
+        for j in columns:
+            forces, arm_changes = np.zeros((2, len(nodes), 3))
             forces[own] = -changes[j, nodes[own]]
-            forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
-            # the arms turn with their frame, and averaged nodes move
-            arm_changes: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
-            arm_changes[averaged] += moved[j, nodes[averaged]]
+            if j < own_columns:
+                _, da, turn, _ = moves[j]
+                forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
+                # the arms turn with their frame
+                arm_changes = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+            arm_changes[averaged] += moved[j, nodes[averaged]]  # averaged nodes move
             wrench = bonds.wrenches(forces, arms)
             wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
-            derivative[:, j] = wrench.reshape(-1)
+            derivative[:own_columns, j] = wrench.reshape(-1)
         relative += moved
-        wrenches = bonds.wrenches(nodal_forces, arms)
+        if touched is not None:
+            derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
+        wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms), touched)
         return FrameResponse(wrenches, derivative, carried + relative, relative @ R, nodal_forces)
+
+    def with_shapes(self, wrenches: FloatArray, touched: TouchedNodes | None) -> FloatArray:
+        """Wrenches (k, 6) on the body's frames, and those on the frames of shapes. Collective."""
+        if touched is None:
+            return wrenches
+        return np.vstack([wrenches, self.bonds.total(touched.wrenches(touched.force, touched.arms))])
+
+    def _on_shapes(self, touched: TouchedNodes, fields: FloatArray, own_columns: int) -> FloatArray:
+        """(6 m, 6 (k + m)) derivative of the wrenches on shapes, by the nodes' motions (6 (k + m), n, 3). Collective."""
+        found = []
+        for j, field in enumerate(fields):
+            dx, changes, way = field[touched.nodes], 0.0, 0.0
+            if j >= own_columns:
+                changes, way = touched.by_frame(*divmod(j - own_columns, 6))
+                # the frame's origin goes along, and its rotation leaves it where it is
+                shift = np.eye(3)[(j - own_columns) % 6] if (j - own_columns) % 6 < 3 else np.zeros(3)
+                way = np.where((touched.shape == (j - own_columns) // 6)[:, None], shift, 0.0)
+            changes = changes + touched.changes(dx)
+            wrench = touched.wrenches(changes, touched.arms)
+            wrench[:, 3:] += touched.wrenches(touched.force, dx - way)[:, 3:]
+            found.append(wrench.reshape(-1))
+        return self.bonds.total(np.array(found).T.copy())
 
 
 def _columns(fields: FloatArray) -> FloatArray:

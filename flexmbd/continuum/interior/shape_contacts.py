@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mpi4py import MPI
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -180,11 +182,7 @@ class ShapeContacts:
             one.wrenches[:], one.stuck[:], one.stride = 0.0, 0.0, 0.0
             one.forget()
             one.walk(x)
-            deepest = max(self._body.comm.allgather(float((-one.distances(x)[1][:, 0]).max(initial=0.0))))
-            if deepest > SAME_PLACE * size:
-                raise SceneError(
-                    f"contact {one.obstacle.name!r}: the body begins {deepest:.4g} m inside the shape; move one of them"
-                )
+            refuse_inside(self._body.comm, one.obstacle, one.distances(x)[1][:, 0], size=size)
 
     def place(self, p: FloatArray, R: FloatArray) -> None:
         """Put the frames to p (m, 3) m, turned by R (m, 3, 3)."""
@@ -306,3 +304,13 @@ def check_surface(body: NonlinearModel, surface: str, *, what: str) -> None:
         error = SceneError(f"{what}: its mesh has no group of facets {surface!r}; it has {', '.join(map(repr, known))}")
     parallel.raise_collectively(body.comm, error)
 
+
+def refuse_inside(comm: MPI.Comm, obstacle: Obstacle, distances: FloatArray, *, size: float) -> None:
+    """Refuse a body of a size (m) whose nodes, at signed distances (n,) m, begin in a shape. Collective.
+
+    Raises:
+        SceneError: on all ranks: names the contact and the depth.
+    """
+    deepest = max(comm.allgather(float((-distances).max(initial=0.0))))
+    if deepest > SAME_PLACE * size:
+        raise SceneError(f"contact {obstacle.name!r}: the body begins {deepest:.4g} m inside the shape; move one of them")

@@ -27,6 +27,7 @@ from flexmbd.multibody.contact.shapes import (
 from flexmbd.multibody.contact.profile import Profile
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
+from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.interiors.touching import Obstacle, TouchingInterior
 from flexmbd.multibody.kernels.contact import signed_distance as at
 from flexmbd.round_off import WORTHLESS_PIVOT
@@ -45,6 +46,8 @@ class Nodes:
         surface: the name of a group of facets of its mesh.
         penalty: of explicit steps: between 0 and 3, the stiffness of contact over that of the stable step, as of a
             ``RigidPlane``; None: what meets the shape stops, which must then be on the ground.
+        stiffness_ratio: of implicit steps: the stiffness of contact over that which a node feels with its neighbours
+            held, positive.  The higher, the less nodes enter, and the shorter the steps that resolve an impact.
         name: of the contact in ``run.outer_forces``; by default made of the surface and the shape's frame.
 
     Raises:
@@ -54,6 +57,7 @@ class Nodes:
     body: ContinuumBody
     surface: str
     penalty: float | None = 0.5
+    stiffness_ratio: float = 10.0
     name: str | None = None
 
     def __post_init__(self) -> None:
@@ -71,6 +75,7 @@ class Nodes:
         known = self.penalty is None or (is_number(self.penalty) and 0.0 < self.penalty < 3.0)
         if not known:
             raise SceneError(f"{self.what}: penalty must be None or between 0 and 3, got {self.penalty!r}")
+        check_numbers(self.what, positive={"stiffness_ratio": self.stiffness_ratio})
         interior.check_surface(self.surface, what=self.what)
 
     @property
@@ -117,8 +122,9 @@ class NodalContact:
             at.distances(data, np.ascontiguousarray(points), out)
             return out
 
-        penalty, box = self.nodes.penalty, _box(self.shape)
-        return Obstacle(self.name, self.nodes.surface, self.frame, distances, box, self.law.mu, penalty, mass)
+        steps = {"penalty": self.nodes.penalty, "stiffness_ratio": self.nodes.stiffness_ratio}
+        law = {"friction": self.law.mu, "mass": mass, **steps}
+        return Obstacle(self.name, self.nodes.surface, self.frame, distances, _box(self.shape), **law)
 
 
 def nodal_contacts(

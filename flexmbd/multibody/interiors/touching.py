@@ -27,6 +27,8 @@ class Obstacle:
         box: (2, 3) m, corners in the frame's axes between which the shape is; infinite where it has no end.
         friction: Coulomb's coefficient.
         penalty: of explicit steps, dimensionless, as of a `RigidPlane`; None for none.
+        stiffness_ratio: of implicit steps: the stiffness of contact over that which a node feels with its neighbours
+            held.
         mass: (6, 6) of the body that carries it, about the frame's origin and in its axes, translations first; None of
             the ground, which nothing moves.
     """
@@ -38,6 +40,7 @@ class Obstacle:
     box: FloatArray
     friction: float
     penalty: float | None
+    stiffness_ratio: float
     mass: FloatArray | None
 
 
