@@ -2,8 +2,8 @@
 
 A node at the depth d is pushed by N = r d, r above the stiffness that it feels with its neighbours held.  Were nothing to enter, the node's mass would be stopped at once, a jump of velocities
 that no step resolves, however short.  Friction is what would hold a node where it was on the shape, T' - r s with T' of
-the last accepted step and its way s across, or as much of it as Coulomb's law has (Simo & Laursen 1992): bristles as stiff
-as r.  Newton's method has the derivative of both.
+the last accepted step and its way s across, or as much of it as Coulomb's law has (Simo & Laursen 1992): bristles a
+few times as stiff as the node.  Newton's method has the derivative of both.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ from flexmbd.multibody.interiors.touching import Obstacle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# The stiffness of friction's bristles over that which a node feels: with one far above it Newton's method goes round
+# between states in which a node slides and sticks.
+_BRISTLE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +168,8 @@ class ImplicitContacts:
         for j, (one, nodes, p, R) in enumerate(self._each(motion)):
             y, before = (x[nodes] - p) @ R, self._now[j]
             found = one.distances(y)
-            law = {"r": one.stiffness_ratio * self._felt[nodes], "friction": one.friction}
+            felt = self._felt[nodes]
+            law = {"r": one.stiffness_ratio * felt, "bristle": _BRISTLE * felt, "friction": one.friction}
             met, rubbed, slopes = _law(found, y - before.y, before.rubbed, **law)
             states.append(TouchedState(y, met, rubbed, p, R))
             on = met.any(axis=1)
@@ -245,7 +250,7 @@ class ImplicitContacts:
 
 
 def _law(
-    found: FloatArray, way: FloatArray, rubbed: FloatArray, *, r: FloatArray, friction: float
+    found: FloatArray, way: FloatArray, rubbed: FloatArray, *, r: FloatArray, bristle: FloatArray, friction: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Forces (n, 3) N out of a shape and across, and minus their derivative (n, 3, 3) by the nodes' motion.
 
@@ -253,7 +258,7 @@ def _law(
         found: (n, 4) m, signed distances and gradients.
         way: (n, 3) m, of the nodes against the shape in the step.
         rubbed: (n, 3) N, friction in the accepted state.
-        r: (n,) N/m.
+        r, bristle: (n,) N/m, of contact and of friction.
         friction: Coulomb's coefficient.
     """
     n, plane = found[:, 1:], np.eye(3) - found[:, 1:, None] * found[:, None, 1:]
@@ -263,13 +268,13 @@ def _law(
     slopes = np.where(on, r, 0.0)[:, None, None] * n[:, :, None] * n[:, None, :]
     if friction == 0.0 or not on.any():
         return met, np.zeros_like(met), slopes
-    held = np.einsum("nab,nb->na", plane, rubbed - r[:, None] * way)
+    held = np.einsum("nab,nb->na", plane, rubbed - bristle[:, None] * way)
     need, most = np.sqrt((held**2).sum(axis=1)), friction * size
     slides = on & (need > most)
     share = np.where(slides, most / np.where(need > 0.0, need, 1.0), np.where(on, 1.0, 0.0))
     across = plane.copy()
     direction = held / np.where(need > 0.0, need, 1.0)[:, None]
     across[slides] -= (direction[:, :, None] * direction[:, None, :])[slides]
-    slopes = slopes + (share * r)[:, None, None] * across
+    slopes = slopes + (share * bristle)[:, None, None] * across
     slopes[slides] += friction * r[slides, None, None] * direction[slides, :, None] * n[slides, None, :]
     return met, share[:, None] * held, slopes
