@@ -17,6 +17,7 @@ from flexmbd.multibody.contact.impact_law import ImpactLaw as ImpactLaw
 from flexmbd.multibody.contact.lowest_points import LowestPoint as LowestPoint
 from flexmbd.multibody.contact.lowest_points import ProfileOutline as ProfileOutline
 from flexmbd.multibody.contact.lowest_points import Rim as Rim
+from flexmbd.multibody.contact.nodes import Facets as Facets
 from flexmbd.multibody.contact.nodes import NodalContact as NodalContact
 from flexmbd.multibody.contact.nodes import Nodes as Nodes
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope

@@ -21,7 +21,7 @@ from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.nodes import NodalContact, Nodes, nodal_contacts
+from flexmbd.multibody.contact.nodes import Facets, NodalContact, Nodes, nodal_contacts
 from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
@@ -238,10 +238,10 @@ class MachineAssembly:
     def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
 
     @overload
-    def touch(self, one: Nodes, other: Touching, law: Hard) -> tuple[NodalContact, ...]: ...
+    def touch(self, one: Nodes, other: Touching | Facets, law: Hard) -> tuple[NodalContact, ...]: ...
 
     def touch(
-        self, one: Touching | Nodes, other: Touching, law: NormalLaw | Hard, *, friction: Friction | None = None
+        self, one: Touching | Nodes, other: Touching | Facets, law: NormalLaw | Hard, *, friction: Friction | None = None
     ) -> tuple[Contact | HardContact | HardGroup | NodalContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
@@ -289,7 +289,10 @@ class MachineAssembly:
             raise SceneError(f"{nodes.what}: the body is not in this scene; add it first")
         found = nodal_contacts(nodes, shapes, law, friction=friction, known=self._nodal)
         for contact in found:
-            self._refuse_foreign(contact.frame)
+            if not isinstance(contact.shape, Facets):
+                self._refuse_foreign(contact.shape.frame)
+            elif contact.shape.body not in self._members:
+                raise SceneError(f"{contact.shape.what}: the body is not in this scene; add it first")
         self._nodal.extend(found)
         return tuple(found)
 

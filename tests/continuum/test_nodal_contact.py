@@ -251,7 +251,7 @@ def test_wrong_contacts_are_refused():
         other.touch(nodes(part), fm.contact.HalfSpace(other.ground.frame()), hard)
     inside = fm.contact.HalfSpace(other.ground.frame(p=(0.0, 0.0, -0.04)))
     other.touch(nodes(stranger), inside, hard)
-    with pytest.raises(SceneError, match=r"'z_min on ground.*' *: the body begins 0.01 m inside the shape"):
+    with pytest.raises(SceneError, match=r"'z_min on ground.*' *: the body begins 0.01 m inside what it touches"):
         other.simulate(1e-3, integrator=EXPLICIT)
 
 

@@ -22,12 +22,14 @@ from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Poses, Support
 from flexmbd.continuum.interior.shape_contacts import check_surface
+from flexmbd.continuum.interior.surface_pair import FACETS, NODES, SurfacePair
+from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.time_factor import TimeFactor
-from flexmbd.multibody.interiors.touching import Obstacle
+from flexmbd.multibody.interiors.touching import FacingSurface, Obstacle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -110,6 +112,11 @@ class ExplicitContinuum:
         limit = self.motion.renew_limit() if self._calls % _RENEWAL == 0 else self.motion.limit
         self._calls += 1
         steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))
+        if steps > 1 and self.motion.pairs:
+            raise ConvergenceError(
+                f"a body that touches another one steps with it, and h = {h:.4g} s is above its stable step by now, "
+                f"{limit:.4g} s; take a smaller h"
+            )
         mean = np.zeros_like(self._wrenches)
         for frames in path_of_frames(start, end, h=h, steps=steps):
             before = self._wrenches
@@ -131,6 +138,11 @@ class ExplicitContinuum:
         k = len(self.frames)
         return (frames.p[k:], frames.R[k:]) if len(frames.p) > k else None
 
+    def plan(self, h: float, start: FrameMotion, end: FrameMotion) -> None:
+        """See `PairedInterior`. Collective."""
+        if self.motion.pairs:
+            self.motion.plan(h, self._bonds.positions(end)[self._bonds.own])
+
     def check_surface(self, surface: str, *, what: str) -> None:
         """See `TouchingInterior`. Collective."""
         check_surface(self._body, surface, what=what)
@@ -139,6 +151,18 @@ class ExplicitContinuum:
         """See `TouchingInterior`. Collective."""
         self.motion.meet(obstacles)
         self._wrenches = np.zeros((len(self.frames) + len(obstacles), 6))
+
+    def face(self, facing: FacingSurface) -> None:
+        """See `TouchingInterior`. Collective."""
+        other = facing.other
+        if not isinstance(other, ExplicitContinuum):
+            raise SceneError(
+                f"contact {facing.name!r}: surfaces of two bodies with history touch in explicit steps alone, both of "
+                f"them ExplicitContinuum; the other's interior is {type(other).__name__}"
+            )
+        pair = SurfacePair(facing, self.motion, other.motion, (facing.surface, facing.facets))
+        self.motion.pairs.append((pair, NODES))
+        other.motion.pairs.append((pair, FACETS))
 
     @property
     def load_factors(self) -> tuple[TimeFactor, ...]:

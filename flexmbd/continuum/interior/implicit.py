@@ -52,7 +52,7 @@ from flexmbd.multibody.bodies.continuum_body import (
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
-from flexmbd.multibody.interiors.touching import Obstacle
+from flexmbd.multibody.interiors.touching import FacingSurface, Obstacle
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
@@ -376,6 +376,17 @@ class ImplicitContinuum:
         if both:
             raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
         self._contacts = ImplicitContacts(self.body, self._memory, self._diagonal, obstacles)
+
+    def face(self, facing: FacingSurface) -> None:
+        """See `TouchingInterior`: not in implicit steps.
+
+        Raises:
+            SceneError: says so.
+        """
+        raise SceneError(
+            f"contact {facing.name!r}: surfaces of two bodies with history touch in explicit steps alone; take "
+            "ExplicitContinuum and fm.CentralDifference()"
+        )
 
     def _check_rigid_interface(self) -> None:
         if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):

@@ -153,7 +153,7 @@ class ImplicitContacts:
         states = []
         for one, nodes, p, R in self._each(motion):
             y = (x[nodes] - p) @ R
-            refuse_inside(self._body.comm, one, one.distances(y)[:, 0], size=size)
+            refuse_inside(self._body.comm, one.name, one.distances(y)[:, 0], size=size)
             states.append(TouchedState(y, *np.zeros((2, *y.shape)), p, R))
         self._now = tuple(states)
 

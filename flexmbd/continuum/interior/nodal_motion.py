@@ -32,6 +32,7 @@ from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.shape_contacts import ShapeContacts
 from flexmbd.continuum.interior.stable_step import StableStep
+from flexmbd.continuum.interior.surface_pair import NODES, SurfacePair
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.interiors.touching import Obstacle
@@ -87,6 +88,7 @@ class NodalMotion:
         load: (owned nodes, 3) N, of the applied loads, those on bonded nodes among them.
         loads: the applied loads.
         shapes: of the machine, which surfaces touch.
+        pairs: contacts with other bodies, and on which side of each this one is.
         t: s.
     """
 
@@ -194,13 +196,31 @@ class NodalMotion:
             raise SceneError(f"a contact, and a plane or load, are both called {both[0]!r}; give each its own name")
         h = self._stable.at_rest
         self.shapes = ShapeContacts(self.body, self.memory, self.masses, obstacles, h=h, bonded=self.bonded)
+        self.pairs: list[tuple[SurfacePair, int]] = []
+        self._planned: FloatArray | None = None
 
     def renew_limit(self) -> float:
         """Find the longest stable step, s, of the present shape. Collective."""
         if self.mesh.bulk is not None:
             self.mesh.bulk.set_rates(self._went @ self.mesh.R)
-        self._limit = self._with_contact(self._stable.present(), self.shapes.stiffness_bound(self.x))
+        self._limit = self._with_contact(self._stable.present(), self._touching_bound())
         return self._limit
+
+    def _touching_bound(self) -> float:
+        """1/s^2, of contacts with shapes and other bodies. Collective."""
+        for pair, _ in self.pairs if self._h == 0.0 else ():
+            pair.approach()
+        return self.shapes.stiffness_bound(self.x) + sum(pair.stiffness_bound() for pair, _ in self.pairs)
+
+    @property
+    def step_at_rest(self) -> float:
+        """The longest stable step, s, of the undeformed body without contact."""
+        return self._stable.at_rest
+
+    @property
+    def ahead(self) -> FloatArray:
+        """(owned nodes, 3) m, where nodes are at the end of the step that is planned, or else now."""
+        return self.x if self._planned is None else self.x + self._planned
 
     def _with_contact(self, h: float, shapes: float = 0.0) -> float:
         """The longest stable step, s, where it is h without contact; shapes: 1/s^2, what they add."""
@@ -230,12 +250,16 @@ class NodalMotion:
         self._limit = self._with_contact(self._stable.at_rest)
         for plane in self.planes:
             body_energies = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
-            plane.check_start(max(body_energies), self._size())
+            plane.check_start(max(body_energies), self.size)
+        self._planned = None
+        for pair, _ in self.pairs:
+            pair.begin()
         if shapes is not None:
-            self.shapes.begin(self.x, *shapes, size=self._size())
+            self.shapes.begin(self.x, *shapes, size=self.size)
             self._limit = self._with_contact(self._stable.at_rest, self.shapes.stiffness_bound(self.x))
 
-    def _size(self) -> float:
+    @property
+    def size(self) -> float:
         """m, the largest coordinate of the undeformed body. Collective."""
         return float(max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0)))))
 
@@ -243,10 +267,29 @@ class NodalMotion:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
         self.v *= self._moves
         self._h = h
+        for pair, side in self.pairs:
+            if side == NODES:
+                pair.check_start()
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
+
+    def plan(self, h: float, bonded: FloatArray | None = None) -> None:
+        """Find where nodes will be at the end of a step h (s); arguments as of `advance`. Collective."""
+        if self._h == 0.0:
+            self.start(h)
+        if self.loads.any:  # which may have jumped since the last step's end
+            after = self.loads_at(self.t + _BESIDE * h)
+            jump = (after - self.load) / self.masses[:, None] * self._moves
+            self.a = self.a + jump / (1.0 + self._damping * self._h / 2)
+            self.load = after
+        move = h * self.v + h**2 / 2 * self.a
+        if bonded is not None:
+            move[self.bonded] = bonded - self.x[self.bonded]
+        for pair, side in self.pairs:
+            pair.plan(side)
+        self._planned = move
 
     def advance(self, h: float, bonded: FloatArray | None = None, *, shapes: Poses | None = None) -> None:
         """Step by h (s). Collective.
@@ -259,16 +302,10 @@ class NodalMotion:
         Raises:
             ConvergenceError: on all ranks: a cell is turned inside out.
         """
-        if self._h == 0.0:
-            self.start(h)
-        if self.loads.any:  # which may have jumped since the last step's end
-            after = self.loads_at(self.t + _BESIDE * h)
-            jump = (after - self.load) / self.masses[:, None] * self._moves
-            self.a = self.a + jump / (1.0 + self._damping * self._h / 2)
-            self.load = after
-        move = h * self.v + h**2 / 2 * self.a
-        if bonded is not None:
-            move[self.bonded] = bonded - self.x[self.bonded]
+        if self._planned is None:
+            self.plan(h, bonded)
+        assert self._planned is not None
+        move, self._planned = self._planned, None
         before = [getattr(self, name) for name in _WORKING]
         pushed, *placed = self.shapes.parts, *self.shapes.poses
         self.x += move
@@ -342,6 +379,8 @@ class NodalMotion:
         for plane, force in zip(self.planes, self.mesh.sum(self.plane_forces), strict=True):
             found[plane.name] = found[plane.name] + force
         found.update(self.shapes.resultants())
+        for pair, side in self.pairs:
+            found[pair.given.name] = self.mesh.sum(pair.resultant) * (1.0 if side == NODES else -1.0)
         if self.loads.any:
             values = self.loads.values(self.t)
             found.update(self.loads.resultants(values, self.x, self._R_begun))
@@ -359,7 +398,11 @@ class NodalMotion:
         own = [self._h, self._limit, *self._stable.memory, self.t]
         axes = np.concatenate([self.mesh.p, self.mesh.R.ravel(), self._g, own, self._R_begun.ravel()])
         sums = {"works": works, "axes": axes, "plane forces": self.mesh.sum(self.plane_forces)}
-        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums, **self.shapes.snapshot()}
+        touching = self.shapes.snapshot()
+        for k, (pair, side) in enumerate(self.pairs):
+            if side == NODES:
+                touching |= {f"pair {k} {name}": part for name, part in pair.snapshot().items()}
+        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums, **touching}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
         """Go back to a snapshot of this body, on any number of ranks. Collective."""
@@ -376,6 +419,10 @@ class NodalMotion:
         self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
         self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
         self.shapes.restore(memory, self.x)
+        self._planned = None
+        for k, (pair, side) in enumerate(self.pairs):
+            if side == NODES:
+                pair.restore({name: memory[f"pair {k} {name}"] for name in ("memory", "sums")})
 
     def loads_at(self, t: float) -> FloatArray:
         """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""
@@ -425,5 +472,10 @@ class NodalMotion:
             self._rubbed[nodes] += on * pushed.rubbed
             shape.take(self.x[nodes], on * pushed.met, on * pushed.rubbed)
             pull[nodes] += (pushed.met + pushed.rubbed) * self._moves[nodes]
+        for pair, side in self.pairs:
+            met, rubbed = pair.take(side)
+            self._met += met
+            self._rubbed += rubbed
+            pull += (met + rubbed) / self.masses[:, None] * self._moves
         self.a = answer * pull
         return free

@@ -182,7 +182,7 @@ class ShapeContacts:
             one.wrenches[:], one.stuck[:], one.stride = 0.0, 0.0, 0.0
             one.forget()
             one.walk(x)
-            refuse_inside(self._body.comm, one.obstacle, one.distances(x)[1][:, 0], size=size)
+            refuse_inside(self._body.comm, one.obstacle.name, one.distances(x)[1][:, 0], size=size)
 
     def place(self, p: FloatArray, R: FloatArray) -> None:
         """Put the frames to p (m, 3) m, turned by R (m, 3, 3)."""
@@ -305,12 +305,12 @@ def check_surface(body: NonlinearModel, surface: str, *, what: str) -> None:
     parallel.raise_collectively(body.comm, error)
 
 
-def refuse_inside(comm: MPI.Comm, obstacle: Obstacle, distances: FloatArray, *, size: float) -> None:
-    """Refuse a body of a size (m) whose nodes, at signed distances (n,) m, begin in a shape. Collective.
+def refuse_inside(comm: MPI.Comm, name: str, distances: FloatArray, *, size: float) -> None:
+    """Refuse a body of a size (m) whose nodes, at signed distances (n,) m, begin in what they touch. Collective.
 
     Raises:
         SceneError: on all ranks: names the contact and the depth.
     """
     deepest = max(comm.allgather(float((-distances).max(initial=0.0))))
     if deepest > SAME_PLACE * size:
-        raise SceneError(f"contact {obstacle.name!r}: the body begins {deepest:.4g} m inside the shape; move one of them")
+        raise SceneError(f"contact {name!r}: the body begins {deepest:.4g} m inside what it touches; move one of them")

@@ -361,9 +361,11 @@ class PlacedInterior:
     Attributes:
         body: the body.
         rows: of the frames.
-        giving: names of the contacts with shapes that give way.
+        giving: names of the contacts with what gives way: shapes on bodies, and surfaces of other bodies.
+        is_paired: whether it touches another body with history, with which it steps.
     """
 
     body: ContinuumBody
     rows: tuple[int, ...]
     giving: tuple[str, ...] = ()
+    is_paired: bool = False

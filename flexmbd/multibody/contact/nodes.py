@@ -28,12 +28,14 @@ from flexmbd.multibody.contact.profile import Profile
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import check_numbers
-from flexmbd.multibody.interiors.touching import Obstacle, TouchingInterior
+from flexmbd.multibody.interiors.scene_interiors import InteriorForce
+from flexmbd.multibody.interiors.touching import FacingSurface, Obstacle, TouchingInterior
 from flexmbd.multibody.kernels.contact import signed_distance as at
 from flexmbd.round_off import WORTHLESS_PIVOT
 
 FloatArray = NDArray[np.float64]
 
+_WANTED = "a fm.ContinuumBody, as scene.add returned it"
 _TOUCHED = (Sphere, HollowSphere, Cylinder, HollowCylinder, Disc, Capsule, Box, HalfSpace, Profile, TriangleSurface)
 
 
@@ -61,22 +63,14 @@ class Nodes:
     name: str | None = None
 
     def __post_init__(self) -> None:
-        wanted = "a fm.ContinuumBody, as scene.add returned it"
-        refuse_other(self.body, ContinuumBody, "the body of contact.Nodes", wanted=wanted)
-        interior = self.body.interior
-        if not isinstance(interior, TouchingInterior):
-            raise SceneError(
-                f"contact.Nodes of body {self.body.name!r}: its interior, {type(interior).__name__}, has no surface that "
-                "touches; take ExplicitContinuum or ImplicitContinuum"
-            )
-        refuse_no_name(self.surface, "the surface of contact.Nodes")
         if self.name is not None:
             refuse_no_name(self.name, "the name of contact.Nodes")
+        refuse_other(self.body, ContinuumBody, "the body of contact.Nodes", wanted=_WANTED)
         known = self.penalty is None or (is_number(self.penalty) and 0.0 < self.penalty < 3.0)
         if not known:
             raise SceneError(f"{self.what}: penalty must be None or between 0 and 3, got {self.penalty!r}")
         check_numbers(self.what, positive={"stiffness_ratio": self.stiffness_ratio})
-        interior.check_surface(self.surface, what=self.what)
+        _check_surface(self)
 
     @property
     def what(self) -> str:
@@ -85,34 +79,55 @@ class Nodes:
 
 
 @dataclass(frozen=True, eq=False)
+class Facets:
+    """A surface of a body with history that nodes of another one touch.
+
+    Attributes:
+        body: in the scene, an ExplicitContinuum its interior.
+        surface: the name of a group of facets of its mesh.
+
+    Raises:
+        SceneError: it is no such body, or has no such surface.
+    """
+
+    body: ContinuumBody
+    surface: str
+
+    def __post_init__(self) -> None:
+        _check_surface(self)
+
+    @property
+    def what(self) -> str:
+        """How messages call it."""
+        return f"facets {self.surface!r} of body {self.body.name!r}"
+
+
+@dataclass(frozen=True, eq=False)
 class NodalContact:
-    """The contact of a surface's nodes with one rigid shape; ``System.touch`` makes them.
+    """The contact of a surface's nodes with one rigid shape, or with facets; ``System.touch`` makes them.
 
     Attributes:
         nodes: the surface.
-        shape: on the ground, a rigid body, or a frame of a body with history.
+        shape: on the ground, a rigid body, or a frame of a body with history; or facets of another body.
         law: hard, with Coulomb's friction.
         name: in ``run.outer_forces(nodes.body)``.
     """
 
     nodes: Nodes
-    shape: TouchShape
+    shape: TouchShape | Facets
     law: Hard
     name: str
 
-    @property
-    def frame(self) -> Frame:
-        """That carries the shape."""
-        return self.shape.frame
-
     def obstacle(self) -> Obstacle:
-        """What the interior is told.
+        """What the interior is told of a rigid shape.
 
         Raises:
             SceneError: the shape's body has no inertia about an axis.
         """
-        mass = None if isinstance(self.frame.body, Ground) else _mass_about(self.frame, self.name)
-        numbers, table = self.shape.numbers(), tables_of(self.shape)  # type: ignore[union-attr]
+        assert isinstance(self.shape, _TOUCHED)
+        frame = self.shape.frame
+        mass = None if isinstance(frame.body, Ground) else _mass_about(frame, self.name)
+        numbers, table = self.shape.numbers(), tables_of(self.shape)
         if table:
             numbers[at.TABLE] = at.SHAPE_NUMBERS
         data = np.concatenate([numbers, *(one.values for one in table)])
@@ -124,7 +139,7 @@ class NodalContact:
 
         steps = {"penalty": self.nodes.penalty, "stiffness_ratio": self.nodes.stiffness_ratio}
         law = {"friction": self.law.mu, "mass": mass, **steps}
-        return Obstacle(self.name, self.nodes.surface, self.frame, distances, _box(self.shape), **law)
+        return Obstacle(self.name, self.nodes.surface, frame, distances, _box(self.shape), **law)
 
 
 def nodal_contacts(
@@ -152,8 +167,9 @@ def nodal_contacts(
     if not listed:
         raise SceneError(f"{what}: a list of shapes that are to touch is empty")
     for shape in listed:
-        if isinstance(shape, Nodes):
-            raise SceneError(f"{what} and {shape.what}: surfaces of two bodies with history do not touch yet")
+        if isinstance(shape, Facets):
+            found.append(_facing(nodes, shape, law, (*known, *found)))
+            continue
         refuse_other(shape, _TOUCHED, f"what {what} touch", wanted="a shape as fm.contact.Box(body.frame(), sides)")
         assert isinstance(shape, _TOUCHED)
         frame = shape.frame
@@ -169,15 +185,79 @@ def nodal_contacts(
                 f"{what} and {type(shape).__name__} on {frame.label}: without a penalty nodes stop where they meet what "
                 "does not move; this shape's body gives way: give a penalty, as 0.5"
             )
-        name = nodes.name or f"{nodes.surface} on {frame.label}"
-        taken = {one.name for one in (*known, *found) if one.nodes.body is nodes.body}
-        if name in taken:
-            name = next(f"{name} {k}" for k in range(2, len(taken) + 3) if f"{name} {k}" not in taken)
         for one in (*known, *found):
             if one.shape is shape and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
                 raise SceneError(f"{what} touch this {type(shape).__name__} on {frame.label} already")
+        name = _free_name(nodes.name or f"{nodes.surface} on {frame.label}", (nodes.body,), (*known, *found))
         found.append(NodalContact(nodes, shape, law, name))
     return found
+
+
+def interior_forces(bodies: Sequence[ContinuumBody], contacts: Sequence[NodalContact]) -> list[InteriorForce]:
+    """The forces of bodies' interiors, which are told what their surfaces touch.  Collective where some touch.
+
+    Raises:
+        SceneError: as ``NodalContact.obstacle`` and ``TouchingInterior``.
+    """
+    forces = []
+    for body in bodies:
+        own = [one for one in contacts if one.nodes.body is body and not isinstance(one.shape, Facets)]
+        obstacles = tuple(one.obstacle() for one in own)
+        if isinstance(body.interior, TouchingInterior):
+            body.interior.meet(obstacles)
+        pairs = [one for one in contacts if isinstance(one.shape, Facets) and body in (one.nodes.body, one.shape.body)]
+        forces.append(InteriorForce(body, obstacles, tuple(one.name for one in pairs)))
+    for one in contacts:
+        interior, penalty = one.nodes.body.interior, one.nodes.penalty
+        if isinstance(one.shape, Facets) and isinstance(interior, TouchingInterior) and penalty is not None:
+            other, facets = one.shape.body.interior, one.shape.surface
+            interior.face(FacingSurface(one.name, one.nodes.surface, other, facets, one.law.mu, penalty))
+    return forces
+
+
+def _facing(nodes: Nodes, facets: Facets, law: Hard, known: Sequence[NodalContact]) -> NodalContact:
+    """The contact of nodes with facets.
+
+    Raises:
+        SceneError: of one body, without a penalty, or known already.
+    """
+    what = f"{nodes.what} and {facets.what}"
+    if nodes.body is facets.body:
+        raise SceneError(f"{what}: a body with history does not touch itself yet")
+    if nodes.penalty is None:
+        raise SceneError(f"{what}: without a penalty nodes stop where they meet what does not move; give one, as 0.5")
+    for one in known:
+        same = isinstance(one.shape, Facets) and one.shape.body is facets.body and one.shape.surface == facets.surface
+        if same and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
+            raise SceneError(f"{what} touch already")
+    own = nodes.name or f"{nodes.surface} on {facets.body.name}.{facets.surface}"
+    return NodalContact(nodes, facets, law, _free_name(own, (nodes.body, facets.body), known))
+
+
+def _free_name(name: str, bodies: Sequence[ContinuumBody], known: Sequence[NodalContact]) -> str:
+    """A name that no contact of some bodies has."""
+    taken = {
+        one.name
+        for one in known
+        if one.nodes.body in bodies or (isinstance(one.shape, Facets) and one.shape.body in bodies)
+    }
+    if name not in taken:
+        return name
+    return next(f"{name} {k}" for k in range(2, len(taken) + 3) if f"{name} {k}" not in taken)
+
+
+def _check_surface(one: Nodes | Facets) -> None:
+    """Raise SceneError unless it is a surface of a body with history that touches."""
+    what = f"contact.{type(one).__name__}"
+    refuse_other(one.body, ContinuumBody, f"the body of {what}", wanted=_WANTED)
+    interior = one.body.interior
+    if not isinstance(interior, TouchingInterior):
+        raise SceneError(
+            f"{what} of body {one.body.name!r}: its interior, {type(interior).__name__}, has no surface that touches; "
+            "take ExplicitContinuum or ImplicitContinuum"
+        )
+    refuse_no_name(one.surface, f"the surface of {what}")
+    interior.check_surface(one.surface, what=one.what)
 
 
 def _box(shape: TouchShape) -> FloatArray:

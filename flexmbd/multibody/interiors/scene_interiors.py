@@ -15,7 +15,7 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, 
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.interiors.observed import ObservedInterior
 from flexmbd.multibody.interiors.time_factor import LoadedInterior
-from flexmbd.multibody.interiors.touching import Obstacle, TouchingInterior
+from flexmbd.multibody.interiors.touching import Obstacle
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.sampling.interface_frames import (
@@ -41,10 +41,12 @@ class InteriorForce(OffJoints):
     Attributes:
         body: with the interior.
         obstacles: rigid shapes that its surfaces touch, on whose frames it exerts wrenches as well.
+        pairs: names of its contacts with other bodies with history.
     """
 
     body: ContinuumBody
     obstacles: tuple[Obstacle, ...] = ()
+    pairs: tuple[str, ...] = ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:
@@ -57,12 +59,10 @@ class InteriorForce(OffJoints):
 
     def assemble(self, table: ElementTable) -> None:
         """One row a frame; on the ground, which nothing moves, none is needed."""
-        interior = self.body.interior
-        if isinstance(interior, TouchingInterior):
-            interior.meet(self.obstacles)
         rows = tuple(table.frame(frame) for frame in self.frames)
         giving = tuple(one.name for one in self.obstacles if one.mass is not None)
-        first = table.add_interior(PlacedInterior(self.body, rows, giving))
+        placed = PlacedInterior(self.body, rows, (*giving, *self.pairs), is_paired=bool(self.pairs))
+        first = table.add_interior(placed)
         for k, (frame, row) in enumerate(zip(self.frames, rows, strict=True)):
             what = f"interior of {self.body.name} on {frame.label}"
             if not isinstance(frame.body, Ground):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Frame
-from flexmbd.multibody.bodies.continuum_body import Interior
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, Interior
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +44,26 @@ class Obstacle:
     mass: FloatArray | None
 
 
+@dataclass(frozen=True, eq=False)
+class FacingSurface:
+    """A surface of another body with history before the nodes of an interior's surface.
+
+    Attributes:
+        name: of the contact, as of an `Obstacle`.
+        surface: the group of facets whose nodes touch it.
+        other: the interior of the other body.
+        facets: the group of its facets that they touch.
+        friction, penalty: as of an `Obstacle`.
+    """
+
+    name: str
+    surface: str
+    other: Interior
+    facets: str
+    friction: float
+    penalty: float
+
+
 @runtime_checkable
 class TouchingInterior(Interior, Protocol):
     """An interior whose surface touches rigid shapes.
@@ -61,3 +81,18 @@ class TouchingInterior(Interior, Protocol):
 
     def meet(self, obstacles: Sequence[Obstacle]) -> None:
         """Take these obstacles, and no others, from the next ``begin`` or ``restore`` on.  Collective."""
+
+    def face(self, facing: FacingSurface) -> None:
+        """Let a surface touch one of another interior as well, after `meet` of both.  Collective.
+
+        Raises:
+            SceneError: interiors of their kinds do not touch each other.
+        """
+
+
+@runtime_checkable
+class PairedInterior(Protocol):
+    """An interior that says where it will be at a step's end before any of them steps."""
+
+    def plan(self, h: float, start: FrameMotion, end: FrameMotion) -> None:
+        """Make ready for ``advance`` with the same arguments.  Collective."""
