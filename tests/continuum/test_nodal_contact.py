@@ -244,7 +244,7 @@ def test_wrong_contacts_are_refused():
     with pytest.raises(SceneError, match="gives way: give a penalty"):
         scene.touch(nodes(part, penalty=None), fm.contact.HalfSpace(light.frame()), hard)
     scene.touch(nodes(part), fm.contact.Sphere(light.frame(), 0.01), hard)
-    with pytest.raises(SceneError, match="touches a shape that gives way .*'z_min on plate'"):
+    with pytest.raises(SceneError, match="touches a shape or a body that gives way .*'z_min on plate'"):
         scene.simulate(1e-3, integrator=fm.CentralDifference(subcycle=True))
     other, stranger = machine(block())
     with pytest.raises(SceneError, match="not in this scene"):

@@ -210,6 +210,7 @@ class NodalMotion:
         """1/s^2, of contacts with shapes and other bodies. Collective."""
         for pair, _ in self.pairs if self._h == 0.0 else ():
             pair.approach()
+            pair.check_start()
         return self.shapes.stiffness_bound(self.x) + sum(pair.stiffness_bound() for pair, _ in self.pairs)
 
     @property
@@ -267,9 +268,6 @@ class NodalMotion:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
         self.v *= self._moves
         self._h = h
-        for pair, side in self.pairs:
-            if side == NODES:
-                pair.check_start()
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
         self._damped = self._drag()
