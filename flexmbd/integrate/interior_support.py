@@ -52,6 +52,6 @@ def refuse_giving(scene: CompiledScene, method: str) -> None:
     for one in placed:
         if one.giving:
             raise SceneError(
-                f"{method}: body {one.body.name!r} touches a shape or a body that gives way ({one.giving[0]!r}) and must step "
-                "with it; take fm.CentralDifference() without subcycle"
+                f"{method}: body {one.body.name!r} touches a shape or a body that gives way ({one.giving[0]!r}) and "
+                "must step with it; take fm.CentralDifference() without subcycle"
             )

@@ -241,7 +241,8 @@ class MachineAssembly:
     def touch(self, one: Nodes, other: Touching | Facets, law: Hard) -> tuple[NodalContact, ...]: ...
 
     def touch(
-        self, one: Touching | Nodes, other: Touching | Facets, law: NormalLaw | Hard, *, friction: Friction | None = None
+        self, one: Touching | Nodes, other: Touching | Nodes | Facets, law: NormalLaw | Hard, *,
+        friction: Friction | None = None,
     ) -> tuple[Contact | HardContact | HardGroup | NodalContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
@@ -263,8 +264,12 @@ class MachineAssembly:
             SceneError: shapes of another scene, on one body, or a pair that is not known, or touches already; a law
                 that is none.
         """
-        if isinstance(one, Nodes) or isinstance(other, Nodes):
+        if isinstance(one, Nodes):
             return self._touch_nodes(one, other, law, friction)
+        if isinstance(other, Nodes):
+            return self._touch_nodes(other, one, law, friction)
+        if isinstance(other, Facets):
+            raise SceneError("contact.Facets are touched by contact.Nodes of another body with history alone")
         held = (c for c in self._connections if not isinstance(c.joint, Free))
         pairs = [(c.parent.body, c.child.body) for c in held]
         pairs = [(a, b) for a, b in pairs if self.ground is not a and self.ground is not b]
@@ -281,10 +286,8 @@ class MachineAssembly:
         self._forces.extend(found)
         return tuple(found)
 
-    def _touch_nodes(self, one: object, other: object, law: object, friction: object) -> tuple[NodalContact, ...]:
+    def _touch_nodes(self, nodes: Nodes, shapes: object, law: object, friction: object) -> tuple[NodalContact, ...]:
         """As ``touch``, of nodes of a body with history."""
-        nodes, shapes = (one, other) if isinstance(one, Nodes) else (other, one)
-        assert isinstance(nodes, Nodes)
         if nodes.body not in self._members:
             raise SceneError(f"{nodes.what}: the body is not in this scene; add it first")
         found = nodal_contacts(nodes, shapes, law, friction=friction, known=self._nodal)

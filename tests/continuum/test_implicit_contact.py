@@ -37,7 +37,7 @@ class Motions:
         self.start = FrameMotion(p, np.tile(np.eye(3), (2, 1, 1)), zero, zero, zero, zero)
         turn = 0.01 * rng.normal(size=(2, 3))
         self._R = Rotation.from_rotvec(turn).as_matrix()
-        self._p = p + [[0.0, 0.0, -2e-3], [1.5e-3, 0.0, 1e-3]]
+        self._p = p + np.array([[0.0, 0.0, -2e-3], [1.5e-3, 0.0, 1e-3]])
         self._rest = 0.5 * rng.normal(size=(4, 2, 3))
 
     def at(self, y):
@@ -223,7 +223,8 @@ def test_a_block_and_a_plate_that_fly_keep_their_momentum():
     free.velocity = [0.3, 0.0, -1.0, 0.0, 0.0, 0.0]
     plate = scene.add(fm.RigidBody(2.0, (0.01, 0.01, 0.02)), name="plate")
     scene.connect(fm.joint.Free(), scene.ground.frame(p=(0.03, 0.0, -0.055)), plate.frame())
-    (contact,) = scene.touch(fm.contact.Nodes(part, "z_min"), fm.contact.HalfSpace(plate.frame()), fm.contact.Hard(mu=0.2))
+    half_space = fm.contact.HalfSpace(plate.frame())
+    (contact,) = scene.touch(fm.contact.Nodes(part, "z_min"), half_space, fm.contact.Hard(mu=0.2))
     run = scene.simulate(0.03, rtol=1e-3, integrator=IMPLICIT)
     impulse = np.trapezoid(run.outer_forces(part)[contact.name], run.t, axis=0)
     v = run.velocity(plate.frame())[-1]

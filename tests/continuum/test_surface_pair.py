@@ -26,7 +26,8 @@ class Stack:
 
     def __init__(self, divisions, *, offset=0.0, gap=0.0, mu=0.0, comm=MPI.COMM_SELF, **told):
         self.interiors = tuple(
-            ExplicitContinuum(model(n, face, comm=comm, **told)) for n, face in zip(divisions, ("z_max", "z_min"), strict=True)
+            ExplicitContinuum(model(n, face, comm=comm, **told))
+            for n, face in zip(divisions, ("z_max", "z_min"), strict=True)
         )
         self.scene = fm.System(team=MpiTeam(comm))
         self.bodies = tuple(
@@ -85,7 +86,7 @@ def test_two_cubes_that_hit_each_other_keep_momentum_and_energy():
 
 
 def test_cubes_and_their_contact_are_springs_in_series():
-    """On like meshes: k of each node with that opposite in series, half of it; nu = 0, so that depths are all the same."""
+    """On like meshes, k of each node and that opposite in series: half of it; nu = 0, so that depths are the same."""
     stack, way = Stack((2, 2), nu=0.0), 1e-4
     stack.scene.connect(fm.joint.Fixed(), *stack.frame(1))
     rail = stack.scene.connect(fm.joint.Prismatic("z"), *stack.frame(0))
@@ -106,7 +107,7 @@ def test_where_points_are_before_a_plane_surface(cell):
     corners, top = x[surface.own], x[abs(x[:, 2] - 0.05) < 1e-9]
     assert len(surface.number) == len(top) == 16
     rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-0.005, 0.105, 50), rng.uniform(-0.055, 0.055, 50), rng.uniform(0.045, 0.0499, 50)])
+    points = rng.uniform([-0.005, -0.055, 0.045], [0.105, 0.055, 0.0499], (50, 3))
     found = surface.find(points, corners)
     assert len(found.points) == 50
     assert found.depth == pytest.approx(0.05 - points[:, 2], abs=1e-12)
@@ -115,7 +116,7 @@ def test_where_points_are_before_a_plane_surface(cell):
     assert abs(below[:, :2] - points[:, :2]).max() < 1e-12
     outside = (points[:, 0] < 0.0) | (points[:, 0] > 0.1) | (abs(points[:, 1]) > 0.05)
     assert np.array_equal(found.beside, outside)
-    assert not len(surface.find(points + [0.05, 0.0, 0.0], corners).points) == 50
+    assert len(surface.find(points + np.array([0.05, 0.0, 0.0]), corners).points) < 50
 
 
 def rubbing(*, comm=MPI.COMM_SELF, **told):
@@ -146,8 +147,8 @@ def test_wrong_pairs_are_refused():
         stack.scene.touch(fm.contact.Nodes(upper, "x_min"), fm.contact.Facets(upper, "x_max"), hard)
     with pytest.raises(SceneError, match="touch already"):
         stack.scene.touch(fm.contact.Nodes(upper, "z_min"), fm.contact.Facets(lower, "z_max"), hard)
+    nodes = fm.contact.Nodes(upper, "z_min", penalty=None)
     with pytest.raises(SceneError, match="without a penalty"):
-        nodes = fm.contact.Nodes(upper, "z_min", penalty=None)
         stack.scene.touch(nodes, fm.contact.Facets(lower, "z_max"), hard)
     stack.let_fly(np.zeros(3))
     with pytest.raises(SceneError, match="touches a shape or a body that gives way"):
@@ -160,7 +161,7 @@ def test_wrong_pairs_are_refused():
     for z, face in ((0.1, "z_max"), (0.0, "z_min")):
         interior = ImplicitContinuum(model(1, face))
         bodies.append(scene.add(fm.ContinuumBody(interior), name=face))
-        at = scene.ground.frame(p=interior.frames[0].p_BI_B + [0.0, 0.0, z])
+        at = scene.ground.frame(p=interior.frames[0].p_BI_B + np.array([0.0, 0.0, z]))
         scene.connect(fm.joint.Fixed(), at, bodies[-1].frame(face))
     scene.touch(fm.contact.Nodes(bodies[0], "z_min"), fm.contact.Facets(bodies[1], "z_max"), hard)
     with pytest.raises(SceneError, match="explicit steps alone"):

@@ -41,8 +41,10 @@ class NearFacets:
 
     def some(self, mask: NDArray[np.bool_]) -> NearFacets:
         """Those of a mask (n,)."""
-        parts = (self.points, self.depth, self.normal, self.nodes, self.weights, self.beside)
-        return NearFacets(*(part[mask] for part in parts))
+        return NearFacets(
+            self.points[mask], self.depth[mask], self.normal[mask], self.nodes[mask], self.weights[mask],
+            self.beside[mask],
+        )
 
 
 class FacetSurface:
@@ -64,7 +66,9 @@ class FacetSurface:
         patch, numbers = SurfacePatch(body, surface_facets(body, surface)), node_numbers(body)
         width = patch.nodes.shape[1]
         if width not in (3, 4):
-            raise SceneError(f"surface {surface!r}: facets that nodes touch have corners alone; take elements of degree 1")
+            raise SceneError(
+                f"surface {surface!r}: facets that nodes touch have corners alone; take elements of degree 1"
+            )
         # corners go round, seen from outside against the clock
         order = np.arange(3) if width == 3 else np.array([0, 1, 3, 2])
         corners = patch.nodes[:, order]
@@ -127,7 +131,8 @@ class FacetSurface:
         return self._nearest(points, some, count, triangle, corners, margin=margin)
 
     def _nearest(
-        self, points: FloatArray, some: IntArray, count: IntArray, triangle: IntArray, corners: FloatArray, *, margin: float
+        self, points: FloatArray, some: IntArray, count: IntArray, triangle: IntArray, corners: FloatArray, *,
+        margin: float,
     ) -> NearFacets:
         """Of some points the nearest of ``count`` triangles each."""
         first = np.cumsum(count) - count
@@ -147,7 +152,8 @@ class FacetSurface:
         far = np.sqrt(least)
         depth = -np.sign(side) * far
         sharp = far > SIX_DIGITS * np.sqrt(size[best])
-        n = np.where(sharp[:, None], np.sign(side)[:, None] * away[best] / np.where(sharp, far, 1.0)[:, None], unit[best])
+        towards = (np.sign(side) / np.where(sharp, far, 1.0))[:, None] * away[best]
+        n = np.where(sharp[:, None], towards, unit[best])
         across = away[best] - (away[best] * unit[best]).sum(axis=1)[:, None] * unit[best]
         beyond = np.sqrt((across**2).sum(axis=1))
         zero = share[best] == 0.0

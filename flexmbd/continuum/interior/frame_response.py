@@ -165,9 +165,9 @@ class Condensation:
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
-        for j in columns[own_columns:]:
-            assert touched is not None
-            turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6))[0], n)
+        if touched is not None:
+            for j in columns[own_columns:]:
+                turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6))[0], n)
         left = multiply(tangent, _columns(relative @ R)) + multiply(self.mass, _columns(accelerations @ R))
         left += _columns(turned @ R)
         moved = inverse(-left - _columns(constraint_forces @ R))
@@ -199,18 +199,24 @@ class Condensation:
         return np.vstack([wrenches, self.bonds.total(touched.wrenches(touched.force, touched.arms))])
 
     def _on_shapes(self, touched: TouchedNodes, fields: FloatArray, own_columns: int) -> FloatArray:
-        """(6 m, 6 (k + m)) derivative of the wrenches on shapes, by the nodes' motions (6 (k + m), n, 3). Collective."""
+        """(6 m, 6 (k + m)) derivative of the wrenches on shapes by the frames' motions. Collective.
+
+        Args:
+            touched: the contact forces.
+            fields: (6 (k + m), n, 3) m, motions of the nodes by those of the frames.
+            own_columns: 6 k.
+        """
         found = []
         for j, field in enumerate(fields):
-            dx, changes, way = field[touched.nodes], 0.0, 0.0
+            dx = field[touched.nodes]
+            changes, arm_changes = touched.changes(dx), dx
             if j >= own_columns:
-                changes, way = touched.by_frame(*divmod(j - own_columns, 6))
-                # the frame's origin goes along, and its rotation leaves it where it is
-                shift = np.eye(3)[(j - own_columns) % 6] if (j - own_columns) % 6 < 3 else np.zeros(3)
-                way = np.where((touched.shape == (j - own_columns) // 6)[:, None], shift, 0.0)
-            changes = changes + touched.changes(dx)
+                shape, axis = divmod(j - own_columns, 6)
+                changes = changes + touched.by_frame(shape, axis)[0]
+                if axis < 3:  # the frame's origin goes along
+                    arm_changes = dx - np.where((touched.shape == shape)[:, None], np.eye(3)[axis], 0.0)
             wrench = touched.wrenches(changes, touched.arms)
-            wrench[:, 3:] += touched.wrenches(touched.force, dx - way)[:, 3:]
+            wrench[:, 3:] += touched.wrenches(touched.force, arm_changes)[:, 3:]
             found.append(wrench.reshape(-1))
         return self.bonds.total(np.array(found).T.copy())
 

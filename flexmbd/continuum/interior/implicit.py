@@ -328,13 +328,14 @@ class ImplicitContinuum:
         return 0.0 if self._halved is None else self._halved.error
 
     def energies(self) -> Mapping[str, float]:
-        """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective.
+        """See `Interior.energies`; "loads", "contact" and "friction" are minus the work of these. Collective.
 
         "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
         """
         own = self._own_energies()
         weight = weight_energy(self._frames, self._weight, self._gravity, self._current_state().x)
-        return {"kinetic": own["kinetic"], "gravitational": weight, **own, **self._loads.energies(), **self._contacts.energies()}
+        outer = {**self._loads.energies(), **self._contacts.energies()}
+        return {"kinetic": own["kinetic"], "gravitational": weight, **own, **outer}
 
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""

@@ -1,9 +1,10 @@
 """Contact of the nodes on a body's surface with rigid shapes of its machine, solved for at a step's end.
 
-A node at the depth d is pushed by N = r d, r above the stiffness that it feels with its neighbours held.  Were nothing to enter, the node's mass would be stopped at once, a jump of velocities
-that no step resolves, however short.  Friction is what would hold a node where it was on the shape, T' - r s with T' of
-the last accepted step and its way s across, or as much of it as Coulomb's law has (Simo & Laursen 1992): bristles a
-few times as stiff as the node.  Newton's method has the derivative of both.
+A node at the depth d is pushed by N = r d, r above the stiffness that it feels with its neighbours held.  Were nothing
+to enter, the node's mass would be stopped at once, a jump of velocities that no step resolves, however short.  Friction
+is what would hold a node where it was on the shape, T' - r_t s with T' of the last accepted step and its way s across,
+or as much of it as Coulomb's law has (Simo & Laursen 1992): bristles a few times as stiff as the node.  Newton's method
+has the derivative of both.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class TouchedNodes:
         return out
 
     def add_slopes(self, matrix: PETSc.Mat, R: FloatArray) -> PETSc.Mat:
-        """The body's tangent, in axes that R turns to inertial ones, with the derivatives; it is changed. Collective."""
+        """The body's tangent, in axes that R turns to inertial ones, with the derivatives; it changes. Collective."""
         first = matrix.getOwnershipRange()[0]
         blocks = np.einsum("ba,nbc,cd->nad", R, self.slopes, R)
         for node, block in zip(self.nodes, blocks, strict=True):
@@ -81,7 +82,7 @@ class TouchedNodes:
         return np.asarray(-np.einsum("nab,nb->na", self.slopes, dx))
 
     def by_frame(self, j: int, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Of a unit displacement or rotation of a shape's frame: changes (n, 3) of forces, way (n, 3) of what it carries."""
+        """Of a unit displacement or rotation of shape j: changes (n, 3) of forces, way (n, 3) of what it carries."""
         mine, unit = self.shape == j, np.eye(3)[axis % 3]
         way = np.where(mine[:, None], unit if axis < 3 else np.cross(unit, self.arms), 0.0)
         turned = np.where(mine[:, None], np.cross(unit, self.force) if axis >= 3 else 0.0, 0.0)
@@ -154,7 +155,7 @@ class ImplicitContacts:
         for one, nodes, p, R in self._each(motion):
             y = (x[nodes] - p) @ R
             refuse_inside(self._body.comm, one.name, one.distances(y)[:, 0], size=size)
-            states.append(TouchedState(y, *np.zeros((2, *y.shape)), p, R))
+            states.append(TouchedState(y, np.zeros_like(y), np.zeros_like(y), p, R))
         self._now = tuple(states)
 
     def evaluate(self, x: FloatArray, motion: FrameMotion) -> tuple[TouchedNodes, tuple[TouchedState, ...]]:
@@ -168,18 +169,20 @@ class ImplicitContacts:
         for j, (one, nodes, p, R) in enumerate(self._each(motion)):
             y, before = (x[nodes] - p) @ R, self._now[j]
             found = one.distances(y)
-            felt = self._felt[nodes]
-            law = {"r": one.stiffness_ratio * felt, "bristle": _BRISTLE * felt, "friction": one.friction}
-            met, rubbed, slopes = _law(found, y - before.y, before.rubbed, **law)
+            r, bristle = one.stiffness_ratio * self._felt[nodes], _BRISTLE * self._felt[nodes]
+            met, rubbed, slopes = _law(
+                found, y - before.y, before.rubbed, r=r, bristle=bristle, friction=one.friction
+            )
             states.append(TouchedState(y, met, rubbed, p, R))
             on = met.any(axis=1)
             turned = np.einsum("ab,nbc,dc->nad", R, slopes[on], R)
             rows.append((nodes[on], np.full(on.sum(), j), x[nodes[on]], states[-1].force[on], turned))
         if not rows:
             none = np.zeros(0, dtype=np.int64)
-            return TouchedNodes(none, none, *np.zeros((2, 0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3))), ()
-        parts = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-        return TouchedNodes(*parts, self._shapes(motion)[0]), tuple(states)
+            nothing = np.zeros((0, 3))
+            return TouchedNodes(none, none, nothing, nothing, np.zeros((0, 3, 3)), nothing), ()
+        on_nodes, shape, places, force, turned = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+        return TouchedNodes(on_nodes, shape, places, force, turned, self._shapes(motion)[0]), tuple(states)
 
     def accept(self, states: tuple[TouchedState, ...]) -> None:
         """Make a tried step's end the accepted one."""
@@ -237,8 +240,8 @@ class ImplicitContacts:
         for k, nodes in enumerate(self._nodes):
             values = self._memory.scatter_nodes(kept[f"touched {k}"])[nodes]
             pose = kept[f"shape {k}"]
-            parts = (np.ascontiguousarray(part) for part in np.split(values, 3, axis=1))
-            states.append(TouchedState(*parts, pose[:3].copy(), pose[3:].reshape(3, 3).copy()))
+            y, met, rubbed = (np.ascontiguousarray(part) for part in np.split(values, 3, axis=1))
+            states.append(TouchedState(y, met, rubbed, pose[:3].copy(), pose[3:].reshape(3, 3).copy()))
         self._now = tuple(states)
 
     def _shapes(self, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
@@ -258,7 +261,8 @@ def _law(
         found: (n, 4) m, signed distances and gradients.
         way: (n, 3) m, of the nodes against the shape in the step.
         rubbed: (n, 3) N, friction in the accepted state.
-        r, bristle: (n,) N/m, of contact and of friction.
+        r: (n,) N/m, of contact.
+        bristle: (n,) N/m, of friction.
         friction: Coulomb's coefficient.
     """
     n, plane = found[:, 1:], np.eye(3) - found[:, 1:, None] * found[:, None, 1:]

@@ -232,9 +232,7 @@ class NodalMotion:
     ) -> None:
         """Undeformed at t (s), at p (m) turned by R, at rest; velocities are to be set, `start` called. Collective.
 
-        Args:
-            p, R, gravity, t: as said.
-            shapes: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.
+        ``shapes``: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.
 
         Raises:
             SceneError: the body begins behind a plane or in a shape.
@@ -273,8 +271,8 @@ class NodalMotion:
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
 
-    def plan(self, h: float, bonded: FloatArray | None = None) -> None:
-        """Find where nodes will be at the end of a step h (s); arguments as of `advance`. Collective."""
+    def plan(self, h: float, bonded: FloatArray | None = None) -> FloatArray:
+        """Find how far (owned nodes, 3) m nodes go in a step h (s); arguments as of `advance`. Collective."""
         if self._h == 0.0:
             self.start(h)
         if self.loads.any:  # which may have jumped since the last step's end
@@ -288,6 +286,7 @@ class NodalMotion:
         for pair, side in self.pairs:
             pair.plan(side)
         self._planned = move
+        return move
 
     def advance(self, h: float, bonded: FloatArray | None = None, *, shapes: Poses | None = None) -> None:
         """Step by h (s). Collective.
@@ -300,12 +299,10 @@ class NodalMotion:
         Raises:
             ConvergenceError: on all ranks: a cell is turned inside out.
         """
-        if self._planned is None:
-            self.plan(h, bonded)
-        assert self._planned is not None
-        move, self._planned = self._planned, None
+        move = self.plan(h, bonded) if self._planned is None else self._planned
+        self._planned = None
         before = [getattr(self, name) for name in _WORKING]
-        pushed, *placed = self.shapes.parts, *self.shapes.poses
+        pushed, placed = self.shapes.parts, self.shapes.poses
         self.x += move
         self._went = np.asarray(move / h)
         self.force = self._pull(h)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from mpi4py import MPI
 
@@ -94,7 +95,7 @@ class ShapeContact:
     def push(self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float) -> Pushed:
         """What the shape does to nodes at x (owned nodes, 3) m; the rest as of `nodal_push.push`."""
         near, found = self.distances(x, margin=0.0 if self.stiffness else np.inf)
-        law = {"stiffness": self.stiffness, "friction": self.obstacle.friction}
+        law: dict[str, Any] = {"stiffness": self.stiffness, "friction": self.obstacle.friction}
         if self.stiffness:
             touch = found[:, 0] < 0.0
             near, found = near[touch], found[touch]
@@ -171,8 +172,7 @@ class ShapeContacts:
     def begin(self, x: FloatArray, p: FloatArray, R: FloatArray, *, size: float) -> None:
         """Nothing has touched yet; nodes are at x (owned nodes, 3) m, frames at p (m, 3), R (m, 3, 3). Collective.
 
-        Args:
-            size: m, of the body, of which depths are told from round-off.
+        ``size``: m, of the body, by which depths are told from round-off.
 
         Raises:
             SceneError: on all ranks: the body begins in a shape.
@@ -234,9 +234,7 @@ class ShapeContacts:
     def work_on_frames(self, before: FloatArray, p: FloatArray, R: FloatArray) -> FloatArray:
         """(2,) J, this rank's part of what contact and friction did on frames that came from p (m, 3), R (m, 3, 3).
 
-        Args:
-            before: (m, 2, 6) their wrenches then.
-            p, R: where the frames were then.
+        ``before``: (m, 2, 6) their wrenches then.
         """
         work = np.zeros(2)
         for one, first, p_first, R_first in zip(self.contacts, before, p, R, strict=True):

@@ -1,26 +1,26 @@
 """Nodes of one body that touch facets of another one, both stepped by central differences side by side.
 
 A node at the depth d behind a facet is pushed out by k d, and the facet's nodes the other way round, as the place at
-which it touches hangs on them.  k is a share of what the shorter stable step of both bodies allows, with the masses of the
-node and of that place in series.  Contact begins where a node comes through the facets from before them, so that what comes
-from beside them, behind their plane, is not thrown out.  Friction is that of bristles as stiff as the push (`nodal_push`).
+which it touches hangs on them.  k is a share of what the shorter stable step of both bodies allows, with the masses of
+the node and of that place in series.  Contact begins where a node comes through the facets from before them, so that
+what comes from beside them, behind their plane, is not thrown out.  Friction is that of bristles as stiff as the push
+(`nodal_push`).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.body_memory import BodyMemory
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.facet_search import FacetSurface, NearFacets, check_same_ranks
 from flexmbd.continuum.interior.nodal_push import penalty_stiffness, push
 from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
 from flexmbd.multibody.interiors.touching import FacingSurface
 from flexmbd.round_off import SAME_PLACE
-
-if TYPE_CHECKING:
-    from flexmbd.continuum.interior.nodal_motion import NodalMotion
 
 FloatArray = NDArray[np.float64]
 
@@ -31,16 +31,44 @@ _AHEAD = 20.0
 NODES, FACETS = 0, 1
 
 
+class SteppedNodes(Protocol):
+    """The nodes of a body that is stepped, as `NodalMotion` has them, with the same units."""
+
+    body: NonlinearModel
+    memory: BodyMemory
+    masses: FloatArray
+    x: FloatArray
+    v: FloatArray
+
+    @property
+    def limit(self) -> float:
+        """The longest stable step, s."""
+
+    @property
+    def step_at_rest(self) -> float:
+        """The same without contact and deformation."""
+
+    @property
+    def ahead(self) -> FloatArray:
+        """(owned nodes, 3) m, where nodes are at the step's end."""
+
+    @property
+    def size(self) -> float:
+        """m, of the body."""
+
+
 class SurfacePair:
     """The contact of nodes with facets.
 
     Attributes:
         given: what it is, by its name.
         resultant: (3,) N, on the body of the nodes, this rank's part.
-        memory: (owned nodes, 4): m, the stretch of the bristles of its nodes, in inertial axes; and 1 of those that touch.
+        memory: (owned nodes, 4): m, the stretch of its nodes' bristles, in inertial axes; and 1 of nodes that touch.
     """
 
-    def __init__(self, given: FacingSurface, nodes: NodalMotion, facets: NodalMotion, surfaces: tuple[str, str]) -> None:
+    def __init__(
+        self, given: FacingSurface, nodes: SteppedNodes, facets: SteppedNodes, surfaces: tuple[str, str]
+    ) -> None:
         """Find nodes and facets. Collective.
 
         Raises:
@@ -138,7 +166,8 @@ class SurfacePair:
         self.memory[touching] = np.column_stack([-rubbed, np.ones(len(touching))])
         met, rubbed = spring[:, None] * met, spring[:, None] * rubbed
         self.resultant = (met + rubbed).sum(axis=0)
-        self._forces = {NODES: (np.zeros_like(nodes.x), np.zeros_like(nodes.x)), FACETS: self._on_facets(found, met, rubbed)}
+        on_nodes = np.zeros_like(nodes.x), np.zeros_like(nodes.x)
+        self._forces = {NODES: on_nodes, FACETS: self._on_facets(found, met, rubbed)}
         for out, force in zip(self._forces[NODES], (met, rubbed), strict=True):
             out[touching] = force
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from flexmbd.given import is_number, refuse_no_name, refuse_other
 from flexmbd.multibody.bodies.body import Body, Frame, Ground
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.hard_contact import Hard
+from flexmbd.multibody.contact.profile import Profile
 from flexmbd.multibody.contact.shapes import (
     Box,
     Capsule,
@@ -22,9 +24,7 @@ from flexmbd.multibody.contact.shapes import (
     HollowCylinder,
     HollowSphere,
     Sphere,
-    TouchShape,
 )
-from flexmbd.multibody.contact.profile import Profile
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import check_numbers
@@ -36,6 +36,9 @@ from flexmbd.round_off import WORTHLESS_PIVOT
 FloatArray = NDArray[np.float64]
 
 _WANTED = "a fm.ContinuumBody, as scene.add returned it"
+TouchedByNodes: TypeAlias = (
+    Sphere | HollowSphere | Cylinder | HollowCylinder | Disc | Capsule | Box | HalfSpace | Profile | TriangleSurface
+)
 _TOUCHED = (Sphere, HollowSphere, Cylinder, HollowCylinder, Disc, Capsule, Box, HalfSpace, Profile, TriangleSurface)
 
 
@@ -114,7 +117,7 @@ class NodalContact:
     """
 
     nodes: Nodes
-    shape: TouchShape | Facets
+    shape: TouchedByNodes | Facets
     law: Hard
     name: str
 
@@ -124,7 +127,8 @@ class NodalContact:
         Raises:
             SceneError: the shape's body has no inertia about an axis.
         """
-        assert isinstance(self.shape, _TOUCHED)
+        if not isinstance(self.shape, _TOUCHED):
+            raise SceneError(f"contact {self.name!r} is with no rigid shape")
         frame = self.shape.frame
         mass = None if isinstance(frame.body, Ground) else _mass_about(frame, self.name)
         numbers, table = self.shape.numbers(), tables_of(self.shape)
@@ -137,9 +141,9 @@ class NodalContact:
             at.distances(data, np.ascontiguousarray(points), out)
             return out
 
-        steps = {"penalty": self.nodes.penalty, "stiffness_ratio": self.nodes.stiffness_ratio}
-        law = {"friction": self.law.mu, "mass": mass, **steps}
-        return Obstacle(self.name, self.nodes.surface, frame, distances, _box(self.shape), **law)
+        told, box = self.nodes, _box(self.shape)
+        steps = self.law.mu, told.penalty, told.stiffness_ratio
+        return Obstacle(self.name, told.surface, frame, distances, box, *steps, mass)
 
 
 def nodal_contacts(
@@ -171,26 +175,35 @@ def nodal_contacts(
             found.append(_facing(nodes, shape, law, (*known, *found)))
             continue
         refuse_other(shape, _TOUCHED, f"what {what} touch", wanted="a shape as fm.contact.Box(body.frame(), sides)")
-        assert isinstance(shape, _TOUCHED)
-        frame = shape.frame
-        if frame.modes is not None:
-            raise SceneError(
-                f"{what} and {type(shape).__name__} on {frame.label}: this frame deforms, and the shapes that nodes of a "
-                "body with history touch are on rigid bodies"
-            )
-        if isinstance(shape, Disc) and shape.thickness == 0.0:
-            raise SceneError(f"{what} pass {type(shape).__name__} on {frame.label}, which has no thickness; give it one")
-        if nodes.penalty is None and not isinstance(frame.body, Ground):
-            raise SceneError(
-                f"{what} and {type(shape).__name__} on {frame.label}: without a penalty nodes stop where they meet what "
-                "does not move; this shape's body gives way: give a penalty, as 0.5"
-            )
-        for one in (*known, *found):
-            if one.shape is shape and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
-                raise SceneError(f"{what} touch this {type(shape).__name__} on {frame.label} already")
-        name = _free_name(nodes.name or f"{nodes.surface} on {frame.label}", (nodes.body,), (*known, *found))
-        found.append(NodalContact(nodes, shape, law, name))
+        if isinstance(shape, _TOUCHED):
+            found.append(_shaped(nodes, shape, law, (*known, *found)))
     return found
+
+
+def _shaped(nodes: Nodes, shape: TouchedByNodes, law: Hard, known: Sequence[NodalContact]) -> NodalContact:
+    """The contact of nodes with a rigid shape.
+
+    Raises:
+        SceneError: it deforms, has no thickness, gives way without a penalty, or is known already.
+    """
+    frame = shape.frame
+    what = f"{nodes.what} and {type(shape).__name__} on {frame.label}"
+    if frame.modes is not None:
+        raise SceneError(
+            f"{what}: this frame deforms, and the shapes that nodes of a body with history touch are on rigid bodies"
+        )
+    if isinstance(shape, Disc) and shape.thickness == 0.0:
+        raise SceneError(f"{what}: nodes pass a disc which has no thickness; give it one")
+    if nodes.penalty is None and not isinstance(frame.body, Ground):
+        raise SceneError(
+            f"{what}: without a penalty nodes stop where they meet what does not move; this shape's body gives way: "
+            "give a penalty, as 0.5"
+        )
+    for one in known:
+        if one.shape is shape and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
+            raise SceneError(f"{what} touch already")
+    name = _free_name(nodes.name or f"{nodes.surface} on {frame.label}", (nodes.body,), known)
+    return NodalContact(nodes, shape, law, name)
 
 
 def interior_forces(bodies: Sequence[ContinuumBody], contacts: Sequence[NodalContact]) -> list[InteriorForce]:
@@ -260,7 +273,7 @@ def _check_surface(one: Nodes | Facets) -> None:
     interior.check_surface(one.surface, what=one.what)
 
 
-def _box(shape: TouchShape) -> FloatArray:
+def _box(shape: TouchedByNodes) -> FloatArray:
     """(2, 3) m, between which corners a shape is, in its frame's axes."""
     half: FloatArray = np.full(3, np.inf)
     if isinstance(shape, Box):
