@@ -21,7 +21,7 @@ from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.nodes import Facets, NodalContact, Nodes, nodal_contacts
+from flexmbd.multibody.contact.nodes import NodalContact, Nodes, SurfaceFacets, nodal_contacts
 from flexmbd.multibody.contact.touch import Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
@@ -238,10 +238,10 @@ class MachineAssembly:
     def touch(self, one: Touching, other: Touching, law: Hard) -> tuple[HardContact | HardGroup, ...]: ...
 
     @overload
-    def touch(self, one: Nodes, other: Touching | Facets, law: Hard) -> tuple[NodalContact, ...]: ...
+    def touch(self, one: Nodes, other: Touching | SurfaceFacets, law: Hard) -> tuple[NodalContact, ...]: ...
 
     def touch(
-        self, one: Touching | Nodes, other: Touching | Nodes | Facets, law: NormalLaw | Hard, *,
+        self, one: Touching | Nodes, other: Touching | Nodes | SurfaceFacets, law: NormalLaw | Hard, *,
         friction: Friction | None = None,
     ) -> tuple[Contact | HardContact | HardGroup | NodalContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
@@ -268,8 +268,8 @@ class MachineAssembly:
             return self._touch_nodes(one, other, law, friction)
         if isinstance(other, Nodes):
             return self._touch_nodes(other, one, law, friction)
-        if isinstance(other, Facets):
-            raise SceneError("contact.Facets are touched by contact.Nodes of another body with history alone")
+        if isinstance(other, SurfaceFacets):
+            raise SceneError("contact.SurfaceFacets are touched by contact.Nodes of another body with history alone")
         held = (c for c in self._connections if not isinstance(c.joint, Free))
         pairs = [(c.parent.body, c.child.body) for c in held]
         pairs = [(a, b) for a, b in pairs if self.ground is not a and self.ground is not b]
@@ -292,7 +292,7 @@ class MachineAssembly:
             raise SceneError(f"{nodes.what}: the body is not in this scene; add it first")
         found = nodal_contacts(nodes, shapes, law, friction=friction, known=self._nodal)
         for contact in found:
-            if not isinstance(contact.shape, Facets):
+            if not isinstance(contact.shape, SurfaceFacets):
                 self._refuse_foreign(contact.shape.frame)
             elif contact.shape.body not in self._members:
                 raise SceneError(f"{contact.shape.what}: the body is not in this scene; add it first")

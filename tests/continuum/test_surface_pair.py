@@ -36,7 +36,7 @@ class Stack:
         )
         self.places = np.array([[offset, 0.0, 0.1 + gap], [0.0, 0.0, 0.0]])
         upper, lower = self.bodies
-        nodes, facets = fm.contact.Nodes(upper, "z_min"), fm.contact.Facets(lower, "z_max")
+        nodes, facets = fm.contact.Nodes(upper, "z_min"), fm.contact.SurfaceFacets(lower, "z_max")
         (self.contact,) = self.scene.touch(nodes, facets, fm.contact.Hard(mu=mu))
 
     def frame(self, k):
@@ -142,14 +142,14 @@ def test_wrong_pairs_are_refused():
     stack, hard = Stack((1, 1)), fm.contact.Hard()
     upper, lower = stack.bodies
     with pytest.raises(SceneError, match="no group of facets 'top'"):
-        fm.contact.Facets(lower, "top")
+        fm.contact.SurfaceFacets(lower, "top")
     with pytest.raises(SceneError, match="does not touch itself yet"):
-        stack.scene.touch(fm.contact.Nodes(upper, "x_min"), fm.contact.Facets(upper, "x_max"), hard)
+        stack.scene.touch(fm.contact.Nodes(upper, "x_min"), fm.contact.SurfaceFacets(upper, "x_max"), hard)
     with pytest.raises(SceneError, match="touch already"):
-        stack.scene.touch(fm.contact.Nodes(upper, "z_min"), fm.contact.Facets(lower, "z_max"), hard)
+        stack.scene.touch(fm.contact.Nodes(upper, "z_min"), fm.contact.SurfaceFacets(lower, "z_max"), hard)
     nodes = fm.contact.Nodes(upper, "z_min", penalty=None)
     with pytest.raises(SceneError, match="without a penalty"):
-        stack.scene.touch(nodes, fm.contact.Facets(lower, "z_max"), hard)
+        stack.scene.touch(nodes, fm.contact.SurfaceFacets(lower, "z_max"), hard)
     stack.let_fly(np.zeros(3))
     with pytest.raises(SceneError, match="touches a shape or a body that gives way"):
         stack.scene.simulate(1e-3, integrator=fm.CentralDifference(subcycle=True))
@@ -163,6 +163,6 @@ def test_wrong_pairs_are_refused():
         bodies.append(scene.add(fm.ContinuumBody(interior), name=face))
         at = scene.ground.frame(p=interior.frames[0].p_BI_B + np.array([0.0, 0.0, z]))
         scene.connect(fm.joint.Fixed(), at, bodies[-1].frame(face))
-    scene.touch(fm.contact.Nodes(bodies[0], "z_min"), fm.contact.Facets(bodies[1], "z_max"), hard)
+    scene.touch(fm.contact.Nodes(bodies[0], "z_min"), fm.contact.SurfaceFacets(bodies[1], "z_max"), hard)
     with pytest.raises(SceneError, match="explicit steps alone"):
         scene.simulate(1e-3)

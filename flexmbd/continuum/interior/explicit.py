@@ -29,7 +29,7 @@ from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.time_factor import TimeFactor
-from flexmbd.multibody.interiors.touching import FacingSurface, Obstacle
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -52,7 +52,7 @@ from flexmbd.multibody.bodies.continuum_body import (
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
-from flexmbd.multibody.interiors.touching import FacingSurface, Obstacle
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]

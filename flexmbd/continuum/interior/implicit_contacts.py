@@ -21,7 +21,7 @@ from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
-from flexmbd.multibody.interiors.touching import Obstacle
+from flexmbd.multibody.interiors.touching_interior import Obstacle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

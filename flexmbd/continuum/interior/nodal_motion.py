@@ -35,7 +35,7 @@ from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.continuum.interior.surface_pair import NODES, SurfacePair
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
-from flexmbd.multibody.interiors.touching import Obstacle
+from flexmbd.multibody.interiors.touching_interior import Obstacle
 
 FloatArray = NDArray[np.float64]
 Poses: TypeAlias = tuple[FloatArray, FloatArray]

@@ -24,7 +24,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.machine_frames import mass_of_points
 from flexmbd.continuum.interior.nodal_push import penalty_stiffness, push
 from flexmbd.errors import SceneError
-from flexmbd.multibody.interiors.touching import Obstacle
+from flexmbd.multibody.interiors.touching_interior import Obstacle
 from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]

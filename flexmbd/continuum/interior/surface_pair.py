@@ -19,7 +19,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.facet_search import FacetSurface, NearFacets, check_same_ranks
 from flexmbd.continuum.interior.nodal_push import penalty_stiffness, push
 from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
-from flexmbd.multibody.interiors.touching import FacingSurface
+from flexmbd.multibody.interiors.touching_interior import FacingSurface
 from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]

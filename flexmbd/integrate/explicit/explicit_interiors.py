@@ -18,7 +18,7 @@ from flexmbd.integrate.explicit.central_step import CentralDifferenceMethod, att
 from flexmbd.integrate.explicit.loop_dynamics import accelerate
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior, FrameMotion
 from flexmbd.multibody.interiors.scene_interiors import Interiors
-from flexmbd.multibody.interiors.touching import PairedInterior
+from flexmbd.multibody.interiors.touching_interior import PairedInterior
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_motions
 

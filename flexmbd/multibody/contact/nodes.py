@@ -29,7 +29,7 @@ from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.interiors.scene_interiors import InteriorForce
-from flexmbd.multibody.interiors.touching import FacingSurface, Obstacle, TouchingInterior
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, TouchingInterior
 from flexmbd.multibody.kernels.contact import signed_distance as at
 from flexmbd.round_off import WORTHLESS_PIVOT
 
@@ -82,7 +82,7 @@ class Nodes:
 
 
 @dataclass(frozen=True, eq=False)
-class Facets:
+class SurfaceFacets:
     """A surface of a body with history that nodes of another one touch.
 
     Attributes:
@@ -117,7 +117,7 @@ class NodalContact:
     """
 
     nodes: Nodes
-    shape: TouchedByNodes | Facets
+    shape: TouchedByNodes | SurfaceFacets
     law: Hard
     name: str
 
@@ -171,7 +171,7 @@ def nodal_contacts(
     if not listed:
         raise SceneError(f"{what}: a list of shapes that are to touch is empty")
     for shape in listed:
-        if isinstance(shape, Facets):
+        if isinstance(shape, SurfaceFacets):
             found.append(_facing(nodes, shape, law, (*known, *found)))
             continue
         refuse_other(shape, _TOUCHED, f"what {what} touch", wanted="a shape as fm.contact.Box(body.frame(), sides)")
@@ -214,21 +214,22 @@ def interior_forces(bodies: Sequence[ContinuumBody], contacts: Sequence[NodalCon
     """
     forces = []
     for body in bodies:
-        own = [one for one in contacts if one.nodes.body is body and not isinstance(one.shape, Facets)]
+        own = [one for one in contacts if one.nodes.body is body and not isinstance(one.shape, SurfaceFacets)]
         obstacles = tuple(one.obstacle() for one in own)
         if isinstance(body.interior, TouchingInterior):
             body.interior.meet(obstacles)
-        pairs = [one for one in contacts if isinstance(one.shape, Facets) and body in (one.nodes.body, one.shape.body)]
-        forces.append(InteriorForce(body, obstacles, tuple(one.name for one in pairs)))
+        facing = [one for one in contacts if isinstance(one.shape, SurfaceFacets)]
+        between = [(one.name, one.nodes.body, one.shape.body) for one in facing]
+        forces.append(InteriorForce(body, obstacles, tuple(name for name, *both in between if body in both)))
     for one in contacts:
         interior, penalty = one.nodes.body.interior, one.nodes.penalty
-        if isinstance(one.shape, Facets) and isinstance(interior, TouchingInterior) and penalty is not None:
+        if isinstance(one.shape, SurfaceFacets) and isinstance(interior, TouchingInterior) and penalty is not None:
             other, facets = one.shape.body.interior, one.shape.surface
             interior.face(FacingSurface(one.name, one.nodes.surface, other, facets, one.law.mu, penalty))
     return forces
 
 
-def _facing(nodes: Nodes, facets: Facets, law: Hard, known: Sequence[NodalContact]) -> NodalContact:
+def _facing(nodes: Nodes, facets: SurfaceFacets, law: Hard, known: Sequence[NodalContact]) -> NodalContact:
     """The contact of nodes with facets.
 
     Raises:
@@ -240,7 +241,8 @@ def _facing(nodes: Nodes, facets: Facets, law: Hard, known: Sequence[NodalContac
     if nodes.penalty is None:
         raise SceneError(f"{what}: without a penalty nodes stop where they meet what does not move; give one, as 0.5")
     for one in known:
-        same = isinstance(one.shape, Facets) and one.shape.body is facets.body and one.shape.surface == facets.surface
+        other = one.shape
+        same = isinstance(other, SurfaceFacets) and other.body is facets.body and other.surface == facets.surface
         if same and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
             raise SceneError(f"{what} touch already")
     own = nodes.name or f"{nodes.surface} on {facets.body.name}.{facets.surface}"
@@ -252,14 +254,14 @@ def _free_name(name: str, bodies: Sequence[ContinuumBody], known: Sequence[Nodal
     taken = {
         one.name
         for one in known
-        if one.nodes.body in bodies or (isinstance(one.shape, Facets) and one.shape.body in bodies)
+        if one.nodes.body in bodies or (isinstance(one.shape, SurfaceFacets) and one.shape.body in bodies)
     }
     if name not in taken:
         return name
     return next(f"{name} {k}" for k in range(2, len(taken) + 3) if f"{name} {k}" not in taken)
 
 
-def _check_surface(one: Nodes | Facets) -> None:
+def _check_surface(one: Nodes | SurfaceFacets) -> None:
     """Raise SceneError unless it is a surface of a body with history that touches."""
     what = f"contact.{type(one).__name__}"
     refuse_other(one.body, ContinuumBody, f"the body of {what}", wanted=_WANTED)

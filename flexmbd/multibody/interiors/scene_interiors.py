@@ -15,7 +15,7 @@ from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, 
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.interiors.observed import ObservedInterior
 from flexmbd.multibody.interiors.time_factor import LoadedInterior
-from flexmbd.multibody.interiors.touching import Obstacle
+from flexmbd.multibody.interiors.touching_interior import Obstacle
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.sampling.interface_frames import (
