@@ -88,5 +88,5 @@ class RigidPlane:
         self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float, stiffness: float
     ) -> tuple[FloatArray, FloatArray]:
         """Accelerations (n, 3) m/s^2 of nodes at x (n, 3) m, normal to the plane and along it; see `nodal_push`."""
-        law = {"stiffness": stiffness, "friction": self.friction}
-        return push(self.depth(x), np.asarray(self.normal), v, a, h=h, reach=reach, **law)
+        depth, normal, friction = self.depth(x), np.asarray(self.normal), self.friction
+        return push(depth, normal, v, a, h=h, reach=reach, stiffness=stiffness, friction=friction)

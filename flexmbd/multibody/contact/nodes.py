@@ -213,14 +213,15 @@ def interior_forces(bodies: Sequence[ContinuumBody], contacts: Sequence[NodalCon
         SceneError: as ``NodalContact.obstacle`` and ``TouchingInterior``.
     """
     forces = []
+    facing = [
+        (one.name, (one.nodes.body, one.shape.body)) for one in contacts if isinstance(one.shape, SurfaceFacets)
+    ]
     for body in bodies:
         own = [one for one in contacts if one.nodes.body is body and not isinstance(one.shape, SurfaceFacets)]
         obstacles = tuple(one.obstacle() for one in own)
         if isinstance(body.interior, TouchingInterior):
             body.interior.meet(obstacles)
-        facing = [one for one in contacts if isinstance(one.shape, SurfaceFacets)]
-        between = [(one.name, one.nodes.body, one.shape.body) for one in facing]
-        forces.append(InteriorForce(body, obstacles, tuple(name for name, *both in between if body in both)))
+        forces.append(InteriorForce(body, obstacles, tuple(name for name, both in facing if body in both)))
     for one in contacts:
         interior, penalty = one.nodes.body.interior, one.nodes.penalty
         if isinstance(one.shape, SurfaceFacets) and isinstance(interior, TouchingInterior) and penalty is not None:
