@@ -217,6 +217,42 @@ def test_a_light_plate_shortens_the_stable_step():
     assert max(first, second) < 0.05
 
 
+def test_nodes_know_every_shape():
+    """By its own numbers: distances by closed forms, and nothing inside is outside of the box of candidates."""
+    scene, part = machine(block())
+    at = scene.ground.frame(p=(0.0, 0.0, -9.0))
+    square = np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)])
+    faces = fm.contact.ConvexPolytope(at, [(x, y, z) for x, y in square for z in (-0.3, 0.3)]).polytope
+    triangles = [(face[0], face[k], face[k + 1]) for face in faces.faces for k in (1, 2)]
+    p = np.random.default_rng(2).uniform(-0.4, 0.4, (400, 3))
+    r, along = np.hypot(p[:, 0], p[:, 1]), np.maximum(abs(p[:, 2]) - 0.15, 0.0)
+    inside_box = (abs(p) - [0.2, 0.1, 0.3]).max(axis=1)
+    shapes = {
+        fm.contact.HalfSpace(at, normal="x"): p[:, 0],
+        fm.contact.Sphere(at, 0.2): np.linalg.norm(p, axis=1) - 0.2,
+        fm.contact.HollowSphere(at, 0.2): 0.2 - np.linalg.norm(p, axis=1),
+        fm.contact.Cylinder(at, 0.2): r - 0.2,
+        fm.contact.HollowCylinder(at, 0.2): 0.2 - r,
+        fm.contact.Capsule(at, 0.2, 0.3): np.hypot(r, along) - 0.2,
+        fm.contact.Box(at, (0.4, 0.2, 0.6)): inside_box,
+        fm.contact.Disc(at, 0.2, thickness=0.3): np.maximum(r - 0.2, abs(p[:, 2]) - 0.15),
+        fm.contact.Profile(at, square): (abs(p[:, :2]) - [0.2, 0.1]).max(axis=1),
+        fm.contact.TriangleSurface(at, faces.vertices + faces.middle, triangles, crease_angle=0.0): inside_box,
+    }
+    for (shape, expected), contact in zip(
+        shapes.items(), scene.touch(nodes(part), list(shapes), fm.contact.Hard()), strict=True
+    ):
+        obstacle = contact.obstacle()
+        found = obstacle.distances(p)
+        inside = expected < 0.0
+        assert inside.any(), type(shape)
+        assert found[inside, 0] == pytest.approx(expected[inside], abs=1e-12), type(shape)
+        assert np.array_equal(found[:, 0] < 0.0, inside)
+        assert np.linalg.norm(found[:, 1:], axis=1) == pytest.approx(1.0, abs=1e-12)
+        low, high = obstacle.box
+        assert ((p > low) & (p < high)).all(axis=1)[inside].all(), type(shape)
+
+
 def test_wrong_contacts_are_refused():
     scene, part = machine(block())
     ground = scene.ground.frame(p=(0.0, 0.0, -0.2))

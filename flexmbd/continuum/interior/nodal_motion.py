@@ -302,7 +302,7 @@ class NodalMotion:
         move = self.plan(h, bonded) if self._planned is None else self._planned
         self._planned = None
         before = [getattr(self, name) for name in _WORKING]
-        pushed, placed = self.shapes.parts, self.shapes.poses
+        touched = None if shapes is None else (self.shapes.parts, *self.shapes.poses)
         self.x += move
         self._went = np.asarray(move / h)
         self.force = self._pull(h)
@@ -318,9 +318,9 @@ class NodalMotion:
         self._damped = self._drag()
         for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
-        if shapes is not None:
+        if touched is not None:
             self.shapes.walk(self.x)
-            self._works[2:4] += self.shapes.work_on_frames(pushed, *placed)
+            self._works[2:4] += self.shapes.work_on_frames(*touched)
 
     def _pull(self, h: float) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
