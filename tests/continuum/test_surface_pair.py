@@ -85,6 +85,14 @@ def test_two_cubes_that_hit_each_other_keep_momentum_and_energy():
     assert lost[1] < 0.35 * lost[0] < 2e-3
 
 
+def test_what_comes_from_beside_is_not_thrown_out():
+    """Lower than the top of the other cube, whose sides are no part of the pair: nothing is pushed up."""
+    stack = Stack((2, 2), offset=0.101, gap=-0.02).let_fly(np.array([-1.0, 0.0, 0.0]))
+    run = stack.scene.simulate(0.02, integrator=EXPLICIT)
+    assert not run.outer_forces(stack.bodies[0])[stack.contact.name].any()
+    assert run.velocity(stack.frame(0)[1])[-1] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-12)
+
+
 def test_cubes_and_their_contact_are_springs_in_series():
     """On like meshes, k of each node and that opposite in series: half of it; nu = 0, so that depths are the same."""
     stack, way = Stack((2, 2), nu=0.0), 1e-4
