@@ -18,6 +18,10 @@ from flexmbd.multibody.contact.impact_law import ImpactLaw as ImpactLaw
 from flexmbd.multibody.contact.lowest_points import LowestPoint as LowestPoint
 from flexmbd.multibody.contact.lowest_points import ProfileOutline as ProfileOutline
 from flexmbd.multibody.contact.lowest_points import Rim as Rim
+from flexmbd.multibody.contact.nodes import NodalContact as NodalContact
+from flexmbd.multibody.contact.nodes import Nodes as Nodes
+from flexmbd.multibody.contact.nodes import SurfaceFacets as SurfaceFacets
+from flexmbd.multibody.contact.nodes import TouchedByNodes as TouchedByNodes
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.profile import Profile as Profile
 from flexmbd.multibody.contact.shapes import Box as Box

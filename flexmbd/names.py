@@ -104,6 +104,9 @@ from flexmbd.multibody.interiors.observed import ObservedInterior as ObservedInt
 from flexmbd.multibody.interiors.steady import InteriorModes as InteriorModes
 from flexmbd.multibody.interiors.steady import LinearInterior as LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor as TimeFactor
+from flexmbd.multibody.interiors.touching_interior import FacingSurface as FacingSurface
+from flexmbd.multibody.interiors.touching_interior import Obstacle as Obstacle
+from flexmbd.multibody.interiors.touching_interior import TouchingInterior as TouchingInterior
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian as AugmentedLagrangian
 from flexmbd.multibody.joint.enforcement import Multipliers as Multipliers
 from flexmbd.multibody.joint.enforcement import Penalty as Penalty

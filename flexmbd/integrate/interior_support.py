@@ -44,3 +44,14 @@ def refuse_passes(scene: CompiledScene, method: str) -> None:
             f"{method} does not repeat steps of bodies with history, as an augmented Lagrangian asks ({held[0]}); "
             "take fm.Multipliers() or fm.Penalty(...)"
         )
+
+
+def refuse_giving(scene: CompiledScene, method: str) -> None:
+    """Raise SceneError where bodies that take several steps within one of the machine's touch shapes that give way."""
+    placed = () if scene.interiors is None else scene.interiors.placed
+    for one in placed:
+        if one.giving:
+            raise SceneError(
+                f"{method}: body {one.body.name!r} touches a shape or a body that gives way ({one.giving[0]!r}) and "
+                "must step with it; take fm.CentralDifference() without subcycle"
+            )

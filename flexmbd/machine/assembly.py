@@ -24,6 +24,7 @@ from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.shapes import Sphere
 from flexmbd.multibody.contact.surface_contact import Elastic, SurfaceContact, surface_contacts
+from flexmbd.multibody.contact.nodes import NodalContact, Nodes, SurfaceFacets, nodal_contacts
 from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam
@@ -71,6 +72,7 @@ class MachineAssembly:
         self._connections: list[Connection] = []
         self._forces: list[Force] = []
         self._touched = TouchedPairs()
+        self._nodal: list[NodalContact] = []
         self._couplings: list[CoordinateCoupling] = []
         self._controllers: list[Controller] = []
         # what is in this scene, and by which names: scenes of ten thousand bodies are built in proportion
@@ -251,21 +253,25 @@ class MachineAssembly:
         self, one: Elastic | Touching, other: Elastic | Touching, law: Hard
     ) -> tuple[HardContact | HardGroup | SurfaceContact, ...]: ...
 
+    @overload
+    def touch(self, one: Nodes, other: Touching | SurfaceFacets, law: Hard) -> tuple[NodalContact, ...]: ...
+
     def touch(
         self,
-        one: Elastic | Touching,
-        other: Elastic | Touching,
+        one: Elastic | Nodes | Touching,
+        other: Elastic | Nodes | SurfaceFacets | Touching,
         law: NormalLaw | Hard,
         *,
         friction: Friction | None = None,
-    ) -> tuple[AnyContact, ...]:
+    ) -> tuple[AnyContact | NodalContact, ...]:
         """Let two shapes touch, or each shape of a group another one, or each of another group.
 
         Call it when the joints are there: of groups, pairs on one body and bodies that a joint joins do not touch; the
         ground touches what a joint holds on it.  A list given as both touches within itself.
 
         Args:
-            one: a shape of ``flexmbd.contact``, or a list of them; an ElasticSurface touches shapes by its patches.
+            one: a shape of ``flexmbd.contact``, or a list of them; an ElasticSurface touches shapes by its patches,
+                fm.contact.Nodes(body, surface) of a body with history by its nodes (docs/bodies_with_history.md).
             other: likewise.
             law: of the normal force: fm.contact.Hertz(...) or fm.contact.PowerLaw(...); or fm.contact.Hard(...), which
                 nothing enters, with friction and impacts of its own.
@@ -278,6 +284,12 @@ class MachineAssembly:
             SceneError: shapes of another scene, on one body, or a pair that is not known, or touches already; a law
                 that is none.
         """
+        if isinstance(one, Nodes):
+            return self._touch_nodes(one, other, law, friction)
+        if isinstance(other, Nodes):
+            return self._touch_nodes(other, one, law, friction)
+        if isinstance(other, SurfaceFacets):
+            raise SceneError("contact.SurfaceFacets are touched by contact.Nodes of another body with history alone")
         held = (c for c in self._connections if not isinstance(c.joint, Free))
         pairs = [(c.parent.body, c.child.body) for c in held]
         pairs = [(a, b) for a, b in pairs if self.ground is not a and self.ground is not b]
@@ -300,6 +312,19 @@ class MachineAssembly:
             self._check_force(contact)
         self._touched.add(first, second, joined=pairs)
         self._forces.extend(found)
+        return tuple(found)
+
+    def _touch_nodes(self, nodes: Nodes, shapes: object, law: object, friction: object) -> tuple[NodalContact, ...]:
+        """As ``touch``, of nodes of a body with history."""
+        if nodes.body not in self._members:
+            raise SceneError(f"{nodes.what}: the body is not in this scene; add it first")
+        found = nodal_contacts(nodes, shapes, law, friction=friction, known=self._nodal)
+        for contact in found:
+            if not isinstance(contact.shape, SurfaceFacets):
+                self._refuse_foreign(contact.shape.frame)
+            elif contact.shape.body not in self._members:
+                raise SceneError(f"{contact.shape.what}: the body is not in this scene; add it first")
+        self._nodal.extend(found)
         return tuple(found)
 
     @checked("name")

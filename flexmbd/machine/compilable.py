@@ -18,9 +18,9 @@ from flexmbd.machine.compiled_machine import CompiledMachine
 from flexmbd.machine.variable_scene import STARTING
 from flexmbd.multibody.bodies.body import Body
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.contact.nodes import interior_forces
 from flexmbd.multibody.energy_force import EnergyForce
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.interiors.scene_interiors import InteriorForce
 from flexmbd.multibody.kernels.base.compiling import is_compiled
 from flexmbd.multibody.linear.working_point import WorkingPoint
 from flexmbd.multibody.parameter.protocol import Parameter
@@ -82,7 +82,7 @@ class CompilableMachine(MachineAssembly):
         topology = spanning_tree(self.ground, self._bodies, self._connections, wanted=wanted, together=together)
         gravity = self._weight()
         energies = [EnergyForce(b) for b in self._bodies if isinstance(b, PseudoRigidBody) and b.material.address]
-        forces = [*own, *(InteriorForce(body) for body in self._continua), *energies, *more]
+        forces = [*own, *interior_forces(self._continua, self._nodal), *energies, *more]
         return build(topology, self.ground, forces, self._couplings, gravity, self.team, varied)
 
     def compiled_parts(self, values: Mapping[str, Any]) -> tuple[CompiledScene, tuple[Body, ...], Team]:

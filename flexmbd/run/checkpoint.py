@@ -187,8 +187,8 @@ def _refuse_damaged(snapshot: Snapshot, start: Start) -> None:
             or np.isnan(numbers).any()
             or not np.isfinite(numbers[[st.TIME, st.STEP, st.TOLERANCE]]).all()
         )
-        kept = () if scene.interiors is None else scene.interiors.bodies
-        wrenches = (sum(len(body.interior.frames) for body in kept), 6)
+        kept = () if scene.interiors is None else scene.interiors.placed
+        wrenches = (sum(len(one.rows) for one in kept), 6)
         faults["its bodies with history are others"] = (
             len(snapshot.interiors.memories) != len(kept) or snapshot.interiors.wrenches.shape != wrenches
         )

@@ -1,4 +1,4 @@
-"""The solid-shell against shells' published numbers, beams' closed forms and the plate: thin, curved, large rotations."""
+"""The solid-shell against shells' published numbers, beams' closed forms, the plate: thin, curved, far turned."""
 
 from mpi4py import MPI
 

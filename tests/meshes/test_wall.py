@@ -124,4 +124,4 @@ def test_triangles_and_solids_are_refused():
 
 def test_normals_that_lie_in_the_surface():
     with pytest.raises(MeshError, match="60 degrees"):
-        meshes.wall(meshes.sheet(1.0, 1.0, divisions=(2, 2)), 0.1, normals=lambda x: np.array([[1.0], [0], [0]]) + 0 * x)
+        meshes.wall(meshes.sheet(1.0, 1.0, divisions=(2, 2)), 0.1, normals=lambda x: [[1.0], [0.0], [0.0]] + 0 * x)

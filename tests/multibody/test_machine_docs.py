@@ -62,12 +62,16 @@ def test_contact(tmp_path, monkeypatch):
 
 
 def test_bodies_with_history(tmp_path, monkeypatch):
-    """A mass let go below a hook: it pulls by m g (1 - cos w t), and its energy is kept."""
+    """A mass let go below a hook: it pulls by m g (1 - cos w t), and its energy is kept; a ball dents a slab."""
     found = run("bodies_with_history", tmp_path, monkeypatch)
     t, rate = found["run"].t, np.sqrt(800.0 / 2.0)
     want = 0.5 * 9.81 + 2.0 * 9.81 * (1.0 - np.cos(rate * t))
     np.testing.assert_allclose(found["pull"], want, atol=2.0 * 9.81 * 20.0 / 24.0 * 0.02**2 * 2.0)
     assert np.ptp(sum(found["spent"].values())) < 1e-3
+    pushed = found["hit"].outer_forces(found["slab"])["ball"]
+    momentum = 0.5 * (found["hit"].velocity(found["ball"].frame())[[0, -1]] + [[0, 0, 0], [0, 0, 9.81 * 0.01]])
+    assert np.trapezoid(pushed, found["hit"].t, axis=0) == pytest.approx(momentum[0] - momentum[1], abs=1e-9)
+    assert found["hit"].energies(found["slab"])["plastic"][-1] > 0.1
 
 
 def test_machine(tmp_path, monkeypatch):

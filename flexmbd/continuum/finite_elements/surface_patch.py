@@ -27,6 +27,7 @@ class SurfacePatch:
 
     Attributes:
         nodes: (f, n) local nodes of each facet, ghosts included, its corners first.
+        sense: (f,) 1 where the area vector by the first corners, x1 - x0 by x2 - x0, points outwards, else -1.
     """
 
     def __init__(self, body: Discretisation, facets: Indices) -> None:
@@ -54,12 +55,12 @@ class SurfacePatch:
         centres = np.array([body.layout.node_x[dofmap[c]].mean(axis=0) for c in cells]).reshape(-1, 3)
         area = self._areas(self._X)
         outwards = np.einsum("fqi,fi->f", area, self._X.mean(axis=1) - centres)
-        self._sense: FloatArray = np.where(outwards > 0.0, 1.0, -1.0)
+        self.sense: FloatArray = np.where(outwards > 0.0, 1.0, -1.0)
         self._size: FloatArray = np.linalg.norm(area, axis=2)
 
     def pressure(self, x: FloatArray) -> FloatArray:
         """(f, n, 3) N, nodal forces of 1 Pa at nodes' places x (local nodes, 3) m."""
-        area = self._areas(x[self.nodes]) * self._sense[:, None, None]
+        area = self._areas(x[self.nodes]) * self.sense[:, None, None]
         return -np.einsum("q,fqn,fqi->fni", self._weights, self._N, area)
 
     def pressure_slopes(self, x: FloatArray) -> FloatArray:
@@ -69,7 +70,7 @@ class SurfacePatch:
         # d(x1 x x2) = -x2 x dx1 + x1 x dx2
         matrices = np.einsum("fqm,fqij->fqmij", self._N2, _crossing(first))
         matrices -= np.einsum("fqm,fqij->fqmij", self._N1, _crossing(second))
-        return -np.einsum("f,q,fqn,fqmij->fnimj", self._sense, self._weights, self._N, matrices)
+        return -np.einsum("f,q,fqn,fqmij->fnimj", self.sense, self._weights, self._N, matrices)
 
     def traction(self, traction: FloatArray, x: FloatArray | None = None) -> FloatArray:
         """(f, n, 3) N, nodal forces of a traction (3,) by undeformed area, turned with the surface where x is given."""

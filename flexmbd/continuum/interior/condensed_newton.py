@@ -293,10 +293,15 @@ class CondensedNewton:
         frames, bonds, R = self._frames, self._bonds, equations.axes.R
         couples = bonds.turns.wrenches(residual, R)
         residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
+        touched = None
+        if equations.contacts.obstacles:
+            touched = equations.touched(equations.motion(increment)[0])
+            touched = touched.moved(equations.axes.to_inertial(change))
         if not fresh and self._kept is not None:
             arms = equations.axes.positions(corrected, bonds.nodes) - motion.p[bonds.frame_of]
             forces = frames.nodal_forces(residual, equations.held_accelerations - equations.step.gravity)
-            return bonds.wrenches(forces, arms) + couples, _turned(self._kept.slopes, R)
+            wrenches = frames.with_shapes(bonds.wrenches(forces, arms) + couples, touched)
+            return wrenches, _turned(self._kept.slopes, R)
         x, a = equations.motion(corrected)
         a -= equations.step.gravity
         constraints = self._averages.constraints(motion, R)
@@ -315,6 +320,7 @@ class CondensedNewton:
             dead_load=equations.axes.to_inertial(equations.loads.dead),
             slopes=equations.step.scheme.slopes(equations.step.h),
             couples=couples,
+            touched=touched,
         )
         n = len(response.slopes)
         turn = np.kron(np.eye(n // 3), R)

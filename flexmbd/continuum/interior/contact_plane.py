@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum.interior.nodal_push import penalty_stiffness, push
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.record.groups import frozen
@@ -65,7 +66,7 @@ class RigidPlane:
         Args:
             h: stable step of the undeformed body without contact, s.
         """
-        return 0.0 if self.penalty is None else self.penalty / ((1.0 - self.penalty / 4.0) * h**2)
+        return penalty_stiffness(self.penalty, h)
 
     def depth(self, x: FloatArray) -> FloatArray:
         """(n,) m, by which nodes at x (n, 3) are behind the plane; negative in front of it."""
@@ -86,29 +87,6 @@ class RigidPlane:
     def push(
         self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float, stiffness: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Accelerations (n, 3) of nodes by contact, normal to the plane and along it, m/s^2.
-
-        Args:
-            x: (n, 3) m, places.
-            v: (n, 3) m/s, velocities with which the step is made before a and contact act.
-            a: (n, 3) m/s^2, accelerations without contact.
-            h: the step, s: places at its end are x + h v + reach (a + contact).
-            reach: h^2, or half of it in a first step, s^2, less what damping takes of it.
-            stiffness: 1/s^2, of the penalty.
-        """
-        normal = np.asarray(self.normal)
-        depth = self.depth(x)
-        if self.penalty is None:
-            size = (depth - h * (v @ normal) - reach * (a @ normal)) / reach
-        else:
-            size = stiffness * depth
-        size = np.maximum(size, 0.0)
-        along = np.zeros_like(x)
-        if self.friction > 0.0 and size.any():
-            # what stops a node, or as much of it as friction has
-            stop = -(h / reach * v + a)
-            stop -= np.outer(stop @ normal, normal)
-            most = self.friction * size
-            need = np.linalg.norm(stop, axis=1)
-            along = stop * np.where(need > most, most / np.where(need > 0.0, need, 1.0), 1.0)[:, None]
-        return size[:, None] * normal, along
+        """Accelerations (n, 3) m/s^2 of nodes at x (n, 3) m, normal to the plane and along it; see `nodal_push`."""
+        depth, normal, friction = self.depth(x), np.asarray(self.normal), self.friction
+        return push(depth, normal, v, a, h=h, reach=reach, stiffness=stiffness, friction=friction)

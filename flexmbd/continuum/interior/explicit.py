@@ -20,12 +20,16 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
-from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
+from flexmbd.continuum.interior.nodal_motion import NodalMotion, Poses, Support
+from flexmbd.continuum.interior.shape_contacts import check_surface
+from flexmbd.continuum.interior.surface_pair import FACETS, NODES, SurfacePair
+from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.time_factor import TimeFactor
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -75,7 +79,7 @@ class ExplicitContinuum:
             FormulationError: the mass cannot be lumped.
             SceneError, MeshError: as `NodalMotion`, of planes, supports and loads.
         """
-        self._bonds = BondedNodes(body, rigid_parts=rigid_parts)
+        self._body, self._bonds = body, BondedNodes(body, rigid_parts=rigid_parts)
         self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
         self.motion = NodalMotion(
             body, supports=supports, planes=planes, damping=damping, loads=loads, bonded=self._nodes,
@@ -89,8 +93,10 @@ class ExplicitContinuum:
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
         nodes = self.motion
-        nodes.begin(*self._bonds.pose(motion), gravity, t=t)
+        nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion))
         nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
+        k = len(self.frames)
+        nodes.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
         nodes.v[self._nodes] = 0.0
         self._wrenches = self._on_frames(motion, nodes.loads_at(t))
         self._calls = 0
@@ -106,21 +112,60 @@ class ExplicitContinuum:
         limit = self.motion.renew_limit() if self._calls % _RENEWAL == 0 else self.motion.limit
         self._calls += 1
         steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))
+        if steps > 1 and self.motion.pairs:
+            raise ConvergenceError(
+                f"a body that touches another one steps with it, and h = {h:.4g} s is above its stable step by now, "
+                f"{limit:.4g} s; take a smaller h"
+            )
         mean = np.zeros_like(self._wrenches)
         for frames in path_of_frames(start, end, h=h, steps=steps):
             before = self._wrenches
-            self.motion.advance(h / steps, self._bonds.positions(frames)[self._bonds.own], frames.R)
-            self._wrenches = self._on_frames(frames, self.motion.force + self.motion.load)
+            bonded = self._bonds.positions(frames)[self._bonds.own]
+            self.motion.advance(h / steps, bonded, frames.R, shapes=self._shapes(frames))
+            self._wrenches = self._on_frames(frames, self.motion.force + self.motion.load + self.motion.touched)
             if self._bonds.turns.any:
-                self._wrenches = self._wrenches + self.motion.mesh.couples
+                couples = self.motion.mesh.couples
+                self._wrenches[: len(couples)] += couples
             mean += (before + self._wrenches) / (2 * steps)
         return Push(self._wrenches.copy(), mean)
 
     def _on_frames(self, frames: FrameMotion, nodal: FloatArray) -> FloatArray:
-        """(k, 6) wrenches on the frames of what acts on the bonded among the owned nodes (n, 3) N. Collective."""
+        """(k + m, 6) wrenches: of what acts on the bonded among the owned nodes (n, 3) N, and on shapes. Collective."""
         forces = np.zeros((len(self._bonds.own), 3))
         forces[self._bonds.own] = nodal[self._nodes]
-        return self._bonds.wrenches(forces, self._bonds.arms(frames))
+        wrenches = self._bonds.wrenches(forces, self._bonds.arms(frames))
+        return np.vstack([wrenches, self.motion.shapes.wrenches()])
+
+    def _shapes(self, frames: FrameMotion) -> Poses | None:
+        """Where the frames of shapes are; None where there are none."""
+        k = len(self.frames)
+        return (frames.p[k:], frames.R[k:]) if len(frames.p) > k else None
+
+    def plan(self, h: float, start: FrameMotion, end: FrameMotion) -> None:
+        """See `PairedInterior`. Collective."""
+        if self.motion.pairs:
+            self.motion.plan(h, self._bonds.positions(end)[self._bonds.own])
+
+    def check_surface(self, surface: str, *, what: str) -> None:
+        """See `TouchingInterior`. Collective."""
+        check_surface(self._body, surface, what=what)
+
+    def meet(self, obstacles: Sequence[Obstacle]) -> None:
+        """See `TouchingInterior`. Collective."""
+        self.motion.meet(obstacles)
+        self._wrenches = np.zeros((len(self.frames) + len(obstacles), 6))
+
+    def face(self, facing: FacingSurface) -> None:
+        """See `TouchingInterior`. Collective."""
+        other = facing.other
+        if not isinstance(other, ExplicitContinuum):
+            raise SceneError(
+                f"contact {facing.name!r}: surfaces of two bodies with history touch in explicit steps alone, both of "
+                f"them ExplicitContinuum; the other's interior is {type(other).__name__}"
+            )
+        pair = SurfacePair(facing, self.motion, other.motion, (facing.surface, facing.facets))
+        self.motion.pairs.append((pair, NODES))
+        other.motion.pairs.append((pair, FACETS))
 
     @property
     def load_factors(self) -> tuple[TimeFactor, ...]:

@@ -18,6 +18,7 @@ from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
+from flexmbd.continuum.interior.implicit_contacts import TouchedNodes
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -26,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FrameResponse:
-    """The wrenches on k frames and their derivatives.
+    """The wrenches on k frames, those of shapes that are touched included, and their derivatives.
 
     Attributes:
         wrenches: (k, 6) on them.
@@ -94,6 +95,7 @@ class Condensation:
         dead_load: FloatArray,
         slopes: tuple[float, float],
         couples: FloatArray,
+        touched: TouchedNodes | None = None,
     ) -> FrameResponse:
         """Condense. Collective.
 
@@ -106,6 +108,7 @@ class Condensation:
             dead_load: (owned nodes, 3) N, in inertial axes, the part of the loads that does not turn with the body.
             slopes: of ``Scheme.slopes``; (inf, 1) at rest.
             couples: (k, 6) wrenches of what holds unknowns that turn with the frames (`BondedTurns.wrenches`).
+            touched: the contact forces there, where the body may touch shapes.
         """
         matrix = tangent()
         full_tangent = matrix.copy()
@@ -119,6 +122,7 @@ class Condensation:
             apparent_acceleration=apparent_acceleration,
             dead_load=dead_load,
             slopes=slopes,
+            touched=touched,
             couples=couples,
         )
         full_tangent.destroy()
@@ -136,16 +140,20 @@ class Condensation:
         dead_load: FloatArray,
         slopes: tuple[float, float],
         couples: FloatArray,
+        touched: TouchedNodes | None = None,
     ) -> FrameResponse:
         """As `condense`, with a tangent that is not changed and its inverse on the nodes that frames do not hold."""
         body, bonds = self.body, self.bonds
         R = bonds.pose(motion)[1]
         nodes, n, (per_x, per_v) = bonds.nodes, body.layout.n_owned_nodes, slopes
         internal = residual - self.product(apparent_acceleration) + dead_load
+        if touched is not None:
+            internal = internal + touched.at_nodes(touched.force, n)
         nodal_forces = self.nodal_forces(residual, apparent_acceleration[nodes[~bonds.averaged]])
-        columns = range(6 * len(bonds.frames))
+        own_columns = 6 * len(bonds.frames)
+        columns = range(6 * len(motion.p))
         arms = x[nodes] - motion.p[bonds.frame_of]
-        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in columns]
+        moves = [_unit_motion(bonds, arms, motion, j, per_x, per_v) for j in range(own_columns)]
         own, averaged = bonds.own, bonds.own & bonds.averaged
         # of each column at owned nodes, in inertial axes
         carried, relative, accelerations, turned, constraint_forces = np.zeros((5, len(columns), n, 3))
@@ -156,6 +164,8 @@ class Condensation:
                 carried[j] = shift + _crossed(turn, x[:n] - motion.p[0])
                 relative[j] -= carried[j]
                 turned[j] = _crossed(turn, internal)
+                if touched is not None:  # what touches goes by the whole motion
+                    turned[j] -= touched.at_nodes(touched.changes(carried[j, touched.nodes]), n)
             accelerations[j] = (-1.0 / per_x) * relative[j]
             accelerations[j, nodes[own]] += da[own]
             # the forces that keep the averages turn with their frame
@@ -172,22 +182,41 @@ class Condensation:
         change = left + multiply(tangent, followed)
         changes = self._fields(change) @ R.T
         moved = self._fields(followed) @ R.T
+        if touched is not None:
+            for j in columns[own_columns:]:
+                turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6))[0], n)
+        given = self.columns(relative @ R)
+        if bonds.turns.any:
+            which = bonds.turns.own
+            for j, (_, _, turn, _) in enumerate(moves):
+                given[bonds.turns.dofs[which], j] = bonds.turns.follow(turn, j // 6, R)[which]
+        left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
+        left += self.columns(turned @ R)
+        followed = inverse(-left - self.columns(constraint_forces @ R))
+        change = left + multiply(tangent, followed)
+        changes = self._fields(change) @ R.T
+        moved = self._fields(followed) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
-        for j, (_, da, turn, _) in enumerate(moves):
-            forces = np.zeros((len(nodes), 3))
+        for j in columns:
+            forces, arm_changes = np.zeros((2, len(nodes), 3))
             forces[own] = -changes[j, nodes[own]]
-            forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
-            # the arms turn with their frame, and averaged nodes move
-            arm_changes: FloatArray = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
-            arm_changes[averaged] += moved[j, nodes[averaged]]
+            if j < own_columns:
+                _, da, turn, _ = moves[j]
+                forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
+                # the arms turn with their frame
+                arm_changes = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+            arm_changes[averaged] += moved[j, nodes[averaged]]  # averaged nodes move
             wrench = bonds.wrenches(forces, arms)
             wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
             if bonds.turns.any:
                 wrench += bonds.turns.wrenches(change[:, j], R)
-                wrench[:, 3:] += _crossed(turn, couples[:, 3:]) if j < 6 else 0.0
-            derivative[:, j] = wrench.reshape(-1)
+                if j < 6:
+                    wrench[:, 3:] += _crossed(moves[j][2], couples[:, 3:])
+            derivative[:own_columns, j] = wrench.reshape(-1)
         relative += moved
-        wrenches = bonds.wrenches(nodal_forces, arms) + couples
+        if touched is not None:
+            derivative[own_columns:] = self._on_shapes(touched, carried + relative, own_columns)
+        wrenches = self.with_shapes(bonds.wrenches(nodal_forces, arms) + couples, touched)
         if bonds.turns.any:
             followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
         in_axes = self.columns(relative @ R, further=followed)
@@ -203,6 +232,34 @@ class Condensation:
             rows = layout.further_dofs[layout.further_dofs < layout.n_owned]
             columns[rows] = further[rows]
         return columns
+
+    def with_shapes(self, wrenches: FloatArray, touched: TouchedNodes | None) -> FloatArray:
+        """Wrenches (k, 6) on the body's frames, and those on the frames of shapes. Collective."""
+        if touched is None:
+            return wrenches
+        return np.vstack([wrenches, self.bonds.total(touched.wrenches(touched.force, touched.arms))])
+
+    def _on_shapes(self, touched: TouchedNodes, fields: FloatArray, own_columns: int) -> FloatArray:
+        """(6 m, 6 (k + m)) derivative of the wrenches on shapes by the frames' motions. Collective.
+
+        Args:
+            touched: the contact forces.
+            fields: (6 (k + m), n, 3) m, motions of the nodes by those of the frames.
+            own_columns: 6 k.
+        """
+        found = []
+        for j, field in enumerate(fields):
+            dx = field[touched.nodes]
+            changes, arm_changes = touched.changes(dx), dx
+            if j >= own_columns:
+                shape, axis = divmod(j - own_columns, 6)
+                changes = changes + touched.by_frame(shape, axis)[0]
+                if axis < 3:  # the frame's origin goes along
+                    arm_changes = dx - np.where((touched.shape == shape)[:, None], np.eye(3)[axis], 0.0)
+            wrench = touched.wrenches(changes, touched.arms)
+            wrench[:, 3:] += touched.wrenches(touched.force, arm_changes)[:, 3:]
+            found.append(wrench.reshape(-1))
+        return self.bonds.total(np.array(found).T.copy())
 
     def _fields(self, columns: FloatArray) -> FloatArray:
         """(k, owned nodes, 3) from columns (owned dofs, k)."""

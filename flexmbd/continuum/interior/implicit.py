@@ -28,9 +28,11 @@ from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
+from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts, TouchedState
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
+from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.step_equations import (
     BodyAxes,
     NodalState,
@@ -51,6 +53,7 @@ from flexmbd.multibody.bodies.continuum_body import (
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
@@ -74,12 +77,14 @@ class _Trial:
         state: of the nodes there.
         increment: (local dofs,) m, displacement since the last accepted step.
         load: (owned nodes, 3) N, in inertial axes, that acts there.
+        touched: what shapes do there.
         dt: s, the time that passes for the material, none on the way to rest.
     """
 
     state: NodalState
     increment: FloatArray
     load: FloatArray
+    touched: tuple[TouchedState, ...]
     dt: float
 
 
@@ -136,11 +141,13 @@ class ImplicitContinuum:
         self._undeformed = body.snapshot()
         eps = float(np.finfo(float).eps)
         # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
-        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps).getDiagonal()
-        self._round_off = eps * body.norm(body.layout.displacements(stiffness.array_r).ravel()) * self._extent_of(
-            body.layout.node_x
-        )
+        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps)
+        diagonal = stiffness.getDiagonal()
+        places = body.layout.displacements(diagonal.array_r)
+        self._round_off = eps * body.norm(places.ravel()) * self._extent_of(body.layout.node_x)
         self._mass_size = eps * self._M.getDiagonal().norm()
+        self._diagonal: FloatArray = places.reshape(-1).copy()
+        self._contacts = ImplicitContacts(body, self._memory, self._diagonal)
         self._gravity: FloatArray = np.zeros(3)
         self._state: NodalState | None = None
         self._trial: _Trial | None = None
@@ -164,6 +171,7 @@ class ImplicitContinuum:
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
+        self._contacts.begin(x, motion, size=self._extent_of(body.layout.node_x))
         return self._start_accelerations(motion, -self._loads.now)
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
@@ -175,8 +183,11 @@ class ImplicitContinuum:
         axes = self._axes(motion)
         self._loads.now = self._loads.after(t, now.x, axes.R)
         self._forget()
+        acting = self._loads.now + self._contacts.nodal()
         couples = self._bonds.turns.wrenches(internal, axes.R)
-        return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now) + couples
+        found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
+        found[: len(couples)] += couples
+        return found
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
@@ -190,7 +201,7 @@ class ImplicitContinuum:
         x: FloatArray = axes.positions(solution.increment)
         v = still + motion.v[0]
         force = axes.to_inertial(loads.force(solution.increment))
-        self._trial = _Trial(NodalState(t, x, v, still, still, 0.0), solution.increment, force, 0.0)
+        self._trial = _Trial(NodalState(t, x, v, still, still, 0.0), solution.increment, force, (), 0.0)
         response = self._frames.condense(
             lambda: at_rest.tangent(solution.increment),
             axes.to_inertial(solution.balance.residual),
@@ -260,6 +271,7 @@ class ImplicitContinuum:
             dead_load=axes.to_inertial(equations.loads.dead),
             slopes=scheme.slopes(h),
             couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
+            touched=equations.touched(self._trial.state.x) if self._contacts.obstacles else None,
         )
         return response.wrenches, response.slopes
 
@@ -287,6 +299,7 @@ class ImplicitContinuum:
             self._halved.follow(self._trial.increment, self._trial.dt)
         before, self._state = self._current_state(), self._trial.state
         self._loads.accept(self._state.x - before.x, self._trial.load)
+        self._contacts.accept(self._trial.touched)
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = self._iterated = self._step = self._known_energies = None
         self._joint.end_step()
@@ -303,7 +316,7 @@ class ImplicitContinuum:
         numbers = {"times": np.array([now.t, now.h]), "gravity": self._gravity.copy()}
         arrays["load"] = memory.gather_nodes(self._loads.now)
         numbers |= {"load work": np.array(self._loads.work), "begun": self._loads.R_begun.copy()}
-        return {**arrays, **numbers, **memory.gather(self.body.snapshot())}
+        return {**arrays, **numbers, **memory.gather(self.body.snapshot()), **self._contacts.snapshot()}
 
     def restore(self, memory: Memory) -> None:
         """See `Interior.restore`. Collective."""
@@ -316,6 +329,7 @@ class ImplicitContinuum:
         self._loads.work = float(arrays["load work"])
         self._loads.now = self._memory.scatter_nodes(arrays["load"])[: self.body.layout.n_owned_nodes]
         self._state = NodalState(t=t, h=h, **nodal)
+        self._contacts.restore(arrays)
         if self._halved is not None:
             self._halved.begin_anew()
         self._forget()
@@ -329,13 +343,14 @@ class ImplicitContinuum:
         return 0.0 if self._halved is None else self._halved.error
 
     def energies(self) -> Mapping[str, float]:
-        """See `Interior.energies`; "loads" is minus the work that the loads have done. Collective.
+        """See `Interior.energies`; "loads", "contact" and "friction" are minus the work of these. Collective.
 
         "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
         """
         own = self._own_energies()
         weight = weight_energy(self._frames, self._weight, self._gravity, self._current_state().x)
-        return {"kinetic": own["kinetic"], "gravitational": weight, **own, **self._loads.energies()}
+        outer = {**self._loads.energies(), **self._contacts.energies()}
+        return {"kinetic": own["kinetic"], "gravitational": weight, **own, **outer}
 
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
@@ -363,9 +378,36 @@ class ImplicitContinuum:
         return self._observer.locate(point)
 
     def outer_forces(self) -> Mapping[str, FloatArray]:
-        """See `ObservedInterior`: of the loads. Collective where there are some."""
+        """See `ObservedInterior`: of loads and contacts. Collective where there are some."""
         now = self._current_state()
-        return self._loads.resultants(now.t, now.x)
+        return {**self._loads.resultants(now.t, now.x), **self._contacts.resultants()}
+
+    def check_surface(self, surface: str, *, what: str) -> None:
+        """See `TouchingInterior`. Collective."""
+        check_surface(self.body, surface, what=what)
+
+    def meet(self, obstacles: Sequence[Obstacle]) -> None:
+        """See `TouchingInterior`. Collective."""
+        both = {one.name for one in obstacles} & set(self._loads.applied.names)
+        if both:
+            raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
+        if obstacles and self.body.layout.has_further:
+            raise SceneError(
+                f"{self.body.groups[0].form_name} has unknowns besides the displacement, and such bodies touch nothing in "
+                "implicit steps: take ExplicitContinuum and fm.CentralDifference()"
+            )
+        self._contacts = ImplicitContacts(self.body, self._memory, self._diagonal, obstacles)
+
+    def face(self, facing: FacingSurface) -> None:
+        """See `TouchingInterior`: not in implicit steps.
+
+        Raises:
+            SceneError: says so.
+        """
+        raise SceneError(
+            f"contact {facing.name!r}: surfaces of two bodies with history touch in explicit steps alone; take "
+            "ExplicitContinuum and fm.CentralDifference()"
+        )
 
     def _check_rigid_interface(self) -> None:
         if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
@@ -375,6 +417,11 @@ class ImplicitContinuum:
             )
 
     def _check_settles(self) -> None:
+        if self._contacts.obstacles:
+            raise SceneError(
+                f"its surface touches shapes (contact {self._contacts.obstacles[0].name!r}): its state at rest is not "
+                "searched for with contacts yet, nor is it linearised with them. Let it come to rest in a simulation"
+            )
         if self.body.is_rate_dependent:
             raise SceneError(
                 f"{self.body.form_name} has a stress that depends on rates: its state at rest and its linear response "
@@ -406,14 +453,15 @@ class ImplicitContinuum:
         """The balance at a step's end with the frames as ``motion`` says. Not collective."""
         bonds, axes = self._bonds, self._axes(motion)
         loads = self._loads.at(step.factors, axes)
-        held_accelerations = bonds.accelerations(motion)[~bonds.averaged]
-        return StepEquations(self.body, step, axes, self._frames, loads, self._bonded, held_accelerations)
+        held = self._bonded, bonds.accelerations(motion)[~bonds.averaged]
+        return StepEquations(self.body, step, axes, self._frames, loads, *held, self._contacts, motion)
 
     def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> _Trial:
         """A trial's end. Collective."""
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
         load = equations.axes.to_inertial(equations.loads.force(increment))
-        return _Trial(state, increment, load, equations.step.h)
+        touched = self._contacts.evaluate(state.x, motion)[1]
+        return _Trial(state, increment, load, touched, equations.step.h)
 
     def _inertia(self, a: FloatArray) -> FloatArray:
         """(owned nodes, 3) N, M (a - g), in inertial axes. Collective."""
@@ -472,7 +520,10 @@ class ImplicitContinuum:
         a = np.asarray(a + body.layout.displacements(vector.array))
         self._state = replace(now, a=a, auxiliary=a.copy())
         nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
-        return bonds.wrenches(nodal_forces, bonds.arms(motion))
+        wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
+        if self._contacts.obstacles:
+            wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])
+        return wrenches
 
 
 _NODAL = ("x", "v", "a", "auxiliary")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +32,15 @@ from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
+from flexmbd.continuum.interior.shape_contacts import ShapeContacts
 from flexmbd.continuum.interior.stable_step import StableStep
+from flexmbd.continuum.interior.surface_pair import NODES, SurfacePair
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import checked
+from flexmbd.multibody.interiors.touching_interior import Obstacle
 
 FloatArray = NDArray[np.float64]
+Poses: TypeAlias = tuple[FloatArray, FloatArray]
 
 # What is remembered of each node.
 _NODAL = ("x", "v", "a", "force", "load", "_met", "_rubbed", "_damped", "_viscous", "_went")
@@ -87,6 +92,8 @@ class NodalMotion:
         force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
         load: (owned nodes, 3) N, of the applied loads, those on bonded nodes among them.
         loads: the applied loads.
+        shapes: of the machine, which surfaces touch.
+        pairs: contacts with other bodies, and on which side of each this one is.
         t: s.
     """
 
@@ -169,6 +176,7 @@ class NodalMotion:
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
+        self.meet(())
         self.x, self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((8, n, 3))
         self._viscous, self._went = np.zeros((2, n, 3))  # N; m/s, the mean velocities of the last step
         self.plane_forces: FloatArray = np.zeros((len(planes), 3))
@@ -189,22 +197,58 @@ class NodalMotion:
         """The longest stable step, s, as last found."""
         return self._limit
 
+    def meet(self, obstacles: Sequence[Obstacle]) -> None:
+        """Let surfaces touch these shapes, and no others, from the next `begin` or `restore` on. Collective.
+
+        Raises:
+            SceneError: on all ranks: as `ShapeContacts`; a contact has a plane's or a load's name.
+        """
+        taken = {plane.name for plane in self.planes} | set(self.loads.names)
+        both = sorted(taken & {one.name for one in obstacles})
+        if both:
+            raise SceneError(f"a contact, and a plane or load, are both called {both[0]!r}; give each its own name")
+        h = self._stable.at_rest
+        self.shapes = ShapeContacts(self.body, self.memory, self.masses, obstacles, h=h, bonded=self.bonded)
+        self.pairs: list[tuple[SurfacePair, int]] = []
+        self._planned: FloatArray | None = None
+
     def renew_limit(self) -> float:
         """Find the longest stable step, s, of the present shape. Collective."""
         if self.mesh.bulk is not None:
             self.mesh.bulk.set_rates(self._went @ self.mesh.R)
-        self._limit = self._with_contact(self._stable.present())
+        self._limit = self._with_contact(self._stable.present(), self._touching_bound())
         return self._limit
 
-    def _with_contact(self, h: float) -> float:
-        """The longest stable step, s, where it is h without contact."""
-        return float(h / np.sqrt(1.0 + max(self._pushes, default=0.0) * h**2 / 4))
+    def _touching_bound(self) -> float:
+        """1/s^2, of contacts with shapes and other bodies. Collective."""
+        for pair, _ in self.pairs if self._h == 0.0 else ():
+            pair.approach()
+            pair.check_start()
+        return self.shapes.stiffness_bound(self.x) + sum(pair.stiffness_bound() for pair, _ in self.pairs)
 
-    def begin(self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0) -> None:
+    @property
+    def step_at_rest(self) -> float:
+        """The longest stable step, s, of the undeformed body without contact."""
+        return self._stable.at_rest
+
+    @property
+    def ahead(self) -> FloatArray:
+        """(owned nodes, 3) m, where nodes are at the end of the step that is planned, or else now."""
+        return self.x if self._planned is None else self.x + self._planned
+
+    def _with_contact(self, h: float, shapes: float = 0.0) -> float:
+        """The longest stable step, s, where it is h without contact; shapes: 1/s^2, what they add."""
+        return float(h / np.sqrt(1.0 + (max(self._pushes, default=0.0) + shapes) * h**2 / 4))
+
+    def begin(
+        self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0, shapes: Poses | None = None
+    ) -> None:
         """Undeformed at t (s), at p (m) turned by R, at rest; velocities are to be set, `start` called. Collective.
 
+        ``shapes``: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.
+
         Raises:
-            SceneError: the body begins behind a plane.
+            SceneError: the body begins behind a plane or in a shape.
         """
         self.x = self.mesh.begin(p, R)
         self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((7, *self.x.shape))
@@ -218,8 +262,18 @@ class NodalMotion:
         self._limit = self._with_contact(self._stable.at_rest)
         for plane in self.planes:
             body_energies = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
-            size = max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0))))
-            plane.check_start(max(body_energies), size)
+            plane.check_start(max(body_energies), self.size)
+        self._planned = None
+        for pair, _ in self.pairs:
+            pair.begin()
+        if shapes is not None:
+            self.shapes.begin(self.x, *shapes, size=self.size)
+            self._limit = self._with_contact(self._stable.at_rest, self.shapes.stiffness_bound(self.x))
+
+    @property
+    def size(self) -> float:
+        """m, the largest coordinate of the undeformed body. Collective."""
+        return float(max(self.body.comm.allgather(float(abs(self.mesh.X).max(initial=0.0)))))
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
@@ -230,17 +284,8 @@ class NodalMotion:
         self._damped = self._drag()
         self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
 
-    def advance(self, h: float, bonded: FloatArray | None = None, frames: FloatArray | None = None) -> None:
-        """Step by h (s). Collective.
-
-        Args:
-            h: s.
-            bonded: (bonded nodes, 3) m, where they are at the end.
-            frames: (k, 3, 3) axes of the frames at the end, of bodies with unknowns that turn with them.
-
-        Raises:
-            ConvergenceError: on all ranks: a cell is turned inside out.
-        """
+    def plan(self, h: float, bonded: FloatArray | None = None) -> FloatArray:
+        """Find how far (owned nodes, 3) m nodes go in a step h (s); arguments as of `advance`. Collective."""
         if self._h == 0.0:
             self.start(h)
         if self.loads.any:  # which may have jumped since the last step's end
@@ -251,7 +296,34 @@ class NodalMotion:
         move = h * self.v + h**2 / 2 * self.a
         if bonded is not None:
             move[self.bonded] = bonded - self.x[self.bonded]
+        for pair, side in self.pairs:
+            pair.plan(side)
+        self._planned = move
+        return move
+
+    def advance(
+        self,
+        h: float,
+        bonded: FloatArray | None = None,
+        frames: FloatArray | None = None,
+        *,
+        shapes: Poses | None = None,
+    ) -> None:
+        """Step by h (s). Collective.
+
+        Args:
+            h: s.
+            bonded: (bonded nodes, 3) m, where they are at the end.
+            frames: (k, 3, 3) axes of the frames at the end, of bodies with unknowns that turn with them.
+            shapes: where the frames of shapes are at the end, as of `begin`.
+
+        Raises:
+            ConvergenceError: on all ranks: a cell is turned inside out.
+        """
+        move = self.plan(h, bonded) if self._planned is None else self._planned
+        self._planned = None
         before = [getattr(self, name) for name in _WORKING]
+        touched = None if shapes is None else (self.shapes.parts, *self.shapes.poses)
         self.x += move
         self._went = np.asarray(move / h)
         self.force = self._pull(h, frames)
@@ -260,11 +332,16 @@ class NodalMotion:
             self.load = self.loads_at(self.t - _BESIDE * h)
         middle = self.v + h / 2 * self.a
         self._h = h
+        if shapes is not None:
+            self.shapes.place(*shapes)
         self._accelerate(middle, h, h**2, answer=1.0 / (1.0 + self._damping * h / 2))
         self.v = middle + h / 2 * self.a
         self._damped = self._drag()
         for i, (first, name) in enumerate(zip(before, _WORKING, strict=True)):
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
+        if touched is not None:
+            self.shapes.walk(self.x)
+            self._works[2:4] += self.shapes.work_on_frames(*touched)
 
     def _pull(self, h: float, frames: FloatArray | None) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""
@@ -323,6 +400,9 @@ class NodalMotion:
         found: dict[str, FloatArray] = {plane.name: np.zeros(3) for plane in self.planes}
         for plane, force in zip(self.planes, self.mesh.sum(self.plane_forces), strict=True):
             found[plane.name] = found[plane.name] + force
+        found.update(self.shapes.resultants())
+        for pair, side in self.pairs:
+            found[pair.given.name] = self.mesh.sum(pair.resultant) * (1.0 if side == NODES else -1.0)
         if self.loads.any:
             values = self.loads.values(self.t)
             found.update(self.loads.resultants(values, self.x, self._R_begun))
@@ -343,7 +423,11 @@ class NodalMotion:
         if self.mesh.fields is not None:
             sums["splitting"] = np.array(self.mesh.fields.lost)
             self.mesh.fields.forget()  # as whoever goes on from here
-        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums}
+        touching = self.shapes.snapshot()
+        for k, (pair, side) in enumerate(self.pairs):
+            if side == NODES:
+                touching |= {f"pair {k} {name}": part for name, part in pair.snapshot().items()}
+        return {**nodal, **self.memory.gather(self.body.snapshot()), **sums, **touching}
 
     def restore(self, memory: dict[str, FloatArray]) -> None:
         """Go back to a snapshot of this body, on any number of ranks. Collective."""
@@ -362,6 +446,11 @@ class NodalMotion:
         if self.mesh.fields is not None:
             self.mesh.fields.lost = float(memory["splitting"])
             self.mesh.fields.forget()
+        self.shapes.restore(memory, self.x)
+        self._planned = None
+        for k, (pair, side) in enumerate(self.pairs):
+            if side == NODES:
+                pair.restore({name: memory[f"pair {k} {name}"] for name in ("memory", "sums")})
 
     def loads_at(self, t: float) -> FloatArray:
         """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""
@@ -373,6 +462,11 @@ class NodalMotion:
             turned = self.loads.following(values, self.x @ self._R_begun)
             force += turned @ self._R_begun.T
         return np.asarray(force + self.loads.dead(values, self._R_begun))
+
+    @property
+    def touched(self) -> FloatArray:
+        """(owned nodes, 3) N, of contact and friction, of shapes those on bonded nodes as well."""
+        return np.asarray(self._met + self._rubbed)
 
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""
@@ -399,5 +493,17 @@ class NodalMotion:
             self._rubbed += m * rubbed
             self.plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
             pull = pull + (met + rubbed) * self._moves
+        for shape in self.shapes.contacts:
+            pushed = shape.push(self.x, v, pull, h=h, reach=answer * reach)
+            nodes, on = pushed.nodes, self.masses[pushed.nodes, None]
+            self._met[nodes] += on * pushed.met
+            self._rubbed[nodes] += on * pushed.rubbed
+            shape.take(self.x[nodes], on * pushed.met, on * pushed.rubbed)
+            pull[nodes] += (pushed.met + pushed.rubbed) * self._moves[nodes]
+        for pair, side in self.pairs:
+            met, rubbed = pair.take(side)
+            self._met += met
+            self._rubbed += rubbed
+            pull += (met + rubbed) / self.masses[:, None] * self._moves
         self.a = answer * pull
         return free

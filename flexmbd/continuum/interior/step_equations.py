@@ -19,7 +19,8 @@ from flexmbd.continuum.history.applied_loads import TrialLoads
 from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
-from flexmbd.multibody.bodies.continuum_body import Scheme
+from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts, TouchedNodes
+from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
@@ -131,6 +132,8 @@ class StepEquations:
         loads: that act there.
         held: nodes that rigid frames hold.
         held_accelerations: (n, 3) m/s^2, of them.
+        contacts: with shapes.
+        frame_motion: of the frames.
     """
 
     body: NonlinearModel
@@ -140,6 +143,8 @@ class StepEquations:
     loads: TrialLoads
     held: NDArray[np.integer]
     held_accelerations: FloatArray
+    contacts: ImplicitContacts
+    frame_motion: FrameMotion
 
     def motion(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(local nodes, 3) m, m/s^2, positions and accelerations in inertial axes at a displacement (local dofs,)."""
@@ -155,8 +160,17 @@ class StepEquations:
             ConvergenceError: as `NonlinearModel.force`.
         """
         internal = self.body.force(increment, dt=self.step.h)
-        inertia = self.axes.to_body(self.frames.product(self.motion(increment)[1] - self.step.gravity))
-        return internal, inertia, self.loads.force(increment)
+        x, a = self.motion(increment)
+        inertia = self.axes.to_body(self.frames.product(a - self.step.gravity))
+        outer = self.loads.force(increment)
+        if self.contacts.obstacles:
+            touched = self.touched(x)
+            outer = outer + self.axes.to_body(touched.at_nodes(touched.force, len(outer) // 3))
+        return internal, inertia, outer
+
+    def touched(self, x: FloatArray) -> TouchedNodes:
+        """Contact forces with nodes at x (local nodes, 3) m. Not collective."""
+        return self.contacts.evaluate(x, self.frame_motion)[0]
 
     def residual(self, increment: FloatArray) -> FloatArray:
         """(owned dofs,) N, the residual at a displacement (local dofs,) m. Collective.
@@ -185,6 +199,8 @@ class StepEquations:
         """
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        if self.contacts.obstacles:
+            matrix = self.touched(self.motion(increment)[0]).add_slopes(matrix, self.axes.R)
         return matrix
 
     def end(self, increment: FloatArray, held_velocities: FloatArray) -> NodalState:

@@ -31,7 +31,7 @@ from flexmbd.integrate.explicit.fastest_vibration import new_vibration_memory
 from flexmbd.integrate.explicit.fixed_step import judge
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, new_loops, set_row_scales
 from flexmbd.integrate.explicit.step_growth import central_difference_growth
-from flexmbd.integrate.interior_support import refuse_implicit_only
+from flexmbd.integrate.interior_support import refuse_giving, refuse_implicit_only
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.elements.table import behaviours
@@ -76,6 +76,8 @@ class CentralDifference:
     def check(self, scene: CompiledScene) -> None:
         """Runs every scene without contacts whose bodies with history step explicitly."""
         refuse_implicit_only(scene, self.name)
+        if self.subcycle:
+            refuse_giving(scene, self.name)
         if any(one.lets_go for one in behaviours(scene.plan)):
             raise SceneError(
                 f"{self.name}: bodies of this scene touch, and what is stiff then is not seen at the start, by which "

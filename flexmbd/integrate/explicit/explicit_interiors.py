@@ -16,8 +16,9 @@ from flexmbd.integrate import controller
 from flexmbd.integrate import state as st
 from flexmbd.integrate.explicit.central_step import CentralDifferenceMethod, attempt, predict
 from flexmbd.integrate.explicit.loop_dynamics import accelerate
-from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior
+from flexmbd.multibody.bodies.continuum_body import ContinuumBody, ExplicitInterior, FrameMotion
 from flexmbd.multibody.interiors.scene_interiors import Interiors
+from flexmbd.multibody.interiors.touching_interior import PairedInterior
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.sampling.interface_frames import N_MOTION, store_motions
 
@@ -83,6 +84,7 @@ class ExplicitInteriors:
         self._method, self._rule, self._state, self._groups = method, rule, state, groups
         self._plan, self._work = method.plan, method.work
         self._subcycle = subcycle
+        self._paired = {id(one.body) for one in interiors.placed if one.is_paired}
         self._rows = interiors.rows
         self._motions = np.zeros((2, len(self._rows), N_MOTION))
 
@@ -134,6 +136,12 @@ class ExplicitInteriors:
                 "the step follows the body's), or fm.CentralDifference(subcycle=True)"
             )
 
+    def _plan_body(self, body: ContinuumBody, h: float, start: FrameMotion, end: FrameMotion) -> tuple[FloatArray, ...]:
+        """Let a body that touches another one say where it will be."""
+        if isinstance(body.interior, PairedInterior) and id(body) in self._paired:
+            body.interior.plan(h, start, end)
+        return ()
+
     def _step(self, record: st.Record, knots: FloatArray) -> int:
         """One step: the interiors towards the predicted positions, then the machine with their wrenches."""
         plan, state, groups, interiors = self._plan, self._state, self._groups, self._interiors
@@ -144,6 +152,11 @@ class ExplicitInteriors:
         first, last = self._motions
         predict_frames(plan, self._work, *slots, state, method.scratch, h, first, last)
         starts, ends = (interiors.split_motions(part) for part in self._motions)
+        if self._paired:
+            interiors.evaluate(
+                lambda k, body: self._plan_body(body, h, starts[k], ends[k]),
+                doing=f"at the beginning of the step from t = {state.numbers[st.TIME]:.6g} s",
+            )
         answers = interiors.evaluate(
             lambda k, body: _explicit(body).advance(h, starts[k], ends[k]),
             doing=f"in the step from t = {state.numbers[st.TIME]:.6g} s to {state.numbers[st.STEP_END]:.6g} s",

@@ -356,7 +356,16 @@ class ContinuumBody:
 
 @dataclass(frozen=True)
 class PlacedInterior:
-    """A body's k frames in a plan: rows of ``Plan.frames``."""
+    """A body's frames in a plan, its own and those of shapes that its surface touches: rows of ``Plan.frames``.
+
+    Attributes:
+        body: the body.
+        rows: of the frames.
+        giving: names of the contacts with what gives way: shapes on bodies, and surfaces of other bodies.
+        is_paired: whether it touches another body with history, with which it steps.
+    """
 
     body: ContinuumBody
     rows: tuple[int, ...]
+    giving: tuple[str, ...] = ()
+    is_paired: bool = False

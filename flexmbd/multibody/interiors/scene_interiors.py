@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError, described
-from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.body import Frame, Ground
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Memory, PlacedInterior
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.interiors.observed import ObservedInterior
 from flexmbd.multibody.interiors.time_factor import LoadedInterior
+from flexmbd.multibody.interiors.touching_interior import Obstacle
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.sampling.interface_frames import (
@@ -35,25 +36,37 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class InteriorForce(OffJoints):
-    """The wrenches of an interior on its frames: forces and moments in inertial axes, changed at each step."""
+    """The wrenches of an interior on its frames: forces and moments in inertial axes, changed at each step.
+
+    Attributes:
+        body: with the interior.
+        obstacles: rigid shapes that its surfaces touch, on whose frames it exerts wrenches as well.
+        pairs: names of its contacts with other bodies with history.
+    """
 
     body: ContinuumBody
+    obstacles: tuple[Obstacle, ...] = ()
+    pairs: tuple[str, ...] = ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The interface frames."""
-        return tuple(self.body.frame(frame.name) for frame in self.body.interior.frames)
+        """The interface frames, and those of the obstacles."""
+        own = (self.body.frame(frame.name) for frame in self.body.interior.frames)
+        return (*own, *(one.frame for one in self.obstacles))
 
     def check(self) -> None:
         """Nothing to check: the body was when it was made."""
 
     def assemble(self, table: ElementTable) -> None:
-        """One row a frame."""
+        """One row a frame; on the ground, which nothing moves, none is needed."""
         rows = tuple(table.frame(frame) for frame in self.frames)
-        first = table.add_interior(PlacedInterior(self.body, rows))
+        giving = tuple(one.name for one in self.obstacles if one.mass is not None)
+        placed = PlacedInterior(self.body, rows, (*giving, *self.pairs), is_paired=bool(self.pairs))
+        first = table.add_interior(placed)
         for k, (frame, row) in enumerate(zip(self.frames, rows, strict=True)):
             what = f"interior of {self.body.name} on {frame.label}"
-            table.element(INTERIOR_WRENCH, what, f=table.ground(), g=row, count=first + k)
+            if not isinstance(frame.body, Ground):
+                table.element(INTERIOR_WRENCH, what, f=table.ground(), g=row, count=first + k)
         if isinstance(self.body.interior, LoadedInterior):
             for factor in self.body.interior.load_factors:  # no element reads them, but steps end on their breaks
                 table.time(factor.function, f"{factor.what} of {self.body.name}")

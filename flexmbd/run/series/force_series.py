@@ -254,7 +254,7 @@ class ForceSeries(MotionSeries):
         return {name: np.array([energies[name] for energies in told]) for name in told[0]}
 
     def outer_forces(self, body: ContinuumBody) -> dict[str, FloatArray]:
-        """Forces (N) of contact planes and loads on a body with history by name, each (nt, 3), in inertial axes.
+        """Forces (N) of contacts, planes and loads on a body with history by name, each (nt, 3), in inertial axes.
 
         Raises:
             SceneError: the body is not in this trajectory.
@@ -274,8 +274,8 @@ class ForceSeries(MotionSeries):
         """
         k = self._interior(body)
         body.frame(interface)
-        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
-        first = sum(len(other.interior.frames) for other in bodies[:k])
+        placed = () if self.scene.interiors is None else self.scene.interiors.placed
+        first = sum(len(other.rows) for other in placed[:k])
         row = first + [frame.name for frame in body.interior.frames].index(interface)
         return np.array([one.wrenches[row] for one in self.interior_rows])
 

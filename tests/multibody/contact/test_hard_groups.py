@@ -106,7 +106,9 @@ def test_boxes_that_meet_keep_their_momentum():
     (pair,) = scene.touch(a, b, contact.Hard(restitution=0.4, mu=0.5))
     run = scene.simulate(1.0, h=1e-3)
     momentum = run.momentum()
-    assert len(run.contacts(pair)[0].row) > 0
+    met = run.contacts(pair)[0]
+    assert isinstance(met, contact.HardGroupSeries)
+    assert len(met.row) > 0
     assert np.abs(np.diff(run.v[:, 0])).max() > 0.1
     assert np.abs(momentum.linear - momentum.linear[0]).max() < 1e-12 * np.abs(momentum.linear[0]).max()
     assert np.abs(momentum.angular - momentum.angular[0]).max() < 1e-12 * np.abs(momentum.angular[0]).max()

@@ -1,0 +1,230 @@
+"""Where points are before a surface of facets that moves: the nearest place on it, and the depth behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surface_facets
+from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.errors import SceneError
+from flexmbd.round_off import SIX_DIGITS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NearFacets:
+    """Points and the nearest place on a surface.
+
+    Attributes:
+        points: (n,) which of the points that were asked for.
+        depth: (n,) m, behind the surface; negative before it.
+        normal: (n, 3) unit vectors out of the surface, towards or away from the points.
+        nodes: (n, 4) the surface's nodes that the place hangs on, by their rows.
+        weights: (n, 4) by how much of each; their sum is 1.
+        beside: (n,) whether the points are beyond the rim, by at most half a facet: before or behind its plane.
+    """
+
+    points: IntArray
+    depth: FloatArray
+    normal: FloatArray
+    nodes: IntArray
+    weights: FloatArray
+    beside: NDArray[np.bool_]
+
+    def some(self, mask: NDArray[np.bool_]) -> NearFacets:
+        """Those of a mask (n,)."""
+        return NearFacets(
+            self.points[mask], self.depth[mask], self.normal[mask], self.nodes[mask], self.weights[mask],
+            self.beside[mask],
+        )
+
+
+class FacetSurface:
+    """A group of a body's facets, the whole of it on every rank. Constructing one is collective.
+
+    A quadrilateral is four triangles about its middle.
+
+    Attributes:
+        number: (k,) the nodes on it, by their numbers in the mesh's input, ascending.
+        own: (k,) this rank's owned node of each, -1 of another rank's.
+    """
+
+    def __init__(self, body: NonlinearModel, surface: str) -> None:
+        """Gather the facets.
+
+        Raises:
+            SceneError: on all ranks: its facets have nodes beside their corners.
+        """
+        patch, numbers = SurfacePatch(body, surface_facets(body, surface)), node_numbers(body)
+        width = patch.nodes.shape[1]
+        if width not in (3, 4):
+            raise SceneError(
+                f"surface {surface!r}: facets that nodes touch have corners alone; take elements of degree 1"
+            )
+        # corners go round, seen from outside against the clock
+        order = np.arange(3) if width == 3 else np.array([0, 1, 3, 2])
+        corners = patch.nodes[:, order]
+        corners[patch.sense < 0.0] = corners[patch.sense < 0.0][:, ::-1]
+        facets = np.concatenate(body.comm.allgather(numbers[corners])).astype(np.int64)
+        facets = facets[np.lexsort(np.sort(facets, axis=1).T)]  # whatever the ranks
+        self.number: IntArray = np.unique(facets)
+        self._facets: IntArray = np.searchsorted(self.number, facets)
+        owned = numbers[: body.layout.n_owned_nodes]
+        at = np.searchsorted(self.number, owned)
+        mine = self.number[np.minimum(at, len(self.number) - 1)] == owned
+        self.own: IntArray = np.full(len(self.number), -1, dtype=np.int64)
+        self.own[at[mine]] = np.flatnonzero(mine)
+        self._triangles()
+
+    def _triangles(self) -> None:
+        """Triangles by rows of nodes and middles, and which of their edges and corners are on the rim."""
+        f, width, k = self._facets, self._facets.shape[1], len(self.number)
+        sides = np.stack([f, np.roll(f, -1, axis=1)], axis=2)
+        edges, inverse, count = np.unique(
+            np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+        rim = (count[inverse.reshape(-1)] == 1).reshape(len(f), width)
+        on_rim = np.zeros(k + len(f), dtype=bool)
+        on_rim[edges[count == 1].ravel()] = True
+        if width == 3:
+            self._corner = f
+            self._rim_side = rim[:, [1, 2, 0]]  # opposite to each corner
+            self._facet = np.arange(len(f))
+        else:
+            middle = np.repeat(k + np.arange(len(f)), 4)
+            self._corner = np.column_stack([sides.reshape(-1, 2), middle])
+            none = np.zeros(len(middle), dtype=bool)
+            self._rim_side = np.column_stack([none, none, rim.reshape(-1)])
+            self._facet = np.repeat(np.arange(len(f)), 4)
+        self._rim_corner = on_rim[self._corner]
+
+    def find(self, points: FloatArray, surface: FloatArray, *, margin: float = 0.0) -> NearFacets:
+        """Which points (n, 3) m are behind facets, or less than a margin (m) before them.
+
+        Args:
+            points: (n, 3) m.
+            surface: (k, 3) m, places of the surface's nodes.
+            margin: m.
+        """
+        x = surface
+        if self._facets.shape[1] == 4:
+            x = np.vstack([surface, surface[self._facets].mean(axis=1)])
+        corners = x[self._corner]
+        centre = corners.mean(axis=1)
+        reach = 1.5 * float(np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max())) + margin
+        low, high = surface.min(axis=0) - reach, surface.max(axis=0) + reach
+        some = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+        pairs = cKDTree(centre).query_ball_point(points[some], reach)
+        count = np.array([len(one) for one in pairs], dtype=np.int64)
+        some, pairs, count = some[count > 0], [sorted(one) for one in pairs if one], count[count > 0]
+        if not len(some):
+            return _nothing()
+        triangle = np.concatenate(pairs).astype(np.int64)
+        return self._nearest(points, some, count, triangle, corners, margin=margin)
+
+    def _nearest(
+        self, points: FloatArray, some: IntArray, count: IntArray, triangle: IntArray, corners: FloatArray, *,
+        margin: float,
+    ) -> NearFacets:
+        """Of some points the nearest of ``count`` triangles each."""
+        first = np.cumsum(count) - count
+        p, abc = np.repeat(points[some], count, axis=0), corners[triangle]
+        below, share = _closest(p, abc)
+        away = p - np.einsum("nk,nka->na", share, abc)
+        square = (away**2).sum(axis=1)
+        area = np.cross(abc[:, 1] - abc[:, 0], abc[:, 2] - abc[:, 0])
+        size = np.sqrt((area**2).sum(axis=1))
+        unit = area / size[:, None]
+        least = np.minimum.reduceat(square, first)
+        # triangles that share the nearest place have all a say in which side is out
+        tied = square <= np.repeat(least, count) + SIX_DIGITS**2 * size
+        normal = np.add.reduceat(np.where(tied[:, None], unit, 0.0), first)
+        best = first + np.array([int(np.argmin(part)) for part in np.split(square, first[1:])])
+        side = (away[best] * normal).sum(axis=1)
+        far = np.sqrt(least)
+        depth = -np.sign(side) * far
+        sharp = far > SIX_DIGITS * np.sqrt(size[best])
+        towards = (np.sign(side) / np.where(sharp, far, 1.0))[:, None] * away[best]
+        n = np.where(sharp[:, None], towards, unit[best])
+        across = away[best] - (away[best] * unit[best]).sum(axis=1)[:, None] * unit[best]
+        beyond = np.sqrt((across**2).sum(axis=1))
+        zero = share[best] == 0.0
+        single, double = zero.sum(axis=1) == 1, zero.sum(axis=1) == 2
+        chosen, length = triangle[best], np.sqrt(size[best])
+        on_rim = (single & (zero & self._rim_side[chosen]).any(axis=1)) | (
+            double & (~zero & self._rim_corner[chosen]).any(axis=1)
+        )
+        beside = on_rim & (beyond > SIX_DIGITS * length)
+        depth = np.where(beside, -(away[best] * unit[best]).sum(axis=1), depth)
+        n = np.where(beside[:, None], unit[best], n)
+        keep = (depth > -margin) & (~beside | (beyond < 0.5 * length))
+        # what is beside acts on the facet as a plate that goes on, so that forces have no moment
+        share = np.where(beside[:, None], below[best], share[best])
+        nodes, weights = self._weights(chosen[keep], share[keep])
+        return NearFacets(some[keep], depth[keep], n[keep], nodes, weights, beside[keep])
+
+    def _weights(self, triangle: IntArray, share: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Nodes (n, 4) and weights of places that are shares (n, 3) of the triangles' corners."""
+        if self._facets.shape[1] == 3:
+            nodes = self._corner[triangle]
+            return np.column_stack([nodes, nodes[:, 0]]), np.column_stack([share, np.zeros(len(share))])
+        nodes = self._facets[self._facet[triangle]]
+        weights = np.repeat(share[:, 2:] / 4.0, 4, axis=1)
+        for k in range(2):
+            weights += share[:, k, None] * (nodes == self._corner[triangle, k, None])
+        return nodes, weights
+
+
+def check_same_ranks(first: NonlinearModel, second: NonlinearModel, *, what: str) -> None:
+    """Refuse two bodies on unlike sets of ranks. Collective over the first one's.
+
+    Raises:
+        SceneError: on all ranks of the first.
+    """
+    error = None
+    if first.comm.size != second.comm.size:
+        error = SceneError(f"{what}: both bodies must be spread over the same ranks")
+    parallel.raise_collectively(first.comm, error)
+
+
+def _nothing() -> NearFacets:
+    none = np.zeros(0, dtype=np.int64)
+    return NearFacets(none, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), none > 0)
+
+
+def _closest(p: FloatArray, abc: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) shares of the corners abc (n, 3, 3) of the places of planes, and of their triangles, nearest to p (n, 3).
+
+    (Ericson 2005, Real-Time Collision Detection, section 5.1.5.)
+    """
+    a, b, c = abc[:, 0], abc[:, 1], abc[:, 2]
+    ab, ac, bc = b - a, c - a, c - b
+
+    def dot(u: FloatArray, v: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("ij,ij->i", u, v))
+
+    d1, d2 = dot(ab, p - a), dot(ac, p - a)
+    d3, d4 = dot(ab, p - b), dot(ac, p - b)
+    d5, d6 = dot(ab, p - c), dot(ac, p - c)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    out = np.stack([va, vb, vc], axis=1) / (va + vb + vc)[:, None]
+    below = out.copy()
+
+    def on_edge(where: NDArray[np.bool_], i: int, j: int, t: FloatArray) -> None:
+        out[where] = 0.0
+        out[where, i], out[where, j] = 1.0 - t[where], t[where]
+
+    on_edge((vc <= 0.0) & (d1 >= 0.0) & (d3 <= 0.0), 0, 1, d1 / dot(ab, ab))
+    on_edge((vb <= 0.0) & (d2 >= 0.0) & (d6 <= 0.0), 0, 2, d2 / dot(ac, ac))
+    on_edge((va <= 0.0) & (d4 - d3 >= 0.0) & (d5 - d6 >= 0.0), 1, 2, (d4 - d3) / dot(bc, bc))
+    for k, inside in enumerate(((d1 <= 0.0) & (d2 <= 0.0), (d3 >= 0.0) & (d4 <= d3), (d6 >= 0.0) & (d5 <= d6))):
+        out[inside] = np.eye(3)[k]
+    return below, out
