@@ -44,7 +44,13 @@ class Parameters(IsotropicElastic):
 
 @dataclass(frozen=True)
 class Reference(_Reference):
-    """The problem of `solid_linear`."""
+    """The problem of `solid_linear`.
+
+    Attributes:
+        parameters: the material.
+    """
+
+    parameters: Parameters  # type: ignore[assignment]
 
 
 def strain_energy(u: Expr, p: Parameters) -> Terms:

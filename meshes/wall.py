@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +83,7 @@ def wall(
 
     check_arguments(part.comm, {"thickness": thickness, "offset": offset, "layers": layers}, check)
     blocks = dict(mesh_blocks(part))
-    arrays = {
+    arrays: dict[str, Any] = {
         name: blocks[name] if name.startswith("facet") else parallel.gather_rows(part.comm, blocks[name])
         for name in ("points", "cells", "cell_tags", "facets", "facet_tags")
     }

@@ -6,8 +6,9 @@ scheme of integration, or at rest without.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from petsc4py import PETSc
 
@@ -23,6 +24,9 @@ from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
 FloatArray = NDArray[np.float64]
+
+#: Of a frame's unit motion: displacement and acceleration of the interface nodes (n, 3), its rotation, shift (3,).
+_UnitMotion: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,25 +175,10 @@ class Condensation:
             # the forces that keep the averages turn with their frame
             mine = averaged & (bonds.frame_of == j // 6)
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
-        given = self.columns(relative @ R)
-        if bonds.turns.any:
-            which = bonds.turns.own
-            for j, (_, _, turn, _) in enumerate(moves):
-                given[bonds.turns.dofs[which], j] = bonds.turns.follow(turn, j // 6, R)[which]
-        left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
-        left += self.columns(turned @ R)
-        followed = inverse(-left - self.columns(constraint_forces @ R))
-        change = left + multiply(tangent, followed)
-        changes = self._fields(change) @ R.T
-        moved = self._fields(followed) @ R.T
         if touched is not None:
             for j in columns[own_columns:]:
                 turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6))[0], n)
-        given = self.columns(relative @ R)
-        if bonds.turns.any:
-            which = bonds.turns.own
-            for j, (_, _, turn, _) in enumerate(moves):
-                given[bonds.turns.dofs[which], j] = bonds.turns.follow(turn, j // 6, R)[which]
+        given = self._given(relative @ R, moves, R)
         left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
         left += self.columns(turned @ R)
         followed = inverse(-left - self.columns(constraint_forces @ R))
@@ -198,16 +187,8 @@ class Condensation:
         moved = self._fields(followed) @ R.T
         derivative = np.zeros((len(columns), len(columns)))
         for j in columns:
-            forces, arm_changes = np.zeros((2, len(nodes), 3))
-            forces[own] = -changes[j, nodes[own]]
-            if j < own_columns:
-                _, da, turn, _ = moves[j]
-                forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
-                # the arms turn with their frame
-                arm_changes = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
-            arm_changes[averaged] += moved[j, nodes[averaged]]  # averaged nodes move
-            wrench = bonds.wrenches(forces, arms)
-            wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
+            step = moves[j] if j < own_columns else None
+            wrench = self._wrench_change(j, step, changes[j], moved[j], nodal_forces, arms)
             if bonds.turns.any:
                 wrench += bonds.turns.wrenches(change[:, j], R)
                 if j < 6:
@@ -221,6 +202,46 @@ class Condensation:
             followed[bonds.turns.dofs[bonds.turns.own]] = given[bonds.turns.dofs[bonds.turns.own]]
         in_axes = self.columns(relative @ R, further=followed)
         return FrameResponse(wrenches, derivative, carried + relative, in_axes, nodal_forces)
+
+    def _given(self, fields: FloatArray, moves: Sequence[_UnitMotion], R: FloatArray) -> FloatArray:
+        """(owned dofs, k) of fields (k, owned nodes, 3) in body axes, and of unknowns that turn with the frames."""
+        turns, given = self.bonds.turns, self.columns(fields)
+        if turns.any:
+            for j, (_, _, turn, _) in enumerate(moves):
+                given[turns.dofs[turns.own], j] = turns.follow(turn, j // 6, R)[turns.own]
+        return given
+
+    def _wrench_change(
+        self,
+        j: int,
+        step: _UnitMotion | None,
+        changes: FloatArray,
+        moved: FloatArray,
+        nodal_forces: FloatArray,
+        arms: FloatArray,
+    ) -> FloatArray:
+        """(k, 6) change of the wrenches on the body's frames by column j. Collective.
+
+        Args:
+            j: of a motion of the body's frames, or of a shape's.
+            step: what it does to the nodes that frames hold; None of a shape's.
+            changes: (owned nodes, 3) N, of the forces that hold nodes.
+            moved: (owned nodes, 3) m, by which nodes follow.
+            nodal_forces: (interface nodes, 3) N.
+            arms: (interface nodes, 3) m.
+        """
+        bonds, own, averaged = self.bonds, self.bonds.own, self.bonds.own & self.bonds.averaged
+        forces, arm_changes = np.zeros((2, len(bonds.nodes), 3))
+        forces[own] = -changes[bonds.nodes[own]]
+        if step is not None:
+            _, da, turn, _ = step
+            forces[~bonds.averaged] += bonds.mass[~bonds.averaged, None] * da[~bonds.averaged]
+            # the arms turn with their frame
+            arm_changes = np.where((bonds.frame_of == j // 6)[:, None], _crossed(turn, arms), 0.0)
+        arm_changes[averaged] += moved[bonds.nodes[averaged]]  # averaged nodes move
+        wrench = bonds.wrenches(forces, arms)
+        wrench[:, 3:] += bonds.wrenches(nodal_forces, arm_changes)[:, 3:]
+        return wrench
 
     def columns(self, fields: FloatArray, *, further: FloatArray | None = None) -> FloatArray:
         """(owned dofs, k) from k fields (k, owned nodes, 3), and at further unknowns what columns like these have."""
@@ -276,7 +297,7 @@ def _crossed(w: FloatArray, vectors: FloatArray) -> FloatArray:
 
 def _unit_motion(
     bonds: BondedNodes, arms: FloatArray, motion: FrameMotion, j: int, per_x: float, per_v: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> _UnitMotion:
     """What a unit displacement or rotation of a frame does to its nodes.
 
     Returns:

@@ -393,8 +393,8 @@ class ImplicitContinuum:
             raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
         if obstacles and self.body.layout.has_further:
             raise SceneError(
-                f"{self.body.groups[0].form_name} has unknowns besides the displacement, and such bodies touch nothing in "
-                "implicit steps: take ExplicitContinuum and fm.CentralDifference()"
+                f"{self.body.groups[0].form_name} has unknowns besides the displacement, and such bodies touch nothing "
+                "in implicit steps: take ExplicitContinuum and fm.CentralDifference()"
             )
         self._contacts = ImplicitContacts(self.body, self._memory, self._diagonal, obstacles)
 
