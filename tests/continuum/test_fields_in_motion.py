@@ -253,11 +253,13 @@ def test_condensed_tangent_is_the_derivative_of_the_wrenches(name, interfaces):
     assert abs(interior.body.displacement[interior.body.layout.further_dofs]).max() > 0.0
 
 
-@pytest.mark.parametrize("make", [rubber, cellular])
+@pytest.mark.parametrize("make", [rubber, ceramic, cellular])
 def test_it_vibrates_as_the_reduced_one(make):
     body = make()
     (group,) = body.groups
-    model = ContinuumModel(body.mesh, group.formulation, group.parameters, degree=2, interfaces=list(ENDS))
+    form, p = group.formulation, group.parameters
+    ground = {"x_min": (form, p)} if make is ceramic else None
+    model = ContinuumModel(body.mesh, form, p, degree=body.degree, interfaces=list(ENDS), surfaces=ground)
     record = craig_bampton(model, modes=22, frame="x_min")
     scene = fm.System()
     rod = scene.add(fm.ContinuumBody(ImplicitContinuum(body)), name="rod")
