@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
 from flexmbd import contact
-from flexmbd.errors import SceneError, StartWarning
+from flexmbd.errors import RangeWarning, SceneError, StartWarning
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.contact.complementarity import complementary_forces
 from flexmbd.multibody.kernels.contact.signed_distance import distances
@@ -353,3 +354,18 @@ def test_nothing_near_costs_no_force():
     run = scene.simulate(0.1, rtol=1e-3)
     (met,) = run.contacts(pair)
     assert met.normal_force.max() > 0.0  # no step is so long that it is passed through unseen
+
+
+@pytest.mark.parametrize(("thickness", "told"), [(2e-3, True), (2.0, False)])
+def test_a_dent_beyond_half_of_a_thin_wall_is_told(thickness, told):
+    scene = fm.System()
+    ball = scene.add(patched_body(4, modes=3, softness=1e-4), name="ball")
+    flight = scene.connect(fm.joint.Free(), scene.ground.frame(), ball.frame())
+    flight.position, flight.velocity = (-0.5 - 0.5 * thickness, 0, 0, 1, 0, 0, 0), (3.0, 0, 0, 0, 0, 0)
+    wall = contact.Box(scene.ground.frame(), (thickness, 4.0, 4.0))
+    scene.touch(contact.ElasticSurface(ball), wall, contact.Hard())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene.simulate(0.2, rtol=1e-4)
+    found = [str(one.message) for one in caught if issubclass(one.category, RangeWarning)]
+    assert any("dents too far" in one for one in found) == told

@@ -10,6 +10,7 @@ from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, rotate, sca
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_forces import point_depth, press_patches
 from flexmbd.multibody.kernels.elements.surface_points import displaced, mean_of, move_others, place_point
@@ -67,6 +68,28 @@ def surface_series(plan, work, i, x, v, a, w, out):
             pull = rotate(R_F, load3(points[c], sl.PULL))
             store3(out[k, j], NORMAL, scale3(1.0 / math.sqrt(dot3(pull, pull)), pull))
             store3(out[k, j], FORCE, rotate(R_F, load3(points[c], sl.PULLED)))
+
+
+@entry_kernel
+def surface_depth_series(plan, work, elements, x, v, out):
+    """out[k, j] (nt, n): how far surface ``elements[j]`` is pressed in at x[k], over the way to the shape's middle.
+
+    Of its deepest patch, as the modes move it; otherwise as ``depth_series``.
+    """
+    for k in range(x.shape[0]):
+        forward_kinematics(plan, work, x[k], v, v)
+        for e in range(elements.shape[0]):
+            row = plan.elements[elements[e]]
+            qx, _, n = modes_of(plan, row)
+            rx, _, n_other = other_modes_of(plan, row)
+            _, p, _ = sl.table_of(plan, row)
+            V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+            d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
+            m, _, _ = press_patches(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other])
+            deepest = 0.0
+            for j in range(m):
+                deepest = max(deepest, -V[sl.GAP, j])
+            out[k, e] = deepest / way_to_middle(plan.data, row[at.EL_DATA] + sl.SHAPE)
 
 
 @entry_kernel
