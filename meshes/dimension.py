@@ -141,7 +141,7 @@ def require_counts(name: str, counts: object, *, number: int) -> None:
     ):
         words = {2: "two", 3: "three", 4: "four"}
         raise MeshError(f"{name} must be {words[number]} positive whole numbers, got {counts!r}")
-    _refuse_more_than_memory(name, math.prod(map(int, counts)))
+    require_room(name, math.prod(map(int, counts)))
 
 
 def require_names(name: str, names: object, *, example: str) -> None:
@@ -162,7 +162,7 @@ def require_count(name: str, count: object) -> None:
     """
     if not isinstance(count, numbers.Integral) or not is_number(count) or int(count) <= 0:
         raise MeshError(f"{name} must be a positive whole number, got {count!r}")
-    _refuse_more_than_memory(name, int(count))
+    require_room(name, int(count))
 
 
 def require_memory(h: float, *sides: float) -> None:
@@ -171,11 +171,19 @@ def require_memory(h: float, *sides: float) -> None:
     Raises:
         MeshError: names h.
     """
-    _refuse_more_than_memory(f"h = {h:g} m", math.prod(max(1.0, side / h) for side in sides))
+    require_room(f"h = {h:g} m", math.prod(max(1.0, side / h) for side in sides))
 
 
-def _refuse_more_than_memory(name: str, cells: float) -> None:
-    """Refuse so many cells that what is kept of them exceeds the memory that is free; not collective."""
+def require_room(name: str, cells: float) -> None:
+    """Refuse so many cells that what is kept of them exceeds the memory that is free; not collective.
+
+    Args:
+        name: what makes them, in the message.
+        cells: their number, about.
+
+    Raises:
+        MeshError: names it.
+    """
     free = available_memory()
     if free is not None and cells * _CELL > free:
         raise MeshError(f"{name} makes {cells:.3g} cells, more than memory holds ({free / 1e9:.3g} GB are free)")

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
 from flexmbd.errors import MeshError
-from flexmbd.meshes.dimension import check_arguments, checked_part, require_counts, require_degree, require_positive
+from flexmbd.meshes.dimension import (
+    check_arguments,
+    checked_part,
+    require_counts,
+    require_degree,
+    require_positive,
+    require_room,
+)
 from flexmbd.meshes.extrusion import ExtrudedLayer, Profile, Wall, extrude, grid_quads
 
 FloatArray = NDArray[np.float64]
@@ -74,6 +81,8 @@ def spur_gear(
         require_degree(degree)
         if teeth < 8:
             raise MeshError(f"a spur gear has 8 teeth at least, got {teeth}")
+        across, flank, below, along = divisions
+        require_room(f"{teeth} teeth", teeth * ((across + 2 * _GAP) * below + across * flank) * along)
         if not 0.0 < pressure_angle < 0.25 * np.pi:
             raise MeshError(f"pressure_angle must be between 0 and pi/4 rad, got {pressure_angle:g}")
         if not 0.0 <= backlash < 0.5 * np.pi * module:
@@ -81,7 +90,7 @@ def spur_gear(
         shape = Outline(teeth, module, pressure_angle, backlash)
         if not bore < shape.root - module:
             raise MeshError(f"bore must be a module below the root circle, {shape.root - module:g} m, got {bore:g}")
-        unknown = sorted(set(fine or ()) - set(range(teeth)))
+        unknown = sorted(k for k in set(fine or ()) if not 0 <= k < teeth)
         if unknown:
             raise MeshError(f"fine has the teeth {unknown}, and they are counted from 0 to {teeth - 1}")
         if not shape.half_angle(np.array(shape.tip)) > 0.0:
@@ -146,9 +155,9 @@ class Outline:
 
     def along_flank(self, share: FloatArray) -> FloatArray:
         """m, radii of points from the fillet (0) to the tip (1), by shares of the flank's length."""
-        low, high = (r - self.base if r < self.base else 0.5 * (r**2 / self.base - self.base) for r in self._ends)
+        low, high = (r - self.base if r < self.base else 0.5 * (r / self.base * r - self.base) for r in self._ends)
         length = low + (high - low) * share
-        radius = np.where(length < 0.0, self.base + length, np.sqrt(self.base**2 + 2.0 * self.base * abs(length)))
+        radius = np.where(length < 0.0, self.base + length, self.base * np.sqrt(1.0 + 2.0 * abs(length) / self.base))
         radius[[0, -1]] = self._ends
         return radius
 

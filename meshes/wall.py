@@ -14,7 +14,7 @@ from flexmbd.continuum.compat import geometry_degree
 from flexmbd.continuum.grid.mesh_blocks import mesh_blocks
 from flexmbd.continuum.grid.mesh_input import MeshInput, from_root
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh, spread
-from flexmbd.errors import MeshError
+from flexmbd.errors import MeshError, described
 from flexmbd.given import is_number, shown
 from flexmbd.meshes.dimension import check_arguments, checked_part, require_count
 
@@ -38,7 +38,7 @@ _SHARPEST = np.cos(np.radians(165.0))
 @checked_part
 def wall(
     part: TaggedMesh,
-    thickness: Thickness,
+    thickness: float | Callable[[Points], Points],
     *,
     offset: float = 0.0,
     layers: int = 1,
@@ -218,7 +218,7 @@ def _directors(points: Points, cells: IntArray) -> Points:
 
 def _given(points: Points, director: Points, normals: Callable[[Points], Points]) -> Points:
     """(n, 3) unit normals as they are given, to the side of the directors."""
-    found = np.asarray(normals(points.T), dtype=np.float64)
+    found = _values(normals, "normals", points)
     if found.shape != (3, len(points)) or not np.isfinite(found).all():
         raise MeshError(f"normals must give (3, {len(points)}) finite numbers for as many points, got {shown(found)}")
     length = np.linalg.norm(found, axis=0)
@@ -231,10 +231,18 @@ def _given(points: Points, director: Points, normals: Callable[[Points], Points]
     return np.asarray((np.copysign(1.0, along) / length * found).T)
 
 
+def _values(function: Callable[[Points], Points], what: str, points: Points) -> Points:
+    """What a user's function gives at points (n, 3)."""
+    try:
+        return np.asarray(function(points.T), dtype=np.float64)
+    except Exception as error:
+        raise MeshError(f"{what}: the function of points failed: {described(error)}") from error
+
+
 def _thicknesses(points: Points, thickness: Thickness) -> Points:
     if not callable(thickness):
         return np.full(len(points), float(thickness))
-    found = np.asarray(thickness(points.T), dtype=np.float64)
+    found = _values(thickness, "the thickness of a wall", points)
     if found.shape != (len(points),) or not (np.isfinite(found).all() and found.min() > 0.0):
         raise MeshError(
             f"the thickness of a wall must give ({len(points)},) positive lengths (m) for points (3, {len(points)}), "

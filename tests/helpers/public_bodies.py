@@ -202,6 +202,10 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
         "length": lambda w: 0.2, "outer_radius": lambda w: 0.1, "inner_radius": lambda w: 0.05, "h": lambda w: 0.1,
         "degree": lambda w: 1, "comm": lambda w: ALONE,
     },
+    "meshes.wall": {
+        "part": lambda w: meshes.sheet(0.2, 0.1, divisions=(2, 1), comm=ALONE), "thickness": lambda w: 0.01,
+        "offset": lambda w: 0.0, "layers": lambda w: 1, "normals": lambda w: None,
+    },
     "meshes.write": {"path": lambda w: "part.h5"},
     "reduction.InterfaceModes": {"modes": lambda w: 2, "joints": lambda w: ["x_min"]},
     "reduction.KelvinVoigtDamping": {"tau": lambda w: 1e-4},

@@ -26,6 +26,8 @@ CALLED_BY_THE_MACHINE = (
     "CompiledScene.", "Scheme.", "force.Kinematics.", "CentralDifference.", "continuum.CorotatedInterior.",
     "continuum.ExplicitContinuum.", "continuum.ImplicitContinuum.", "continuum.RegularCheckpoints.",
     "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
+    "continuum.CellFields.", "continuum.CellGroup.", "continuum.CondensedStiffness.", "continuum.FieldConditions.",
+    "continuum.ContinuumModel.unknown_columns", "continuum.LinearModel.unknown_columns",
     "continuum.NonlinearModel.refuse_surface_energy", "Event.value", "Event.passes", "Checkpoint.of",
     "ExactBeam.resultants", "RunSettings.method",
 )
@@ -51,7 +53,8 @@ MADE_BY_FLEXMBD = {
     "force.check_numbers", "reduction.StaticState", "reduction.BucklingModes", "reduction.CondensedMatrices",
     "reduction.TruncationErrors", "reduction.PrestressedModel",
     "continuum.BodyCriticalPoint", "continuum.BodyEquilibrium", "continuum.BodyPath", "continuum.Bond",
-    "continuum.CellGroup", "continuum.CheckResult", "continuum.Cut", "continuum.CutMesh",
+    "continuum.CellFields", "continuum.CondensedStiffness", "continuum.FieldConditions", "continuum.FloatingGroup",
+    "continuum.UniformShift", "continuum.CellGroup", "continuum.CheckResult", "continuum.Cut", "continuum.CutMesh",
     "continuum.DiscreteForms", "continuum.DofLayout", "continuum.EnergyAccount", "continuum.Equilibrium",
     "continuum.ExplicitOperator", "continuum.FormReport", "continuum.HeldSurface", "continuum.HistorySnapshot",
     "continuum.LinearModel", "continuum.NodalGroup", "continuum.OptionalEntries", "continuum.PieceSummary",

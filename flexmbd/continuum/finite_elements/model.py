@@ -11,6 +11,7 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
@@ -25,9 +26,11 @@ from flexmbd.continuum.finite_elements.nodal_group import NodalInterface
 from flexmbd.continuum.finite_elements.nodal_interface import find_nodal_groups
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy, surface_work
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
-from flexmbd.given import is_list
+from flexmbd.errors import FormulationError
+from flexmbd.given import checked, is_list
 
 
+@checked("condense", error=FormulationError, agree=parallel.told_to_all)
 class ContinuumModel(LinearModel):
     """A linear elastic body on a mesh, with named interfaces, at rest. Constructing one is collective."""
 
