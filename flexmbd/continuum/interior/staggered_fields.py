@@ -35,7 +35,7 @@ _SLOW = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _FieldTrial:
     """An increment (local dofs including ghosts,), and the forces (owned dofs,) there."""
 
     increment: FloatArray
@@ -98,7 +98,7 @@ class StaggeredFields:
         Raises:
             ConvergenceError: on all ranks: as `NonlinearModel.force`, or the further unknowns are not found.
         """
-        problem = _Balance(self, dt)
+        problem = _FieldBalance(self, dt)
         found = newton(problem, problem.at(increment), most=_MOST, close=_CLOSE)
         if not found.is_solution:
             raise ConvergenceError(
@@ -114,7 +114,7 @@ class StaggeredFields:
         self.lost += float(self._body.comm.allreduce(float(force[self.rows] @ whole[self.rows])))
         return force
 
-    def solved(self, trial: _Trial, before: float, *, dt: float) -> Correction[FloatArray]:
+    def solved(self, trial: _FieldTrial, before: float, *, dt: float) -> Correction[FloatArray]:
         """The correction (owned dofs,) at a trial, where the last one had the size `before`. Collective."""
         if self._own is None:
             self._factor(trial.increment, dt)
@@ -135,7 +135,7 @@ class StaggeredFields:
         self._ghosted.scatter_forward()
         return np.asarray(self._ghosted.array.copy())
 
-    def _correction(self, trial: _Trial) -> Correction[FloatArray]:
+    def _correction(self, trial: _FieldTrial) -> Correction[FloatArray]:
         """Sizes are roots of energies: those of the further unknowns and of the displacement are what a body holds."""
         body, rows, load = self._body, self.rows, np.zeros(self._body.n_owned)
         load[rows] = -trial.force[rows]
@@ -169,22 +169,22 @@ class StaggeredFields:
         self._linear.set_operator(matrix)
 
 
-class _Balance:
+class _FieldBalance:
     """The further unknowns at given displacements, as a problem for Newton's method."""
 
     def __init__(self, fields: StaggeredFields, dt: float) -> None:
         self._fields, self._dt, self._before = fields, dt, np.inf
 
-    def at(self, increment: FloatArray) -> _Trial:
-        return _Trial(increment, self._fields.forces(increment, dt=self._dt))
+    def at(self, increment: FloatArray) -> _FieldTrial:
+        return _FieldTrial(increment, self._fields.forces(increment, dt=self._dt))
 
-    def is_solved(self, here: _Trial, *, close: bool) -> bool:
+    def is_solved(self, here: _FieldTrial, *, close: bool) -> bool:
         return close
 
-    def correction(self, here: _Trial) -> Correction[FloatArray]:
+    def correction(self, here: _FieldTrial) -> Correction[FloatArray]:
         found = self._fields.solved(here, self._before, dt=self._dt)
         self._before = found.size
         return found
 
-    def moved(self, here: _Trial, correction: Correction[FloatArray], *, close: bool) -> _Trial:
+    def moved(self, here: _FieldTrial, correction: Correction[FloatArray], *, close: bool) -> _FieldTrial:
         return here if close else self.at(self._fields.moved(here.increment, correction.change))
