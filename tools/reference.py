@@ -39,19 +39,20 @@ PAGES = {
         "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior "
         "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
-        "FrameMotion Push Scheme Memory TimeFactor",
+        "FrameMotion Push Scheme Memory TimeFactor TouchingInterior Obstacle FacingSurface",
         "beams",
     ),
     "joints": ("Joints", "Way Multipliers Penalty AugmentedLagrangian", "joint"),
     "forces": (
         "Forces and functions of time",
-        "Table Beyond Sine Motion Piecewise Switched Signal TimeFunction compiled Compiled",
+        "Table Beyond Sine Motion Piecewise Switched Signal TimeFunction compiled Compiled "
+        "Port PortFlow InducedFlow StrainFlow PortSeries",
         "force",
     ),
     "contact": ("Contact", "", "contact"),
     "record": (
         "Reduced bodies",
-        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads FurtherUnknowns GeometricStiffness "
+        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads Ports FurtherUnknowns GeometricStiffness "
         "Gyroscopic ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
         "StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
         "hot_spots HotSpot StressMeasure "
