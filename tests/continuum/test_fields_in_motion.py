@@ -26,6 +26,7 @@ from flexmbd.continuum import (
     follow,
     load_form,
 )
+from flexmbd.continuum.compat import cell_nodes
 from flexmbd.errors import FormulationError, InterfaceError
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.reduction import craig_bampton
@@ -61,7 +62,7 @@ def bar(*, nu=0.0, damaged=10.0, cells=CELLS, length=LENGTH, width=WIDTH, comm=M
     p = brittle().Parameters(E=E, nu=nu, rho=RHO, Gc=GC, length=width, residual=1e-5)
     body = NonlinearModel(mesh, brittle(), p, degree=1, interfaces=list(interfaces))
     if damaged:
-        start, x = body.snapshot(), mesh.mesh.geometry.x[mesh.mesh.geometry.dofmap].mean(axis=1)[:, 0]
+        start, x = body.snapshot(), mesh.mesh.geometry.x[cell_nodes(mesh.mesh)].mean(axis=1)[:, 0]
         start.history[0].reshape(len(x), -1)[abs(x - length / 2) < 0.4 * SIZE] = damaged * GC / width
         body.restore(start)
     return body

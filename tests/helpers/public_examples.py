@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -15,6 +16,7 @@ from random_misuse.scenes import record
 
 import flexmbd as fm
 from flexmbd import contact, force, joint
+from flexmbd.record.reduced_body import Ports
 
 #: Called by the machine, on types of its inside (tests/packaging/test_public_names.py).
 BY_THE_MACHINE = {
@@ -23,6 +25,9 @@ BY_THE_MACHINE = {
 }  # fmt: skip
 #: Types of the inside with all that they can do.
 CALLED_BY_THE_MACHINE = (
+    "Port.", "InducedFlow.", "PortFlow.", "StrainFlow.",
+    # of machines with electrodes, which tests/multibody/force/test_port_effort.py has
+    "CriticalPoint.port_", "WorkingPoint.port_", "FlexibleBody.port", "Trajectory.port", "force.PortEffort",
     "CompiledScene.", "Scheme.", "force.Kinematics.", "CentralDifference.", "continuum.CorotatedInterior.",
     "continuum.ExplicitContinuum.", "continuum.ImplicitContinuum.", "continuum.RegularCheckpoints.",
     "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
@@ -34,7 +39,7 @@ CALLED_BY_THE_MACHINE = (
 #: Made by flexmbd and handed to users: nobody calls their constructors.
 MADE_BY_FLEXMBD = {
     "BodyRecording", "Campbell", "Checkpoint", "Compiled", "CompiledEnergy", "CompiledMachine", "CompiledScene",
-    "ContactPatches",
+    "ContactPatches", "InducedFlow", "Port", "PortFlow", "PortSeries", "Ports", "StrainFlow",
     "ControllerSamples", "CriticalPoint", "CriticalSpeed", "Departure", "DistributedLoads", "Energy", "EquilibriumPath",
     "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "HotSpot", "Instant", "InterfaceFrame",
     "InteriorFields", "InteriorFrame", "InteriorIteration", "InteriorMesh", "LinearInterior", "LinearizedMachine",
@@ -75,6 +80,12 @@ def left_out(public: Public) -> bool:
     )
 
 
+def _with_port(body: fm.ReducedBody) -> fm.ReducedBody:
+    """The record with one electrode."""
+    load, capacity = np.full((1, body.n_modes), 0.1), np.ones((1, 1))
+    return replace(body, ports=Ports(("top",), ("voltage",), ("V",), ("charge",), ("C",), load, capacity))
+
+
 class World:
     """A small machine and what belongs to it, each made when it is asked for."""
 
@@ -84,6 +95,11 @@ class World:
         self.bob = self.scene.add(fm.RigidBody(1.0, (1e-2,) * 3, (0.0, 0.0, -1.0)), name="bob")
         self.hinge = self.scene.connect(joint.Revolute("y"), self.scene.ground.frame(), self.bob.frame(), name="hinge")
         self.root = self.scene.connect(joint.Revolute("y"), self.scene.ground.frame(), self.rod.frame("root"), name="a")
+
+    @cached_property
+    def electric(self) -> fm.FlexibleBody:
+        """A body with an electrode."""
+        return self.scene.add(fm.FlexibleBody(_with_port(record(2))), name="electric")
 
     @cached_property
     def slide(self) -> joint.Connection:
@@ -144,6 +160,10 @@ BY_WORDS: dict[str, Callable[[World], Any]] = {
     "Sequence[Solid]": lambda w: [fm.Solid.box((1.0, 1.0, 1.0), density=1.0)],
     "Shape": lambda w: fm.Shape.box((1.0, 1.0, 1.0)),
     "Sequence[Force]": lambda w: [],
+    "Port": lambda w: w.electric.port("top"),
+    "Elastic | Nodes | Touching": lambda w: contact.Sphere(w.bob.frame(), 0.1),
+    "Elastic | Nodes | SurfaceFacets | Touching": lambda w: contact.Sphere(w.bob.frame(), 0.1),
+    "AnyContact | Sequence[AnyContact]": lambda w: [],
     "Touching | Nodes": lambda w: contact.Sphere(w.bob.frame(), 0.1),
     "Touching | Nodes | SurfaceFacets": lambda w: contact.Sphere(w.bob.frame(), 0.1),
     "NormalLaw": lambda w: contact.PowerLaw(k=1.0),

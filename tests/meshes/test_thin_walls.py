@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 from flexmbd import meshes
+from flexmbd.continuum.compat import cell_nodes
 from flexmbd.errors import MeshError
 
 
@@ -34,7 +35,7 @@ def volume(wall):
 
 
 def third_edges(wall):
-    corners = wall.mesh.geometry.x[wall.mesh.geometry.dofmap]
+    corners = wall.mesh.geometry.x[cell_nodes(wall.mesh)]
     return np.linalg.norm(corners[:, 4:] - corners[:, :4], axis=2)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from typing import Any
 
 from mpi4py import MPI
@@ -62,10 +63,12 @@ class UniformShift:
         values: (owned dofs,) of one unit of it.
         mean: (owned dofs,) whose product with an unknown, over all ranks, is the mean of the field in these units,
             where the field is held in the mean; else None.
+        pin: (1,) the dof that is zero in the stiffness there, of the rank that owns it; (0,) of others, or elsewhere.
     """
 
     values: FloatArray
     mean: FloatArray | None = None
+    pin: NDArray[np.int64] = dataclass_field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +111,19 @@ class FieldConditions:
             whole[group.dofs] = total(comm, own)
         for values, mean in means:
             whole -= np.outer(values, total(comm, mean @ whole))
+        return whole
+
+
+    def free(self, comm: MPI.Comm, block: FloatArray, *, first: int) -> FloatArray:
+        """The way back from `completed` (owned dofs, k): what follows is zero, and what is pinned. Collective."""
+        whole = np.array(block, order="F")
+        for shift in self.shifts.values():
+            if shift.mean is not None:
+                own = (whole[shift.pin] / shift.values[shift.pin, None]).sum(axis=0)
+                whole -= np.outer(shift.values, total(comm, own))
+        for group in self.floating:
+            follow = group.dofs[group.dofs != group.leader - first]
+            whole[follow] = 0.0
         return whole
 
 
@@ -211,8 +227,9 @@ class _Builder:
         for name, shift in list(self.shifts.items()):
             fixed = any(one.field == name and not one.floating for one in conditions)
             if not fixed and not (sprung and not costs_nothing(K, shift.values)):
-                held[self._free_dof(shift, held)] = True
-                self.shifts[name] = replace(shift, mean=self._mean(shift))
+                pin = self._free_dof(shift, held)
+                held[pin] = True
+                self.shifts[name] = replace(shift, mean=self._mean(shift), pin=pin)
         forces = np.where(held[:, None], 0.0, -images)
         _take_out(K, held, first=self.first)
         others = tuple(one for one in conditions if not one.is_port)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
+from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
 from flexmbd.continuum.matrices.blocks import inner, multiply
 from flexmbd.errors import RecordError
@@ -40,6 +41,10 @@ class ReductionModel(Discretisation, Protocol):
     @property
     def M(self) -> PETSc.Mat:
         """Consistent mass, the same layout."""
+
+    @property
+    def conditions(self) -> FieldConditions | None:
+        """What holds a potential, built into K."""
 
     @property
     def unknown_space(self) -> fem.FunctionSpace:
@@ -142,6 +147,8 @@ def model_share(model: ReductionModel, modes: FloatArray, stiffness: FloatArray)
     Returns:
         That, and how much of it is round-off at most.
     """
+    if model.conditions is not None:
+        modes = model.conditions.free(model.comm, modes, first=int(model.K.getOwnershipRange()[0]))
     u = _all_modes(modes, stiffness**-0.5)
     strain = float(inner(model.comm, u, multiply(model.K, u))[0, 0])
     diagonal = model.K.getDiagonal()

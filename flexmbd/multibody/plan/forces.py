@@ -140,6 +140,7 @@ class ForceTable(StateTable):
         rows[:, at.EL_DATA] = first + numbers.shape[1] * acts
         rows[:, at.EL_COUNT : at.EL_NUMBER] = 0
         rows[:, at.EL_NUMBER] = np.arange(row, row + len(acts))
+        rows[:, at.EL_SCRATCH] = 0
         self.alike.append((row, rows))
         self.elements.extend(rows.tolist())
         self.names.extend([force for force, acts_at_all in zip(forces, acting, strict=True) if acts_at_all])
