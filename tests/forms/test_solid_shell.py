@@ -1,5 +1,7 @@
 """The solid-shell against shells' published numbers, beams' closed forms, the plate: thin, curved, far turned."""
 
+import warnings
+
 from mpi4py import MPI
 
 import numpy as np
@@ -11,6 +13,7 @@ from full_model import gather
 
 from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, ForceAtNodes, LinearSolver, NonlinearModel, follow
+from flexmbd.errors import LockingWarning
 from flexmbd.forms import solid_shell
 
 EXACT = LinearSolver(0, forcing_term=1e-9)
@@ -182,3 +185,14 @@ def test_a_reduced_plate_vibrates_as_kirchhoffs():
     lowest = scipy.sparse.linalg.eigsh(K, 1, M, sigma=0.0, return_eigenvectors=False)[0]
     exact = 35.985 * np.sqrt(E * t**2 / 12 / (1 - nu**2) / rho)
     assert np.sqrt(lowest) == pytest.approx(exact, rel=0.01)
+
+
+def test_a_mesh_whose_third_edges_are_no_thickness_is_told():
+    steel = solid_shell.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
+    block = meshes.block(1.0, 1.0, 0.005, divisions=(4, 4, 1), comm=MPI.COMM_SELF)
+    with pytest.warns(LockingWarning, match="16 of 16 cells"):
+        ContinuumModel(block, solid_shell, steel, degree=1)
+    sheet = meshes.sheet(1.0, 1.0, divisions=(4, 4), comm=MPI.COMM_SELF)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ContinuumModel(meshes.wall(sheet, 0.005), solid_shell, steel, degree=1)

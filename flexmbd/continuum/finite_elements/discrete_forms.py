@@ -20,6 +20,7 @@ from flexmbd.continuum.contract.dof_layout import DofLayout, RigidDisplacement, 
 from flexmbd.continuum.contract.formulation import Formulation
 from flexmbd.continuum.finite_elements.cell_group import CellGroup, Pairs, Source, pair_cells
 from flexmbd.continuum.finite_elements.interface import FoundInterface, Interface, find_interfaces
+from flexmbd.continuum.finite_elements.layered_cells import tell_layers
 from flexmbd.continuum.finite_elements.surface_group import SurfaceGroup, Surfaces, check_mass, pair_facets
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FormulationError, InterfaceError, MeshError
@@ -196,6 +197,7 @@ def discretise(
     # on several ranks the matrices of a model that is gone wait for a collective call
     PETSc.garbage_cleanup(mesh.comm)
     groups = pair_cells(mesh, formulation, parameters, degree=degree, with_history=with_history)
+    tell_layers(mesh, groups)
     facets = pair_facets(mesh, groups, surfaces, degree=degree)
     form, cell = groups[0].formulation, mesh.mesh.topology.cell_name()
     whole = space = fem.functionspace(mesh.mesh, form.element(cell, 3, degree))
