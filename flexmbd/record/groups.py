@@ -257,6 +257,23 @@ class DistributedLoads:
 
 
 @dataclass(frozen=True, eq=False)
+class Heat:
+    """Optional group ``heat/``: those of the loads that are rises of temperature, for stress from the model.
+
+    Attributes:
+        names: (h,) of the loads.
+        node: (k,) node numbers, as in `NodalModes`.
+        rise: (h, k) K per unit factor, above the temperature at which the body is free of stress.
+    """
+
+    names: tuple[str, ...]
+    node: IntArray
+    rise: FloatArray
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
 class StressModes:
     """Optional group ``stress/``: stress at the nodes per unit modal coordinate, averaged over cells.
 
@@ -286,6 +303,7 @@ RecordGroup = (
     | NonlinearStiffness
     | Gyroscopic
     | DistributedLoads
+    | Heat
     | StressModes
     | ContactPatches
 )
@@ -301,6 +319,7 @@ GROUPS: dict[str, type[RecordGroup]] = {
     "nonlinear": NonlinearStiffness,
     "gyroscopic": Gyroscopic,
     "loads": DistributedLoads,
+    "heat": Heat,
     "stress": StressModes,
     "contact": ContactPatches,
 }

@@ -21,6 +21,7 @@ from flexmbd.record.groups import (
     FurtherUnknowns,
     GeometricStiffness,
     Gyroscopic,
+    Heat,
     InterfaceFrame,
     ModalStretch,
     NodalInterfaces,
@@ -56,6 +57,7 @@ _PURPOSE = {
     "nonlinear": "the strain energy of large displacements",
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
+    "heat": "stress from the model where an expansion is held",
     "stress": "stress at the nodes without the model",
     "contact": "patches that may be touched, and the flexibility there that the modes leave out",
 }
@@ -299,6 +301,8 @@ def _group_text(group: RecordGroup) -> str:
             return _count(len(group.area), "patch", "patches")
         case DistributedLoads():
             return _count(len(group.names), "load")
+        case Heat():
+            return f"{_count(len(group.names), 'temperature')} at {_count(len(group.node), 'node')}"
 
 
 def _geometric_lines(group: GeometricStiffness, stiffness: FloatArray) -> Iterable[str]:

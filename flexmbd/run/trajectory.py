@@ -26,6 +26,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.heat_factors import stress_in_machine
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
 from flexmbd.multibody.team import Team
@@ -395,4 +396,4 @@ class Trajectory(ForceSeries):
             return self.recorded(body).stress(t)
         if model is None:
             raise SceneError(f"the stress of body {body.name!r} needs the model that it was reduced from")
-        return model.stress_field(self.scene.index.now(body).record, self.q(body, t=t))
+        return stress_in_machine(self.scene, body, model, self.q(body, t=t), t)
