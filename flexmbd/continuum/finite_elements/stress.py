@@ -165,7 +165,7 @@ class _HeldExpansion:
     """The stress of rises of temperature without displacement. Constructing one is collective, and compiles."""
 
     def __init__(self, model: ReductionModel) -> None:
-        self._model, self._rise = model, scalar_function(model)
+        self._model, self._rise = model, scalar_function(model.mesh, model.layout)
         points = compat.interpolation_points(model.layout.node_space)
         refuse_without_expansion(model.groups)
         self._sigma = [

@@ -17,11 +17,13 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat, parallel
+from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.contract.heated_form import expands, expansion_of, heated
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
+from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.errors import FlexmbdError, FormulationError, described
 from flexmbd.given import numbers
 
@@ -59,7 +61,7 @@ def rise_function(model: Discretisation, rise: Any, what: str, *, kind: type[Fle
     Raises:
         FlexmbdError: on all ranks, of that kind: it gives no finite value at each node.
     """
-    found = scalar_function(model)
+    found = scalar_function(model.mesh, model.layout)
     error: FlexmbdError | None = None
     try:
         given = checked_rise(rise, what, kind=kind)
@@ -75,11 +77,10 @@ def rise_function(model: Discretisation, rise: Any, what: str, *, kind: type[Fle
     return found
 
 
-def scalar_function(model: Discretisation) -> fem.Function:
+def scalar_function(mesh: TaggedMesh, layout: DofLayout) -> fem.Function:
     """Zero at the displacement's nodes, as a scalar Lagrange function of its degree. Collective."""
-    mesh = model.mesh.mesh
-    element = basix.ufl.element("Lagrange", mesh.topology.cell_name(), model.layout.displacement_degree)
-    return fem.Function(fem.functionspace(mesh, element))
+    element = basix.ufl.element("Lagrange", mesh.mesh.topology.cell_name(), layout.displacement_degree)
+    return fem.Function(fem.functionspace(mesh.mesh, element))
 
 
 def at_nodes(model: Discretisation, rise: fem.Function) -> FloatArray:

@@ -43,7 +43,15 @@ class History:
         points: (points, 3) of the rule, in reference coordinates.
     """
 
-    def __init__(self, group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr, *, means: bool) -> None:
+    def __init__(
+        self,
+        group: CellGroup,
+        u: fem.Function,
+        v: ufl.core.expr.Expr,
+        *,
+        means: bool,
+        temperature: fem.Function | None = None,
+    ) -> None:
         """Not collective but for compilation.
 
         Args:
@@ -51,6 +59,7 @@ class History:
             u: trial displacement, which the forms read.
             v: test function on its space.
             means: whether cell means are taken where the formulation has them.
+            temperature: that the group's formulation reads, if any.
 
         Raises:
             FormulationError: terms with history have rules of their own each.
@@ -91,7 +100,7 @@ class History:
 
         self._pass = CellPass(
             group,
-            Unknowns(u, self._state, self._z, self._slopes, self.mean),
+            Unknowns(u, self._state, self._z, self._slopes, self.mean, temperature),
             CellForms(
                 lambda v: work(v, self._z), update, equations, None if self.mean is None else self._averaged
             ),

@@ -12,6 +12,7 @@ The mesh itself is moved only while something is assembled.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -24,6 +25,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.entries import is_rate_dependent
 from flexmbd.continuum.finite_elements.cell_group import refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
+from flexmbd.continuum.finite_elements.temperature import heated_groups, scalar_function
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
 from flexmbd.continuum.history.surface_springs import SurfaceSprings
@@ -48,24 +50,35 @@ class TrialBody(DiscretisedBody):
         displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed mesh.
         viscous_forces: of the formulations' dissipation; None where there is none.
         springs: on facets, from the surface to the body's axes; None where there are none.
+        temperature: K, its rise, which the formulations read; None where the body is not heated.
+        cold_groups: the groups with the formulations as they were given.
     """
 
-    def __init__(self, forms: DiscreteForms, *, means: bool) -> None:
+    def __init__(self, forms: DiscreteForms, *, means: bool, heated: bool = False) -> None:
         """Compile the formulations. Collective.
 
         Args:
             forms: the formulations on the mesh, with history.
             means: whether formulations with `cell_mean` use it against volumetric locking.
+            heated: whether they are at a temperature, which begins at zero.
 
         Raises:
-            FormulationError: formulations of both references, or with gyroscopic forces.
+            FormulationError: formulations of both references, or with gyroscopic forces; of a heated body those
+                without an expansion.
         """
+        self.temperature: fem.Function | None = None
+        self.cold_groups = forms.groups
+        if heated:
+            self.temperature = scalar_function(forms.mesh, forms.layout)
+            forms = replace(forms, groups=heated_groups(forms.groups, self.temperature))
         super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
         refuse_gyroscopic(forms.groups, by="a body with history")
         check_references(forms, has_rotations=self.has_rotations)
         self._u = fem.Function(self.space)
         v = ufl.TestFunction(self.space)
-        self._histories = [History(group, self._u, v, means=means) for group in self.groups]
+        self._histories = [
+            History(group, self._u, v, means=means, temperature=self.temperature) for group in self.groups
+        ]
         self.viscous_forces = None
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
@@ -107,6 +120,21 @@ class TrialBody(DiscretisedBody):
     def has_rotations(self) -> bool:
         """Whether there are unknowns besides the displacement, as a beam's rotations."""
         return self.layout.displacement_dofs.size != self.layout.n_local
+
+    def set_temperature(self, values: FloatArray) -> None:
+        """Bring the body to a rise of temperature, K; not collective.
+
+        Args:
+            values: (local dofs of `temperature`,), or one for all.
+
+        Raises:
+            FormulationError: the body is not heated.
+        """
+        if self.temperature is None:
+            raise FormulationError("the body was compiled without a temperature: NonlinearModel(..., heated=True)")
+        if not np.array_equal(self.temperature.x.array, np.broadcast_to(values, self.temperature.x.array.shape)):
+            self.temperature.x.array[:] = values
+            self._evaluated = None
 
     def check_displacement_alone(self) -> None:
         """Refuse unknowns besides the displacement, whose inertia is not a mass; the same on every rank.

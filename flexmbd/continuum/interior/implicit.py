@@ -157,16 +157,17 @@ class ImplicitContinuum:
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
-        return self._start_accelerations(motion, -self._loads.now.reshape(-1))
+        return self._start_accelerations(motion, self._held_expansion(R) - self._loads.now.reshape(-1))
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
-        now, internal = self._current_state(), self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
+        now = self._current_state()
         v = now.v.copy()
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
         axes = self._axes(motion)
         self._loads.now = self._loads.after(t, now.x, axes.R)
+        internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         self._forget()
         return self._start_accelerations(motion, axes.to_inertial(internal) - self._loads.now.reshape(-1))
 
@@ -204,10 +205,10 @@ class ImplicitContinuum:
                 "a load that follows its surface is left out of the linear equations of a body with history; linearise "
                 "without it, or with follows=False"
             )
-        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         axes = self._axes(motion)
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
         dead_load = self._loads.after(now.t, now.x, axes.R).reshape(-1)
+        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         found = linear_equations(
             self._frames,
             motion,
@@ -417,6 +418,13 @@ class ImplicitContinuum:
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
         target = moved.reshape(-1)[self._prescribed]
         return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
+
+    def _held_expansion(self, R: FloatArray) -> FloatArray:
+        """(owned dofs,) N, in inertial axes, that hold the warm body, turned by R, in its undeformed shape. Collective."""
+        if not self._loads.applied.any_heat:
+            return np.zeros(self.body.n_owned)
+        internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
+        return np.asarray((internal.reshape(-1, 3) @ R.T).reshape(-1))
 
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""

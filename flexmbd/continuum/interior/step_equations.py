@@ -153,6 +153,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
+        self.loads.heat()
         internal = self.body.force(increment, dt=self.step.h)
         inertia = self.axes.to_body(self.frames.product(self.motion(increment)[1] - self.step.gravity))
         return internal, inertia, self.loads.force(increment)
@@ -182,6 +183,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
+        self.loads.heat()
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return matrix
@@ -216,6 +218,7 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
+        self.loads.heat()
         internal = self.body.force(increment, dt=0.0)
         if self.body.is_updated:
             self.body.check_cells()
@@ -229,4 +232,5 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
+        self.loads.heat()
         return self.loads.subtract_slopes(self.body.tangent(increment, dt=0.0), increment)
