@@ -420,7 +420,7 @@ class ImplicitContinuum:
         return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
 
     def _held_expansion(self, R: FloatArray) -> FloatArray:
-        """(owned dofs,) N, in inertial axes, that hold the warm body, turned by R, in its undeformed shape. Collective."""
+        """(owned dofs,) N, in inertial axes, that hold the warm body, turned by R, in its shape at rest. Collective."""
         if not self._loads.applied.any_heat:
             return np.zeros(self.body.n_owned)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
