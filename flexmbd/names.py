@@ -127,6 +127,7 @@ from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import Gyroscopic as Gyroscopic
+from flexmbd.record.groups import Heat as Heat
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalInterfaces as NodalInterfaces

@@ -37,8 +37,8 @@ from flexmbd.forms._hardening import check_yield
 from flexmbd.forms._shared import Expr as Expr
 from flexmbd.forms._shared import Terms as Terms
 from flexmbd.forms._shared import bulk_modulus as bulk_modulus
-from flexmbd.forms._shared import shear_modulus as shear_modulus
 from flexmbd.forms._shared import check_finite, take_numbers
+from flexmbd.forms._shared import shear_modulus as shear_modulus
 from flexmbd.forms._shared import thermal_strain as thermal_strain
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
 from flexmbd.forms.solid_linear import element as element

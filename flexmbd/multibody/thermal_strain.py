@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexmbd.errors import SceneError
-from flexmbd.given import checked, is_number
+from flexmbd.given import checked, is_number, numbers
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial
 from flexmbd.multibody.functions.time_function import Sine, TimeFunction
 
@@ -29,10 +29,6 @@ def thermal_strain(
     Raises:
         SceneError: alpha is no finite number, the gradient has not two parts, or one is another function of time.
     """
-    if not is_number(alpha) or not np.isfinite(alpha):
-        raise SceneError(f"alpha must be a finite number (1/K), got {alpha!r}")
-    if not isinstance(gradient, (tuple, list)) or len(gradient) != 2:
-        raise SceneError(f"gradient must be two, along the section's y and z (K/m), got {gradient!r:.80}")
     along_y, along_z = gradient
     # the fibre at (y, z) is stretched by strain[0] - strain[5] y + strain[4] z
     parts = _times(alpha, rise, "rise"), _times(alpha, along_z, "gradient"), _times(-alpha, along_y, "gradient")
@@ -41,8 +37,8 @@ def thermal_strain(
 
 def _times(factor: float, function: TimeFunction, what: str) -> TimeFunction:
     """A function of time times a number."""
-    if is_number(function) and np.isfinite(function):
-        return factor * float(function)  # type: ignore[arg-type]
+    if is_number(function) and np.isfinite(numbers(function)):
+        return factor * float(numbers(function))
     if isinstance(function, Sine):
         return replace(function, amplitude=factor * function.amplitude, offset=factor * function.offset)
     if isinstance(function, Table):

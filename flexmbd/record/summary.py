@@ -57,7 +57,7 @@ _PURPOSE = {
     "nonlinear": "the strain energy of large displacements",
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
-    "heat": "stress from the model where an expansion is held",
+    "heat": "stress from the model where a warm body cannot expand",
     "stress": "stress at the nodes without the model",
     "contact": "patches that may be touched, and the flexibility there that the modes leave out",
 }

@@ -35,7 +35,7 @@ def heat_factors(
     """
     if record.heat is None:
         return {}
-    found = {name: np.zeros(len(t)) for name in record.heat.names}
+    found: dict[str, FloatArray] = {name: np.zeros(len(t)) for name in record.heat.names}
     times = force_elements(scene.plan).time
     scene.forget_failure()
     for force in scene.index.forces:
