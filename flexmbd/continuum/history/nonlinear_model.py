@@ -133,9 +133,12 @@ class NonlinearModel(TrialBody):
     def force(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
         """Internal forces at a trial displacement. Collective.
 
+        Formulations whose reference is the initial configuration get the whole displacement, `displacement` plus the
+        increment; those of the updated one the increment.
+
         Args:
-            increment: (local dofs including ghosts,) m, since the last accepted step; the ghosts' are
-                their owners'.
+            increment: (local dofs including ghosts,) m, since the last accepted step, whatever the formulations refer
+                to; the ghosts' are their owners'.
             dt: s, length of the step; at 0 no time passes: nothing flows or relaxes, and there are no viscous
                 forces. None: of no matter, as where `needs_step` is false.
 
