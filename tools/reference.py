@@ -36,7 +36,8 @@ PAGES = {
         "Bodies and frames",
         "Body Ground RigidBody PointMass FlexibleBody Frame "
         "Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy SwarmContacts "
-        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior "
+        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam "
+        "thermal_strain Interior "
         "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
         "FrameMotion Push Scheme Memory TimeFactor",
@@ -51,7 +52,7 @@ PAGES = {
     "contact": ("Contact", "", "contact"),
     "record": (
         "Reduced bodies",
-        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads FurtherUnknowns GeometricStiffness "
+        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads Heat FurtherUnknowns GeometricStiffness "
         "Gyroscopic ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
         "StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
         "hot_spots HotSpot StressMeasure "
