@@ -19,6 +19,7 @@ from flexmbd.record.reduced_body import (
     FurtherUnknowns,
     GeometricStiffness,
     Gyroscopic,
+    Heat,
     InterfaceFrame,
     ModalStretch,
     NodalInterfaces,
@@ -76,6 +77,7 @@ def full_record():
         stretch=ModalStretch(rng.normal(size=(3, n)), symmetric(rng.normal(size=(3, n, n)))),
         gyroscopic=Gyroscopic(rng.normal(size=3), rng.normal(size=(3, n)), half - half.T),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
+        heat=Heat(("warm", "hot", "cold"), np.arange(7), rng.normal(size=(3, 7))),
         stress=StressModes(
             np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
         ),
@@ -107,7 +109,8 @@ def nonlinear_record():
     return dataclasses.replace(full_record(), geometric=None, stretch=None, stress=None, nonlinear=group)
 
 
-GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "stress", "contact")
+GROUPS = ("modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "heat", "stress",
+          "contact")  # fmt: skip
 
 
 def assert_same(one, other):
