@@ -194,6 +194,9 @@ def test_rises_that_are_none_are_refused():
     for rise in ("warm", float("nan"), np.ones((2, 2)), None):
         with pytest.raises(FlexmbdError, match="a rise of temperature is"):
             Heating(rise)
+    for values in ("warm", np.nan, np.ones(2), None):
+        with pytest.raises(FlexmbdError, match="a temperature is one finite number"):
+            body.set_temperature(values)
     with pytest.raises(FlexmbdError, match="a temperature is neither"):
         equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, loads=[Heating(1.0, lambda t: t)])
 

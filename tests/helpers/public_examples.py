@@ -26,7 +26,8 @@ CALLED_BY_THE_MACHINE = (
     "CompiledScene.", "Scheme.", "force.Kinematics.", "CentralDifference.", "continuum.CorotatedInterior.",
     "continuum.ExplicitContinuum.", "continuum.ImplicitContinuum.", "continuum.RegularCheckpoints.",
     "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
-    "continuum.NonlinearModel.refuse_surface_energy", "Event.value", "Event.passes", "Checkpoint.of",
+    "continuum.NonlinearModel.refuse_surface_energy",
+    "continuum.NonlinearModel.set_temperature", "Event.value", "Event.passes", "Checkpoint.of",
     "ExactBeam.resultants", "RunSettings.method",
 )
 #: Made by flexmbd and handed to users: nobody calls their constructors.
@@ -34,7 +35,7 @@ MADE_BY_FLEXMBD = {
     "BodyRecording", "Campbell", "Checkpoint", "Compiled", "CompiledEnergy", "CompiledMachine", "CompiledScene",
     "ContactPatches",
     "ControllerSamples", "CriticalPoint", "CriticalSpeed", "Departure", "DistributedLoads", "Energy", "EquilibriumPath",
-    "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "HotSpot", "Instant", "InterfaceFrame",
+    "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "Heat", "HotSpot", "Instant", "InterfaceFrame",
     "InteriorFields", "InteriorFrame", "InteriorIteration", "InteriorMesh", "LinearInterior", "LinearizedMachine",
     "ModalStretch", "Moment", "Momentum", "NodalInterfaces", "NodalModes", "NonlinearStiffness", "Occurrence",
     "Outline", "Push", "ReducedBody", "ResultTable", "Scheme", "SimulationInterrupted", "Solid", "Start", "StateSpace",

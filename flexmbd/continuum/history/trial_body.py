@@ -36,6 +36,7 @@ from flexmbd.continuum.history.trial_errors import (
 )
 from flexmbd.continuum.history.viscous_forces import ViscousForces
 from flexmbd.errors import FlexmbdError, FormulationError
+from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -128,12 +129,17 @@ class TrialBody(DiscretisedBody):
             values: (local dofs of `temperature`,), or one for all.
 
         Raises:
-            FormulationError: the body is not heated.
+            FormulationError: the body is not heated, or the values are none.
         """
         if self.temperature is None:
             raise FormulationError("the body was compiled without a temperature: NonlinearModel(..., heated=True)")
-        if not np.array_equal(self.temperature.x.array, np.broadcast_to(values, self.temperature.x.array.shape)):
-            self.temperature.x.array[:] = values
+        now, given = self.temperature.x.array, numbers(values)
+        if given.shape not in ((), now.shape) or not np.isfinite(given).all():
+            raise FormulationError(
+                f"a temperature is one finite number (K), or {len(now)} of them on this rank, got {values!r:.80}"
+            )
+        if not np.array_equal(now, np.broadcast_to(given, now.shape)):
+            now[:] = given
             self._evaluated = None
 
     def check_displacement_alone(self) -> None:
