@@ -21,8 +21,8 @@ from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.finite_elements.temperature import (
     checked_rise,
+    refuse_condensed,
     refuse_nonlinear_expansion,
-    refuse_unheatable,
     refuse_without_expansion,
     rise_function,
     thermal_work,
@@ -230,8 +230,7 @@ def _check_expansion(model: LinearModel, load: TemperatureRise) -> None:
     """Refuse a temperature that strains nothing, or whose load would not be one of unit size. Not collective."""
     try:
         refuse_without_expansion(model.groups)
-        for group in model.groups:
-            refuse_unheatable(group)
+        refuse_condensed(model.groups)
         refuse_nonlinear_expansion(model.groups)
     except FormulationError as error:
         raise ReductionError(f"load {load.name!r}: {error}") from error

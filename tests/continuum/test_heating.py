@@ -4,6 +4,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
+from von_mises_law import STATE, Metal, von_mises
+from von_mises_law import STEEL as METAL
 
 import flexmbd as fm
 from flexmbd import forms, meshes
@@ -16,12 +19,21 @@ from flexmbd.continuum import (
     NonlinearModel,
     equilibrium_path,
     follow,
+    law_form,
     prescribed_dofs,
 )
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.history.history_file import load_body, save_body
 from flexmbd.errors import FlexmbdError
-from flexmbd.forms import j2_plasticity, neo_hookean, solid_linear, solid_mixed, solid_orthotropic, updated_lagrangian
+from flexmbd.forms import (
+    j2_plasticity,
+    neo_hookean,
+    solid_linear,
+    solid_micropolar,
+    solid_mixed,
+    solid_orthotropic,
+    updated_lagrangian,
+)
 from flexmbd.reduction import TemperatureRise, craig_bampton
 
 COMM = MPI.COMM_WORLD
@@ -59,6 +71,7 @@ def largest(comm, values):
         (j2_plasticity, VOCE, 2, "tetrahedron"),  # equations at the points
         (neo_hookean, neo_hookean.Parameters(**STEEL), 1, "hexahedron"),
         (solid_mixed, solid_mixed.Parameters(**STEEL), 2, "tetrahedron"),
+        (solid_mixed, solid_mixed.Parameters(**STEEL), 1, "hexahedron"),  # pressures condensed in their cells
     ],
 )
 def test_what_is_free_to_expand_is_stretched_and_has_no_stress(form, parameters, degree, cell):
@@ -103,6 +116,19 @@ def test_a_bar_between_walls_yields_and_is_pulled_when_it_is_cold_again():
     follow(body, [2.0], prescribed=held, loads=[heat], reached=1.0)
     left = E * 150.0 * ALPHA - YIELD  # 160 MPa
     assert body.stress()[0][..., 0, 0] == pytest.approx(left, rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_fields_of_one_cell_are_heated_as_unknowns_of_the_body_are():
+    """Unevenly heated, with pressures in their cells and with coupled ones."""
+    found = []
+    for condense in (True, False):
+        body = block(solid_mixed, solid_mixed.Parameters(**STEEL), condense=condense)
+        assert (body.fields is not None) == condense
+        held = prescribed_dofs(body, {"x_min": "xyz"})
+        follow(body, [0.5, 1.0], prescribed=held, loads=[Heating(_warmer, lambda t: t)])
+        found.append(body.stress()[0])
+    assert largest(COMM, found[0] - found[1]) < 1e-10 * largest(COMM, found[1])
 
 
 def test_the_tangent_of_a_hot_body_that_yields_is_that_of_its_forces():
@@ -155,14 +181,41 @@ def test_a_bar_that_is_heated_in_motion_moves_as_a_reduced_one():
     wanted = run.position(bar.frame("x_max"), t=[t_end])[0, 0] - 0.2
     assert wanted > 1e-4
     heat = Heating(lambda x: 1.0 + x[:, 0], raised)
-    for kind, method, h, off in (
-        (ExplicitContinuum, fm.CentralDifference(), None, 3e-2),  # lumped mass: phases off by a hundredth
-        (ImplicitContinuum, fm.GeneralizedAlpha(), 1e-5, 1e-2),
+    pressed = solid_mixed.Parameters(E=2e9, nu=0.0, rho=7800.0, alpha=ALPHA)
+    explicit = ExplicitContinuum, fm.CentralDifference(), None
+    implicit = ImplicitContinuum, fm.GeneralizedAlpha(), 1e-5
+    for form, parameters, (kind, method, h), off in (
+        (j2_plasticity, plastic, explicit, 3e-2),  # lumped mass: phases off by a hundredth
+        (j2_plasticity, plastic, implicit, 1e-2),
+        (solid_mixed, pressed, explicit, 3e-2),  # pressures condensed in their cells
+        (solid_mixed, pressed, implicit, 1e-2),
     ):
-        body = NonlinearModel(mesh, j2_plasticity, plastic, degree=1, interfaces=ends, heated=True)
+        body = NonlinearModel(mesh, form, parameters, degree=1, interfaces=ends, heated=True)
         scene, bar = swung(fm.ContinuumBody(kind(body, loads=[heat])))
         run = scene.simulate(t_end, integrator=method, h=h)
-        assert run.position(bar.frame("x_max"))[-1, 0] - 0.2 == pytest.approx(wanted, rel=off), kind
+        assert run.position(bar.frame("x_max"))[-1, 0] - 0.2 == pytest.approx(wanted, rel=off), (kind, form)
+
+
+@pytest.mark.parametrize("form", [solid_mixed, solid_micropolar])
+def test_a_bar_with_fields_without_mass_is_heated_in_motion(form):
+    """Pressures that couple cells, and micro-rotations, as by the reduced body."""
+    own = {} if form is solid_mixed else {"coupling": 1e8, "length": 0.01, "micro_inertia": 0.0}
+    material = form.Parameters(E=2e9, nu=0.0, rho=7800.0, alpha=ALPHA, **own)
+    mesh = meshes.block(0.2, 0.1, 0.1, divisions=(4, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF)
+    options = {"degree": 2, "interfaces": [Interface("x_min"), Interface("x_max")]}
+    load = TemperatureRise("heat", lambda x: 1.0 + x[:, 0])
+    record = craig_bampton(ContinuumModel(mesh, form, material, **options), modes=40, frame="x_min", loads=[load])
+    scene, bar = swung(fm.FlexibleBody(record), load=raised)
+    wanted = scene.simulate(1e-3, rtol=1e-6).position(bar.frame("x_max"), t=[1e-3])[0, 0] - 0.2
+    heat = Heating(lambda x: 1.0 + x[:, 0], raised)
+    for kind, method, h in (
+        (ExplicitContinuum, fm.CentralDifference(), None),
+        (ImplicitContinuum, fm.GeneralizedAlpha(), 1e-5),
+    ):
+        body = NonlinearModel(mesh, form, material, heated=True, **options)
+        scene, bar = swung(fm.ContinuumBody(kind(body, loads=[heat])))
+        run = scene.simulate(1e-3, integrator=method, h=h)
+        assert run.position(bar.frame("x_max"))[-1, 0] - 0.2 == pytest.approx(wanted, rel=3e-2), kind
 
 
 @pytest.mark.mpi
@@ -174,6 +227,10 @@ def test_a_temperature_that_strains_nothing_is_refused():
     none = neo_hookean.Parameters(E=E, nu=0.3, rho=7800.0)
     with pytest.raises(FlexmbdError, match=r"without expansion: the coefficients of .*neo_hookean are zero"):
         NonlinearModel(mesh, neo_hookean, none, degree=1, heated=True)
+    law = law_form(von_mises, Metal, trial=METAL, state=STATE)
+    law.thermal_strain = lambda p, dT: ALPHA * dT * ufl.Identity(3)
+    with pytest.raises(FlexmbdError, match=r"a compiled law \(point_law\) is given the whole strain"):
+        NonlinearModel(mesh, law, METAL, degree=1, heated=True)
     body = NonlinearModel(mesh, j2_plasticity, PLASTIC, degree=1)
     held = prescribed_dofs(body, BY_PLANES)
     with pytest.raises(FlexmbdError, match=r"'heating': the body was compiled without a temperature.*heated=True"):

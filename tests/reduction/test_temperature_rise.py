@@ -210,6 +210,22 @@ def test_a_plate_that_is_clamped_all_round_buckles_as_it_is_heated():
 
 
 @pytest.mark.mpi
+def test_fields_of_one_cell_are_prestressed_by_a_temperature():
+    """Pressures condensed in their cells, and coupled, of a bar that is held and hot at one end."""
+    mesh = meshes.block(0.3, 0.02, 0.01, divisions=(4, 1, 1))
+    pressures = solid_mixed.Parameters(E=E, nu=0.3, rho=7800.0, alpha=ALPHA)
+    load = TemperatureRise("heat", lambda x: x[:, 0])
+    found = []
+    for condense in (True, False):
+        one = {"degree": 1, "condense": condense, "interfaces": [Interface("x_min")]}
+        hot = prestressed(ContinuumModel(mesh, solid_mixed, pressures, **one), frame="x_min", loads=[(load, 100.0)])
+        body = craig_bampton(hot, modes=1, frame="x_min", keep=Keep(modes=True))
+        found.append(hot.stress_field(body, np.zeros(body.n_modes)).stress)
+    assert abs(found[0]).max() > 1e6
+    assert found[0] == pytest.approx(found[1], abs=1e-9 * abs(found[0]).max())
+
+
+@pytest.mark.mpi
 def test_temperatures_that_would_be_left_out_are_refused():
     model, load = column(n=4), TemperatureRise("heat", 10.0)
     reduce = {"modes": 1, "frame": "x_min", "loads": [load]}
@@ -222,6 +238,11 @@ def test_temperatures_that_would_be_left_out_are_refused():
     cold = column(n=4, parameters=solid_linear.Parameters(E=E, nu=0.3, rho=7800.0))
     with pytest.raises(FlexmbdError, match=r"'heat': a temperature without expansion: the .*solid_linear are zero"):
         craig_bampton(cold, **reduce)
+    mesh = meshes.block(0.3, 0.02, 0.01, divisions=(4, 1, 1))
+    pressures = solid_mixed.Parameters(E=E, nu=0.3, rho=7800.0, alpha=ALPHA)
+    condensed = ContinuumModel(mesh, solid_mixed, pressures, degree=1, interfaces=[Interface("x_min")])
+    with pytest.raises(FlexmbdError, match=r"'heat': the unknown 3 of .*solid_mixed.* condense=False"):
+        craig_bampton(condensed, **reduce)
     mesh = meshes.line(1.0, divisions=4, comm=COMM)
     section = forms.beam_timoshenko.Parameters.rectangle(E, 0.3, 7800.0, width=0.1, height=0.1, orientation=(0, 1, 0))
     beam = ContinuumModel(mesh, forms.beam_timoshenko, section, degree=2, interfaces=[Interface("start")])

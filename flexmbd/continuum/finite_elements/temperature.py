@@ -99,11 +99,15 @@ def heated_groups(groups: Sequence[CellGroup], rise: ufl.core.expr.Expr) -> tupl
     """The same cells with their formulations at a rise of temperature, K; not collective.
 
     Raises:
-        FormulationError: as `refuse_without_expansion`; a group has fields of one cell, or a compiled law.
+        FormulationError: as `refuse_without_expansion`; a form has a compiled law.
     """
     refuse_without_expansion(groups)
     for group in groups:
-        refuse_unheatable(group)
+        if group.optional.point_law is not None:
+            raise FormulationError(
+                f"{group.form_name}: a compiled law (point_law) is given the whole strain, with the expansion in it; "
+                "write the law as local unknowns (local_residual), or leave the temperature out"
+            )
     return tuple(replace(group, formulation=heated(group.formulation, rise)) for group in groups)
 
 
@@ -127,23 +131,19 @@ def refuse_without_expansion(groups: Sequence[CellGroup]) -> None:
         )
 
 
-def refuse_unheatable(group: CellGroup) -> None:
-    """Refuse a temperature where something else than the form's own functions reads the strain.
+def refuse_condensed(groups: Sequence[CellGroup]) -> None:
+    """Refuse fields of one cell that are condensed at rest, where a temperature would be left out of them.
 
     Raises:
-        FormulationError: the form has fields of one cell, which are condensed, or a compiled law; not collective.
+        FormulationError: there are some; the same on every rank, not collective.
     """
-    if group.fields is not None:
-        names = group.fields.names(range(len(group.fields.cell_places)))
-        raise FormulationError(
-            f"{group.form_name}: its {names}, fields of one cell, are condensed without a temperature; make the model "
-            "with condense=False, which leaves them unknowns of the body"
-        )
-    if group.optional.point_law is not None:
-        raise FormulationError(
-            f"{group.form_name}: a compiled law (point_law) is given the whole strain, with the expansion as a "
-            "part; write the law as local unknowns (local_residual), or leave the temperature out"
-        )
+    for group in groups:
+        if group.fields is not None:
+            names = group.fields.names(range(len(group.fields.cell_places)))
+            raise FormulationError(
+                f"the {names} of {group.form_name}, fields of one cell, are condensed without a temperature; make the "
+                "model by ContinuumModel(..., condense=False), which leaves them unknowns of the body"
+            )
 
 
 def refuse_nonlinear_expansion(groups: Sequence[CellGroup]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -12,6 +12,7 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surface_facets
 from flexmbd.continuum.finite_elements.temperature import rise_function, thermal_work
@@ -198,12 +199,16 @@ class AppliedLoads:
 
     def _held_expansion(self, rise: fem.Function) -> FloatArray:
         """(owned dofs,) N, that hold the body at rest in shape. Collective, may compile."""
-        total = self._body.vector()
-        total.array[:] = 0.0
-        for form in thermal_work(self._body.cold_groups, self._body.space, rise):
+        body, whole = self._body, self._body.forms.whole
+        total = fem.Function(whole).x
+        for form in thermal_work(body.cold_groups, whole, rise):
             fem.assemble_vector(total.array, fem.form(form))
         total.scatter_reverse(la.InsertMode.add)
-        return np.asarray(total.array[: self._body.n_owned].copy())
+        if body.fields is None:
+            return np.asarray(total.array[: body.n_owned].copy())
+        total.scatter_forward()
+        cold = CondensedStiffness(replace(body.forms, groups=body.cold_groups), body.fields)
+        return cold.shared_forces(total.array)
 
     def _at_nodes(self, load: ForceAtNodes) -> FloatArray:
         numbers = node_numbers(self._body)[: self._n]
