@@ -130,11 +130,13 @@ from flexmbd.multibody.swarm.pseudo_rigid_swarm import PseudoRigidSwarm as Pseud
 from flexmbd.multibody.swarm.pseudo_rigid_swarm import SwarmEnergy as SwarmEnergy
 from flexmbd.multibody.swarm.stone_contacts import SwarmContacts as SwarmContacts
 from flexmbd.multibody.team import Team as Team
+from flexmbd.multibody.thermal_strain import thermal_strain as thermal_strain
 from flexmbd.record.groups import ContactPatches as ContactPatches
 from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import Gyroscopic as Gyroscopic
+from flexmbd.record.groups import Heat as Heat
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalInterfaces as NodalInterfaces

@@ -5,7 +5,7 @@ Not a formulation, as its name begins with an underscore.  Forms alone import it
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
 import basix.ufl
@@ -63,6 +63,17 @@ def check_positive(values: object, names: tuple[str, ...]) -> None:
             raise ValueError(f"{name} must be positive and finite, got {value}")
 
 
+def check_finite(values: object, names: tuple[str, ...]) -> None:
+    """Refuse numbers of a dataclass that are not finite.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for name in names:
+        if not abs(getattr(values, name)) < float("inf"):
+            raise ValueError(f"{name} must be finite, got {getattr(values, name)}")
+
+
 def check_poisson(nu: float) -> None:
     """Refuse a Poisson's ratio at which an isotropic material is not stable, or is incompressible.
 
@@ -81,6 +92,7 @@ class IsotropicElastic:
         E: Young's modulus (at small strain), Pa, E > 0.
         nu: Poisson's ratio (at small strain), dimensionless, -1 < nu < 0.5.
         rho: density in the initial configuration, kg/m^3, rho > 0.
+        alpha: coefficient of thermal expansion, 1/K, finite; by keyword.
 
     Raises:
         ValueError: a value is not a finite number inside its range.
@@ -89,9 +101,11 @@ class IsotropicElastic:
     E: float
     nu: float
     rho: float
+    alpha: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         take_numbers(self)
+        check_finite(self, ("alpha",))
         # written so that NaN fails each test
         if not 0.0 < self.E < float("inf"):
             raise ValueError(f"Young's modulus E must be positive and finite (Pa), got {self.E}")
@@ -111,6 +125,16 @@ def shear_modulus(p: Any) -> Expr:
 def bulk_modulus(p: Any) -> Expr:
     """Bulk modulus, Pa, of a material with E and nu."""
     return p.E / (3 * (1 - 2 * p.nu))
+
+
+def thermal_stretch(p: Any, dT: Expr) -> Expr:
+    """Stretch (3, 3) of an isotropic material with alpha, free to expand, by a rise of temperature dT, K."""
+    return (1 + p.alpha * dT) * ufl.Identity(3)
+
+
+def thermal_strain(p: Any, dT: Expr) -> Expr:
+    """Small strain (3, 3) of an isotropic material with alpha, free to expand, by a rise of temperature dT, K."""
+    return p.alpha * dT * ufl.Identity(3)
 
 
 def small_strain_stress(u: Expr, p: Any) -> Expr:

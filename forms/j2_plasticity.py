@@ -37,8 +37,9 @@ from flexmbd.forms._hardening import check_yield
 from flexmbd.forms._shared import Expr as Expr
 from flexmbd.forms._shared import Terms as Terms
 from flexmbd.forms._shared import bulk_modulus as bulk_modulus
+from flexmbd.forms._shared import check_finite, take_numbers
 from flexmbd.forms._shared import shear_modulus as shear_modulus
-from flexmbd.forms._shared import take_numbers
+from flexmbd.forms._shared import thermal_strain as thermal_strain
 from flexmbd.forms.solid_linear import Quadrature as Quadrature
 from flexmbd.forms.solid_linear import element as element
 from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
@@ -90,15 +91,18 @@ class Parameters(IsotropicPlasticity):
 
     Attributes:
         kinematic_modulus: Prager's plastic modulus H_k of a uniaxial test, Pa, at least 0.
+        alpha: coefficient of thermal expansion, 1/K, finite; by keyword.
 
     Raises:
-        ValueError: as there, or the modulus is not finite, or below zero.
+        ValueError: as there, or the modulus is not finite, or below zero, or alpha is not finite.
     """
 
     kinematic_modulus: float = 0.0
+    alpha: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_finite(self, ("alpha",))
         if not 0.0 <= self.kinematic_modulus < float("inf"):
             raise ValueError(f"kinematic_modulus must be finite and at least 0 (Pa), got {self.kinematic_modulus}")
 

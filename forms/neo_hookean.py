@@ -26,6 +26,7 @@ from flexmbd.forms.solid_linear import element as element
 from flexmbd.forms.solid_linear import kinetic_energy as kinetic_energy
 from flexmbd.forms.solid_linear import reference as reference
 from flexmbd.forms.solid_linear import rigid_motion as rigid_motion
+from flexmbd.forms.solid_linear import thermal_stretch as thermal_stretch
 
 CELLS = ("tetrahedron", "hexahedron")
 

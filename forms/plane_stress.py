@@ -34,6 +34,7 @@ from flexmbd.forms.plate_mitc import element as element
 from flexmbd.forms.plate_mitc import motion as motion
 from flexmbd.forms.plate_mitc import rigid_motion as rigid_motion
 from flexmbd.forms.plate_mitc import section_inertia as section_inertia
+from flexmbd.forms.plate_mitc import thermal_stretch as thermal_stretch
 
 CELLS = ("triangle", "quadrilateral")
 
@@ -67,6 +68,11 @@ class Parameters(plate_mitc.Parameters):
         check_positive(self, ("out_of_plane",))
         if not isinstance(self.plane_strain, bool):
             raise ValueError(f"plane_strain must be True or False, got {self.plane_strain!r}")
+        if self.plane_strain and self.alpha != 0.0:
+            raise ValueError(
+                "plane strain takes no alpha, for what is held along the normal has a stress there that the plane does "
+                "not tell; take a solid of one layer of cells"
+            )
 
 
 @dataclass(frozen=True)

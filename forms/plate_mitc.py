@@ -27,14 +27,15 @@ doi:10.1016/0045-7825(93)90214-I; Hughes & Brezzi 1989, doi:10.1016/0045-7825(89
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import basix.ufl
 import ufl
 from ufl.core.expr import Expr
 
 from flexmbd.forms._shared import Quadrature as Quadrature
-from flexmbd.forms._shared import check_poisson, check_positive, take_numbers
+from flexmbd.forms._shared import check_finite, check_poisson, check_positive, take_numbers
+from flexmbd.forms._shared import thermal_stretch as thermal_stretch
 
 CELLS = ("triangle", "quadrilateral")
 
@@ -60,6 +61,7 @@ class Parameters:
         nu: Poisson's ratio, dimensionless, -1 < nu < 0.5.
         rho: density, kg/m^3, rho > 0.
         t: thickness, m, t > 0.
+        alpha: coefficient of thermal expansion, 1/K, finite; by keyword.
 
     Raises:
         ValueError: a value is not a finite number inside its range.
@@ -69,9 +71,11 @@ class Parameters:
     nu: float
     rho: float
     t: float
+    alpha: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         take_numbers(self)
+        check_finite(self, ("alpha",))
         check_positive(self, ("E", "rho", "t"))
         check_poisson(self.nu)
 

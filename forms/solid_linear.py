@@ -23,6 +23,7 @@ from flexmbd.forms._shared import IsotropicElastic, degrees, is_tetrahedron
 from flexmbd.forms._shared import Quadrature as Quadrature
 from flexmbd.forms._shared import element as element
 from flexmbd.forms._shared import rigid_motion as rigid_motion
+from flexmbd.forms._shared import thermal_stretch as thermal_stretch
 
 CELLS = ("tetrahedron", "hexahedron")
 

@@ -34,6 +34,7 @@ from flexmbd.forms._shared import (
     small_strain_stress,
 )
 from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import thermal_strain as thermal_strain
 
 CELLS = ("tetrahedron", "hexahedron")
 

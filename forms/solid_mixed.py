@@ -36,6 +36,7 @@ from flexmbd.forms._shared import (
     volume_change,
 )
 from flexmbd.forms._shared import Quadrature as Quadrature
+from flexmbd.forms._shared import thermal_stretch as thermal_stretch
 
 CELLS = ("tetrahedron", "hexahedron")
 

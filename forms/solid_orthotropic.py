@@ -19,12 +19,12 @@ Reference: Lekhnitskii 1981, Theory of Elasticity of an Anisotropic Body, chapte
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import ufl
 
 from flexmbd.forms._shared import Quadrature as Quadrature
-from flexmbd.forms._shared import check_positive, degrees, is_tetrahedron, take_numbers
+from flexmbd.forms._shared import check_finite, check_positive, degrees, is_tetrahedron, take_numbers
 from flexmbd.forms._shared import element as element
 from flexmbd.forms._shared import rigid_motion as rigid_motion
 
@@ -50,6 +50,7 @@ class Parameters:
         axis_1: the first material axis, in the mesh's axes; any length, kept as a unit vector.
         axis_2: the second; of it only what is at right angles to the first is taken. The third
             makes them right-handed.
+        alpha_1, alpha_2, alpha_3: coefficients of thermal expansion along the material axes, 1/K, finite; by keyword.
 
     Raises:
         ValueError: a value is out of its range, the compliance is not positive definite, or the axes
@@ -68,11 +69,15 @@ class Parameters:
     rho: float
     axis_1: tuple[float, float, float] = (1.0, 0.0, 0.0)
     axis_2: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    alpha_1: float = field(default=0.0, kw_only=True)
+    alpha_2: float = field(default=0.0, kw_only=True)
+    alpha_3: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         take_numbers(self)
         axes = (_vector(name, getattr(self, name)) for name in ("axis_1", "axis_2"))
         check_positive(self, ("E1", "E2", "E3", "G12", "G13", "G23", "rho"))
+        check_finite(self, ("alpha_1", "alpha_2", "alpha_3"))
         self._check_definite()
         first, second = _right_angled(*axes)
         object.__setattr__(self, "axis_1", first)
@@ -154,6 +159,12 @@ def stress(u: ufl.core.expr.Expr, state: None, p: Parameters) -> ufl.core.expr.E
     return _stress(ufl.sym(ufl.grad(u)), p)
 
 
+def thermal_stretch(p: Parameters, dT: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+    """Stretch (3, 3), in the mesh's axes, of the material free to expand, by a rise of temperature dT, K."""
+    strains = zip((p.alpha_1, p.alpha_2, p.alpha_3), _axes(p), strict=True)
+    return ufl.Identity(3) + sum(alpha * dT * ufl.outer(a, a) for alpha, a in strains)
+
+
 def reference() -> Reference:
     """A static problem of smooth displacement; carbon fibre in epoxy, in no axes of the cube."""
     return Reference(
@@ -176,8 +187,7 @@ def reference() -> Reference:
 
 def _stress(strain: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.Expr:
     """C : strain, Pa, 3 x 3, in the mesh's axes."""
-    first, second = (ufl.as_vector([axis[i] for i in range(3)]) for axis in (p.axis_1, p.axis_2))
-    axes = (first, second, ufl.cross(first, second))
+    axes = _axes(p)
     compliance = ufl.as_matrix(
         [
             [1 / p.E1, -p.nu12 / p.E1, -p.nu13 / p.E1],
@@ -191,6 +201,12 @@ def _stress(strain: ufl.core.expr.Expr, p: Parameters) -> ufl.core.expr.Expr:
         plane = ufl.outer(axes[i], axes[j])
         total += 2 * shear * ufl.dot(axes[i], strain * axes[j]) * (plane + plane.T)
     return total
+
+
+def _axes(p: Parameters) -> tuple[ufl.core.expr.Expr, ...]:
+    """The three material axes, unit vectors in the mesh's axes."""
+    first, second = (ufl.as_vector([axis[i] for i in range(3)]) for axis in (p.axis_1, p.axis_2))
+    return first, second, ufl.cross(first, second)
 
 
 def _vector(name: str, value: tuple[float, float, float]) -> tuple[float, float, float]:

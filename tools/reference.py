@@ -36,7 +36,8 @@ PAGES = {
         "Bodies and frames",
         "Body Ground RigidBody PointMass FlexibleBody Frame "
         "Axis DrawnBody PseudoRigidBody PseudoRigidSwarm SwarmEnergy SwarmContacts "
-        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam Interior "
+        "HomogeneousEnergy StVenantKirchhoff CompiledEnergy polar Solid Outline Shape ContinuumBody ExactBeam "
+        "thermal_strain Interior "
         "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
         "FrameMotion Push Scheme Memory TimeFactor TouchingInterior Obstacle FacingSurface",
@@ -52,8 +53,8 @@ PAGES = {
     "contact": ("Contact", "", "contact"),
     "record": (
         "Reduced bodies",
-        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads Ports FurtherUnknowns GeometricStiffness "
-        "Gyroscopic ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
+        "ReducedBody InterfaceFrame Coupling ContactPatches DistributedLoads Heat Ports FurtherUnknowns "
+        "GeometricStiffness Gyroscopic ModalStretch NodalInterfaces NodalModes NonlinearStiffness StressModes "
         "StressField Surface YieldMonitor YieldHistory YieldPoint Slab "
         "hot_spots HotSpot StressMeasure "
         "yielding_slabs",

@@ -71,6 +71,7 @@ from flexmbd.continuum.history.loads import BodyAcceleration as BodyAcceleration
 from flexmbd.continuum.history.loads import BodyLoad as BodyLoad
 from flexmbd.continuum.history.loads import CentrifugalLoad as CentrifugalLoad
 from flexmbd.continuum.history.loads import ForceAtNodes as ForceAtNodes
+from flexmbd.continuum.history.loads import Heating as Heating
 from flexmbd.continuum.history.loads import PressureOnFacets as PressureOnFacets
 from flexmbd.continuum.history.loads import TractionOnFacets as TractionOnFacets
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot as HistorySnapshot

@@ -17,6 +17,7 @@ from flexmbd.record.groups import (
     FurtherUnknowns,
     GeometricStiffness,
     Gyroscopic,
+    Heat,
     ModalStretch,
     NodalInterfaces,
     NodalModes,
@@ -118,6 +119,8 @@ def _shapes(group: RecordGroup, n: int) -> Mapping[str, tuple[int, ...]]:
         case Ports():
             k = len(group.names)
             return {"load": (k, n), "capacity": (k, k)}
+        case Heat():
+            return {"node": (group.node.size,), "rise": (len(group.names), group.node.size)}
         case StressModes():
             k = group.node.size
             return {"node": (k,), "x": (k, 3), "interface": (k,), "sigma": (k, 6, n)}

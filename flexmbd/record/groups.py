@@ -286,6 +286,23 @@ class Ports:
 
 
 @dataclass(frozen=True, eq=False)
+class Heat:
+    """Optional group ``heat/``: those of the loads that are rises of temperature, for stress from the model.
+
+    Attributes:
+        names: (h,) of the loads.
+        node: (k,) node numbers, as in `NodalModes`.
+        rise: (h, k) K per unit factor, above the temperature at which the body is free of stress.
+    """
+
+    names: tuple[str, ...]
+    node: IntArray
+    rise: FloatArray
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
 class StressModes:
     """Optional group ``stress/``: stress at the nodes per unit modal coordinate, averaged over cells.
 
@@ -316,6 +333,7 @@ RecordGroup = (
     | Gyroscopic
     | DistributedLoads
     | Ports
+    | Heat
     | StressModes
     | ContactPatches
 )
@@ -332,6 +350,7 @@ GROUPS: dict[str, type[RecordGroup]] = {
     "gyroscopic": Gyroscopic,
     "loads": DistributedLoads,
     "ports": Ports,
+    "heat": Heat,
     "stress": StressModes,
     "contact": ContactPatches,
 }

@@ -31,6 +31,7 @@ from flexmbd.record.groups import DistributedLoads as DistributedLoads
 from flexmbd.record.groups import FurtherUnknowns as FurtherUnknowns
 from flexmbd.record.groups import GeometricStiffness as GeometricStiffness
 from flexmbd.record.groups import Gyroscopic as Gyroscopic
+from flexmbd.record.groups import Heat as Heat
 from flexmbd.record.groups import InterfaceFrame as InterfaceFrame
 from flexmbd.record.groups import ModalStretch as ModalStretch
 from flexmbd.record.groups import NodalInterfaces as NodalInterfaces
@@ -79,6 +80,7 @@ class ReducedBody(PicturedRecord):
         loads: optional distributed loads.
         ports: optional pairs of effort and flow, as electrodes' voltage and charge.
         stress: optional stress modes.
+        heat: optional rises of temperature, of those of the loads that are such.
         contact: optional contact patches, with the flexibility there that the modes leave out.
     """
 
@@ -104,6 +106,7 @@ class ReducedBody(PicturedRecord):
     ports: Ports | None = None
     stress: StressModes | None = None
     contact: ContactPatches | None = None
+    heat: Heat | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and refuse a record whose parts do not fit together."""

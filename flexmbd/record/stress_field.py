@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -49,5 +50,10 @@ class StressField(PicturedField):
 class StressModel(Protocol):
     """A model that turns modal coordinates into a stress field: a ContinuumModel."""
 
-    def stress_field(self, body: ReducedBody, q: FloatArray) -> StressField:
-        """Stress on the mesh at modal coordinates q (n,)."""
+    def stress_field(
+        self, body: ReducedBody, q: FloatArray, *, heat: Mapping[str, float] | None = None
+    ) -> StressField:
+        """Stress on the mesh at modal coordinates q (n,), and at factors of the record's temperatures by name.
+
+        Factors are handed over where the record has temperatures (`Heat`) alone.
+        """

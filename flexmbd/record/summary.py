@@ -21,6 +21,7 @@ from flexmbd.record.groups import (
     FurtherUnknowns,
     GeometricStiffness,
     Gyroscopic,
+    Heat,
     InterfaceFrame,
     ModalStretch,
     NodalInterfaces,
@@ -58,6 +59,7 @@ _PURPOSE = {
     "gyroscopic": "forces of rotors inside the body",
     "loads": "pressures and tractions that a machine scales",
     "ports": "efforts that a machine sets and flows that answer, as electrodes' voltage and charge",
+    "heat": "stress from the model where a warm body cannot expand",
     "stress": "stress at the nodes without the model",
     "contact": "patches that may be touched, and the flexibility there that the modes leave out",
 }
@@ -305,6 +307,8 @@ def _group_text(group: RecordGroup) -> str:
             return _count(len(group.names), "load")
         case Ports():
             return _count(len(group.names), "port")
+        case Heat():
+            return f"{_count(len(group.names), 'temperature')} at {_count(len(group.node), 'node')}"
 
 
 def _geometric_lines(group: GeometricStiffness, stiffness: FloatArray) -> Iterable[str]:

@@ -38,6 +38,7 @@ from flexmbd.reduction.stiffening.prestress import prestressed as prestressed
 from flexmbd.reduction.unit_loads import BodyForce as BodyForce
 from flexmbd.reduction.unit_loads import Load as Load
 from flexmbd.reduction.unit_loads import Pressure as Pressure
+from flexmbd.reduction.unit_loads import TemperatureRise as TemperatureRise
 from flexmbd.reduction.unit_loads import Traction as Traction
 from flexmbd.reduction.unit_loads import load_vectors as load_vectors
 

@@ -21,6 +21,7 @@ from slepc4py import SLEPc
 
 import numpy as np
 import scipy.linalg
+from dolfinx import fem
 from numpy.typing import ArrayLike
 
 from flexmbd.continuum import parallel
@@ -47,7 +48,8 @@ from flexmbd.reduction.static_shapes.memory import memory_limit
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness_matrix
-from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
+from flexmbd.reduction.stiffening.thermal_stiffness import thermal_stiffness_matrix
+from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors, whole_rise
 
 # Residual of 1 / factor, relative to the largest of either sign; a factor's error is of its square.
 _TOLERANCE = 1e-10
@@ -98,7 +100,7 @@ def linear_buckling(
             `{"foot": ("x", "y", "z"), "head": ("y", "z")}`; or names of interfaces that are held in all six.
         forces: on interface frames by their names: (6,) force (N) on the origin and moment (N m), along the mesh's
             axes.
-        loads: distributed loads, each with its size in Pa, N/m^2, ...
+        loads: distributed loads, each with its size in Pa, N/m^2, ..., and temperatures (`TemperatureRise`).
         acceleration: (3,) m/s^2, of gravity along the mesh's axes, or minus that of the body.
         count: how many factors.
         reversed_too: also those of the reversed loads, which are negative; the least in size of both are taken.
@@ -121,7 +123,8 @@ def linear_buckling(
     refuse_no_truth(ReductionError, reversed_too=reversed_too)
     count = whole_number("count", count, least=1)
     _check(model, held=held, wrenches=wrenches, loads=loads, weight=weight)
-    dead = load_vectors(model, [load for load, _ in loads]) @ np.array([float(size) for _, size in loads])
+    named, sizes = [load for load, _ in loads], np.array([float(size) for _, size in loads])
+    dead, rise = load_vectors(model, named) @ sizes, whole_rise(model, named, sizes)
     if weight.any():
         dead = dead + multiply(model.M, model.rigid_motions(np.zeros(3), np.eye(3))[:, :3] @ weight[:, None])[:, 0]
     load = dead.copy()
@@ -130,7 +133,7 @@ def linear_buckling(
     first = next(iter(held), None)
     with (
         body_statics(model, frame=first, grounded=True) as statics,
-        _loaded_body(statics, held, load, dead) as body,
+        _loaded_body(statics, held, load, dead, rise) as body,
     ):
         found, note = _counted(body, count, both=reversed_too)
     factors, fields = found.factors[:count], found.fields
@@ -235,9 +238,9 @@ class _LoadedBody:
 
 @contextmanager
 def _loaded_body(
-    statics: Statics, held: Mapping[str, Sequence[str]], load: FloatArray, dead: FloatArray
+    statics: Statics, held: Mapping[str, Sequence[str]], load: FloatArray, dead: FloatArray, rise: fem.Function | None
 ) -> Iterator[_LoadedBody]:
-    """Work out the stress of the load, for a `with` block. Collective."""
+    """Work out the stress of the load, whose temperature is a rise (K), for a `with` block. Collective."""
     model = statics.model
     free = _free_motions(statics, held)
     shapes, forces = (np.asfortranarray(block @ free) for block in (statics.static.shapes, statics.static.forces))
@@ -253,6 +256,10 @@ def _loaded_body(
             f"the strain energy of {model.form_name} is quadratic, or does not mark the strains of its sections, so "
             "that no stress changes its stiffness; take a formulation of finite strain, as solid_linear"
         )
+    held_expansion = None if rise is None else thermal_stiffness_matrix(model, rise)
+    if held_expansion is not None:
+        matrix.axpy(1.0, held_expansion, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        held_expansion.destroy()
     balance = multiply(model.K, u)[:, 0] - dead
     rigid = [one for one in statics.interfaces if isinstance(one, RigidInterface)]
     turning = np.zeros((6 * len(rigid), 6 * len(rigid)))

@@ -24,7 +24,7 @@ from flexmbd.reduction.modes.interface_modes import (
     joints,
     kept_interfaces,
 )
-from flexmbd.reduction.modes.ritz import ritz_modes
+from flexmbd.reduction.modes.ritz import independent_shapes, ritz_modes
 from flexmbd.reduction.modes.signs import asymmetric_fields, determined_rotation
 from flexmbd.reduction.modes.truncation import Truncation
 from flexmbd.reduction.optional_groups import Contents, Responses, responses
@@ -139,7 +139,7 @@ def _completed(
         if free:
             # beside modes that are no eigenvectors of the fixed body they share mass or energy
             fixed = ritz_modes(statics.model, fixed.shapes, images=images)
-        notes[_kind_added(contents)] = str(len(added.eigenvalues))
+        notes[_kind_added(contents, found)] = str(len(added.eigenvalues))
     if found.contact is not None:
         touched = contact_shapes(statics, fixed, found.contact, exact=eigenvectors, images=images)
         if touched is not None:
@@ -148,9 +148,13 @@ def _completed(
     return fixed, notes
 
 
-def _kind_added(contents: Contents) -> str:
+def _kind_added(contents: Contents, found: Responses) -> str:
     """What modes that complete the response to loads are called."""
-    return "residual vectors" if contents.residual_vectors else "stretch modes"
+    if contents.residual_vectors:
+        return "residual vectors"
+    if not found.loads.rises:
+        return "stretch modes"
+    return "stretch and expansion modes" if contents.geometric_stiffness else "expansion modes"
 
 
 def _added_modes(
@@ -163,9 +167,10 @@ def _added_modes(
     stage: Stages,
 ) -> eigen.Modes | None:
     """Modes that complete the response to loads, where some are wanted. Collective."""
-    if not (contents.residual_vectors or (contents.geometric_stiffness and len(fixed.eigenvalues) > 0)):
+    stretches = contents.geometric_stiffness and len(fixed.eigenvalues) > 0
+    if not (contents.residual_vectors or stretches or found.loads.rises):
         return None
-    stage.begin(_kind_added(contents))
+    stage.begin(_kind_added(contents, found))
     if contents.residual_vectors:
         # what the loads of the body's motion stretch is among them
         forces, held = found.loads.forces, found.held
@@ -173,7 +178,22 @@ def _added_modes(
             shapes, loads = deformations(statics, found.ports)
             forces, held = np.hstack([forces, loads]), np.hstack([held, shapes])
         return residual_modes(statics, fixed, forces=forces, held=held, images=images)
-    return _stretch_modes(statics, fixed, found, images)
+    stretched = _stretch_modes(statics, fixed, found, images) if stretches else None
+    if not found.loads.rises:
+        return stretched
+    expanded = _expansion_modes(statics, fixed, found, images)
+    if stretched is None:
+        return expanded
+    energies = np.concatenate([stretched.eigenvalues, expanded.eigenvalues])
+    both = np.asfortranarray(np.hstack([stretched.shapes, expanded.shapes]))
+    return ritz_modes(statics.model, independent_shapes(statics.model, both, whole=energies), images=images)
+
+
+def _expansion_modes(statics: Statics, fixed: eigen.Modes, found: Responses, images: FloatArray) -> eigen.Modes:
+    """The response to temperatures: without it what expands freely would seem to be held, by far the larger stress."""
+    hot = [found.loads.names.index(name) for name in found.loads.rises]
+    forces, held = (np.asfortranarray(block[:, hot]) for block in (found.loads.forces, found.held))
+    return residual_modes(statics, fixed, forces=forces, held=held, images=images)
 
 
 def _without_rigid_motion(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from dolfinx import fem
 
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
-from flexmbd.continuum.matrices.blocks import FloatArray, inner
-from flexmbd.record.reduced_body import DistributedLoads
-from flexmbd.reduction.unit_loads import Load
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.temperature import at_nodes
+from flexmbd.continuum.matrices.blocks import FloatArray, inner, total
+from flexmbd.errors import ReductionError
+from flexmbd.record.reduced_body import DistributedLoads, Heat
+from flexmbd.reduction.spread_groups import all_numbers
+from flexmbd.reduction.unit_loads import Load, TemperatureRise
 
 
 def loads_group(
@@ -36,6 +41,58 @@ def loads_group(
     return DistributedLoads(
         tuple(load.name for load in loads), resultant[:, :3], resultant[:, 3:], modal
     )
+
+
+def check_temperatures(model: LinearModel, loads: Sequence[Load], *, keeps_stress: bool, nonlinear: bool) -> None:
+    """Refuse temperatures whose stress, or what it does to the stiffness, the record would leave out. Not collective.
+
+    Args:
+        model: the body.
+        loads: of the record.
+        keeps_stress: whether the record keeps stress modes.
+        nonlinear: whether it has the strain energy of large displacements.
+
+    Raises:
+        ReductionError: there are some; the same on every rank.
+    """
+    for load in loads:
+        if not isinstance(load, TemperatureRise):
+            continue
+        if model.conditions is not None:
+            raise ReductionError(
+                f"load {load.name!r}: the record has no charge that a temperature brings onto electrodes; leave the "
+                "temperature out, or the conditions on the potential"
+            )
+        if model.state is not None:
+            raise ReductionError(
+                f"load {load.name!r}: a body is heated about rest alone; give the temperature to prestressed(...), or "
+                "reduce the body at rest"
+            )
+        if keeps_stress:
+            raise ReductionError(
+                f"load {load.name!r}: stress modes do not hold the stress of an expansion that is held; leave "
+                "Keep(stress=True) out, and take stresses from the model (Keep(modes=True))"
+            )
+        if nonlinear:
+            raise ReductionError(
+                f"load {load.name!r}: the strain energy of large displacements is that of a cold body; reduce it "
+                "without ModalDerivatives, or load it as a NonlinearModel"
+            )
+
+
+def heat_group(model: LinearModel, rises: Mapping[str, fem.Function]) -> Heat:
+    """The temperatures among the record's loads at all displacement nodes. Collective; the same on every rank.
+
+    Args:
+        model: the body.
+        rises: K, by the names of `UnitLoads`.
+    """
+    numbers = node_numbers(model)
+    node = all_numbers(model.comm, numbers[: model.n_owned_nodes])
+    values = np.stack([at_nodes(model, rise)[: model.n_owned_nodes] for rise in rises.values()])
+    whole = np.zeros((len(rises), len(node)))
+    whole[:, np.searchsorted(node, numbers[: model.n_owned_nodes])] = values
+    return Heat(tuple(name.removeprefix("load ") for name in rises), node, total(model.comm, whole))
 
 
 def missing_energy(

@@ -55,13 +55,13 @@ from flexmbd.reduction.large_displacements.modal_derivatives import (
     check_nonlinear,
     refuse_other_nonlinear,
 )
-from flexmbd.reduction.loads import loads_group, missing_energy
+from flexmbd.reduction.loads import check_temperatures, heat_group, loads_group, missing_energy
 from flexmbd.reduction.ports import PortResponses, check_ports, port_responses
 from flexmbd.reduction.spread_groups import SpreadGroup, SpreadRows, all_numbers
 from flexmbd.reduction.static_shapes.statics import Statics
 from flexmbd.reduction.stiffening.geometric_stiffness import UnitLoads, joined, stiffening, unit_loads
 from flexmbd.reduction.stress_modes import stress_group
-from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
+from flexmbd.reduction.unit_loads import Load, TemperatureRise, check_loads, load_vectors, rise_of
 
 _NO_STIFFENING = "none: the strain energy is quadratic, or does not mark the strains of its sections"
 
@@ -127,6 +127,7 @@ class Contents:
                 "Keep(stress=True) out, and take stresses from the model (Keep(modes=True))"
             )
         check_loads(model, self.loads)
+        check_temperatures(model, self.loads, keeps_stress=self.keep.stress, nonlinear=self.nonlinear is not None)
         check_damping(model, self.damping)
         check_inertia(model)
         check_gyroscopic(model)
@@ -158,7 +159,12 @@ class Responses:
 def responses(statics: Statics, contents: Contents, interfaces: Sequence[FoundInterface]) -> Responses:
     """Apply the loads that the contents need, those of the interfaces that the record has among them. Collective."""
     names, forces = tuple(f"load {load.name}" for load in contents.loads), load_vectors(statics.model, contents.loads)
-    named = UnitLoads(names, forces, np.zeros(len(names)))
+    rises = {
+        name: rise_of(statics.model, load)
+        for name, load in zip(names, contents.loads, strict=True)
+        if isinstance(load, TemperatureRise)
+    }
+    named = UnitLoads(names, forces, np.zeros(len(names)), rises)
     moved = contents.geometric_stiffness or contents.residual_vectors
     loads = joined(unit_loads(statics, interfaces), named) if moved else named
     held = statics.held_response(loads.forces)
@@ -217,6 +223,8 @@ def optional_parts(
     if contents.loads:
         parts["loads"], notes = _loads_group(model, contents, found, modes=own, stiffness=stiffness, p=p, R=R)
         provenance.update(notes)
+        if found.loads.rises:
+            parts["heat"] = heat_group(model, found.loads.rises)
     if nodal:
         parts["nodal"] = nodal_interfaces_group(model, nodal, own, p=p, R=R)
     frames = [one.name for one in interfaces]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import ufl
@@ -18,7 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum import compat, parallel
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
-from flexmbd.errors import MeshError, ReductionError
+from flexmbd.continuum.finite_elements.temperature import (
+    checked_rise,
+    refuse_condensed,
+    refuse_nonlinear_expansion,
+    refuse_without_expansion,
+    rise_function,
+    thermal_work,
+)
+from flexmbd.errors import FormulationError, MeshError, ReductionError
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
@@ -89,8 +98,40 @@ class BodyForce:
         return f"body force {self.name!r} along {_text(self.direction)}"
 
 
-Load = Pressure | Traction | BodyForce
-"""A distributed load of unit size."""
+@checked("name", error=ReductionError)
+@dataclass(frozen=True, eq=False, repr=False)
+class TemperatureRise:
+    """A rise of temperature above that at which the body is free of stress; its size is dimensionless.
+
+    Attributes:
+        name: of the load.
+        rise: K: a number, a function of points (n, 3) m in the mesh's axes that gives (n,), or the values (nodes,) at
+            the mesh's nodes in the order of its input.
+
+    Raises:
+        ReductionError: the rise is none of these.
+    """
+
+    name: str
+    rise: Any = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rise", checked_rise(self.rise, f"load {self.name!r}", kind=ReductionError))
+
+    def __repr__(self) -> str:
+        """As text: the same on all ranks, as the address of a function is not."""
+        return f"<{self}>"
+
+    def __str__(self) -> str:
+        if callable(self.rise):
+            return f"temperature {self.name!r}, a function of points"
+        if self.rise.ndim:
+            return f"temperature {self.name!r}, {self.rise.min():g} to {self.rise.max():g} K"
+        return f"temperature {self.name!r}, {self.rise:g} K"
+
+
+Load = Pressure | Traction | BodyForce | TemperatureRise
+"""A load of unit size on the whole body or on facets."""
 
 
 def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
@@ -104,8 +145,10 @@ def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
     for load in loads:
         if not isinstance(load, Load):
             raise ReductionError(
-                f"a load must be a Pressure, Traction or BodyForce, got {load!r}"
+                f"a load must be a Pressure, Traction, BodyForce or TemperatureRise, got {load!r}"
             )
+        if isinstance(load, TemperatureRise):
+            _check_expansion(model, load)
         if isinstance(load, Pressure) and model.mesh.dim != 3:
             raise ReductionError(
                 f"load {load.name!r}: a pressure needs facets of a solid; use Traction or BodyForce"
@@ -116,7 +159,7 @@ def check_loads(model: LinearModel, loads: Sequence[Load]) -> None:
             raise ReductionError(f"two loads are called {name!r}; give each its own name")
     topology = model.mesh.mesh.topology
     for load in loads:
-        if isinstance(load, BodyForce):
+        if isinstance(load, (BodyForce, TemperatureRise)):
             continue
         facets = model.mesh.facets(load.facets)
         topology.create_connectivity(topology.dim - 1, topology.dim)
@@ -138,19 +181,62 @@ def load_vectors(model: Discretisation, loads: Sequence[Load]) -> FloatArray:
         loads: k of them, which `check_loads` let pass.
 
     Returns:
-        (owned dofs, k) N per unit of each load, in the mesh's axes.
+        (owned dofs, k) N per unit of each load, in the mesh's axes. Of a rise of temperature the forces that strain
+        the body as the rise does, whose stress is that of the strain less the expansion.
     """
     forces: FloatArray = np.zeros((model.layout.n_owned, len(loads)), order="F")
     v = ufl.TestFunction(model.space)
     for i, load in enumerate(loads):
-        form = ufl.inner(unit_force(model, load), displacement(v)) * measure(model, load)
-        vector = fem.assemble_vector(fem.form(form))
-        vector.scatter_reverse(la.InsertMode.add)
-        forces[:, i] = vector.array[: model.layout.n_owned]
+        if isinstance(load, TemperatureRise):
+            if not isinstance(model, LinearModel):
+                raise ReductionError(
+                    f"load {load.name!r}: the temperature of a body with history is no force; give it among the loads "
+                    "of follow, ImplicitContinuum or ExplicitContinuum, as Heating(...)"
+                )
+            works = [-term for term in thermal_work(model.groups, model.space, rise_of(model, load))]
+        else:
+            works = [ufl.inner(unit_force(model, load), displacement(v)) * measure(model, load)]
+        for form in works:  # each with a rule of its own
+            vector = fem.assemble_vector(fem.form(form))
+            vector.scatter_reverse(la.InsertMode.add)
+            forces[:, i] += vector.array[: model.layout.n_owned]
     return forces
 
 
-def unit_force(model: Discretisation, load: Load) -> ufl.core.expr.Expr:
+def rise_of(model: Discretisation, load: TemperatureRise) -> fem.Function:
+    """The rise of temperature of a load as a function on the mesh, K. Collective.
+
+    Raises:
+        ReductionError: on all ranks: it gives no finite value at each node.
+    """
+    return rise_function(model, load.rise, f"load {load.name!r}", kind=ReductionError)
+
+
+def whole_rise(model: Discretisation, loads: Sequence[Load], sizes: FloatArray) -> fem.Function | None:
+    """The sum of the temperatures among loads, each times its size, K; None where there are none. Collective."""
+    whole: fem.Function | None = None
+    for load, size in zip(loads, sizes, strict=True):
+        if not isinstance(load, TemperatureRise):
+            continue
+        rise = rise_of(model, load)
+        rise.x.array[:] *= size
+        if whole is not None:
+            rise.x.array[:] += whole.x.array
+        whole = rise
+    return whole
+
+
+def _check_expansion(model: LinearModel, load: TemperatureRise) -> None:
+    """Refuse a temperature that strains nothing, or whose load would not be one of unit size. Not collective."""
+    try:
+        refuse_without_expansion(model.groups)
+        refuse_condensed(model.groups)
+        refuse_nonlinear_expansion(model.groups)
+    except FormulationError as error:
+        raise ReductionError(f"load {load.name!r}: {error}") from error
+
+
+def unit_force(model: Discretisation, load: Pressure | Traction | BodyForce) -> ufl.core.expr.Expr:
     """The load per unit of its measure on the initial configuration, in the mesh's axes; not collective."""
     if isinstance(load, Pressure):
         return -ufl.FacetNormal(model.mesh.mesh)
@@ -158,7 +244,7 @@ def unit_force(model: Discretisation, load: Load) -> ufl.core.expr.Expr:
     return fem.Constant(model.mesh.mesh, np.asarray(load.direction))
 
 
-def measure(model: Discretisation, load: Load) -> ufl.Measure:
+def measure(model: Discretisation, load: Pressure | Traction | BodyForce) -> ufl.Measure:
     """Where a load is integrated; not collective."""
     mesh = model.mesh
     # exact on straight cells, and for pressures on curved simplices as well

@@ -26,6 +26,7 @@ from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.physics.time_functions import evaluate_times
 from flexmbd.multibody.motion.instant import Instant
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.heat_factors import stress_in_machine
 from flexmbd.multibody.results.port_series import tell_stress_of_modes
 from flexmbd.multibody.start.independent_rows import decompose_rows
 from flexmbd.multibody.start.redundancy import balancing_multipliers
@@ -397,4 +398,4 @@ class Trajectory(ForceSeries):
         if model is None:
             raise SceneError(f"the stress of body {body.name!r} needs the model that it was reduced from")
         tell_stress_of_modes(self.scene, body, np.array([t]), *self.motion([t])[:2])
-        return model.stress_field(self.scene.index.now(body).record, self.q(body, t=t))
+        return stress_in_machine(self.scene, body, model, self.q(body, t=t), t)

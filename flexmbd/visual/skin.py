@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
+from flexmbd.multibody.results.heat_factors import heat_factors, heated_stress_field
 from flexmbd.record.reduced_body import ReducedBody, Surface
 from flexmbd.record.stress_field import StressField, StressModel
 from flexmbd.visual.part import body_pose, bounds_of
@@ -134,7 +135,8 @@ def skins(
         model = next((m for b, m in models.items() if b is body), None)
         if model is not None and record is not None:
             pose = body_pose(motion, body, times)
-            found.append(_stress_skin(body, record, model, motion.q(body, t=times), pose, amplification))
+            heat = heat_factors(motion.scene, body, record, times)
+            found.append(_stress_skin(body, record, model, motion.q(body, t=times), heat, pose, amplification))
         elif surface is not None and (body.shape is None or isinstance(body, PseudoRigidBody)):
             q = np.zeros((len(times), 0)) if record is None else motion.q(body, t=times)
             drawn = surface.phi if record is None else amplified(record, surface, amplification)
@@ -158,9 +160,15 @@ def surface_of(body: Body) -> Surface | None:
 
 
 def _stress_skin(
-    body: Body, record: ReducedBody, model: StressModel, q: FloatArray, pose: FloatArray, amplification: float
+    body: Body,
+    record: ReducedBody,
+    model: StressModel,
+    q: FloatArray,
+    heat: Mapping[str, FloatArray],
+    pose: FloatArray,
+    amplification: float,
 ) -> StressSkin:
-    pictures = (model.stress_field(record, row) for row in q)
+    pictures = (heated_stress_field(model, record, row, heat, k) for k, row in enumerate(q))
     first = next(pictures)
     shown, triangle = np.unique(first.triangle, return_inverse=True)
     x = first.x[shown]

@@ -33,7 +33,8 @@ CALLED_BY_THE_MACHINE = (
     "continuum.RigidPlane.", "continuum.SurfaceGroup.", "continuum.MpiTeam.", "continuum.DofLayout.",
     "continuum.CellFields.", "continuum.CellGroup.", "continuum.CondensedStiffness.", "continuum.FieldConditions.",
     "continuum.ContinuumModel.unknown_columns", "continuum.LinearModel.unknown_columns",
-    "continuum.NonlinearModel.refuse_surface_energy", "Event.value", "Event.passes", "Checkpoint.of",
+    "continuum.NonlinearModel.refuse_surface_energy",
+    "continuum.NonlinearModel.set_temperature", "Event.value", "Event.passes", "Checkpoint.of",
     "ExactBeam.resultants", "RunSettings.method",
 )
 #: Made by flexmbd and handed to users: nobody calls their constructors.
@@ -41,7 +42,7 @@ MADE_BY_FLEXMBD = {
     "BodyRecording", "Campbell", "Checkpoint", "Compiled", "CompiledEnergy", "CompiledMachine", "CompiledScene",
     "ContactPatches", "InducedFlow", "Port", "PortFlow", "PortSeries", "Ports", "StrainFlow",
     "ControllerSamples", "CriticalPoint", "CriticalSpeed", "Departure", "DistributedLoads", "Energy", "EquilibriumPath",
-    "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "HotSpot", "Instant", "InterfaceFrame",
+    "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "Heat", "HotSpot", "Instant", "InterfaceFrame",
     "InteriorFields", "InteriorFrame", "InteriorIteration", "InteriorMesh", "LinearInterior", "LinearizedMachine",
     "ModalStretch", "Moment", "Momentum", "NodalInterfaces", "NodalModes", "NonlinearStiffness", "Occurrence",
     "FacingSurface", "Obstacle", "Outline", "Push", "ReducedBody", "ResultTable", "Scheme", "SimulationInterrupted",

@@ -19,6 +19,7 @@ from flexmbd.record.reduced_body import (
     FurtherUnknowns,
     GeometricStiffness,
     Gyroscopic,
+    Heat,
     InterfaceFrame,
     ModalStretch,
     NodalInterfaces,
@@ -86,6 +87,7 @@ def full_record():
         gyroscopic=Gyroscopic(rng.normal(size=3), rng.normal(size=(3, n)), half - half.T),
         loads=DistributedLoads(("gas",), rng.normal(size=(1, 3)), rng.normal(size=(1, 3)), rng.normal(size=(1, n))),
         ports=Ports(*(tuple(f"{what} {i}" for i in range(15)) for what in PORT_TEXTS), *port_numbers(rng, n)),
+        heat=Heat(("warm", "hot", "cold"), np.arange(7), rng.normal(size=(3, 7))),
         stress=StressModes(
             np.arange(s) + 2**40, rng.normal(size=(s, 3)), rng.integers(-1, 2, s), rng.normal(size=(s, 6, n))
         ),
@@ -118,8 +120,8 @@ def nonlinear_record():
 
 
 GROUPS = (
-    "modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "ports", "stress",
-    "contact",
+    "modes", "nodal", "unknowns", "surface", "geometric", "stretch", "gyroscopic", "loads", "ports", "heat",
+    "stress", "contact",
 )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from flexmbd.record.reduced_body import (
     DistributedLoads,
     FurtherUnknowns,
     GeometricStiffness,
+    Heat,
     InterfaceFrame,
     NodalInterfaces,
     NodalModes,
@@ -219,6 +220,7 @@ GROUPS = {
         DistributedLoads(("gas",), np.array([[7.0, 0, 1e-17]]), np.array([[0, 0.5, 0]]), np.zeros((1, 2))),
         "1 load; ",
     ),
+    "heat": (Heat(("warm", "hot"), np.arange(3), np.ones((2, 3))), "2 temperatures at 3 nodes; "),
     "stress": (StressModes(np.arange(3), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 6, 2))), "3 nodes; "),
     "contact": (
         ContactPatches(

@@ -20,7 +20,7 @@ from flexmbd.continuum import ContinuumModel, Electrode, Interface
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.errors import FormulationError, MeshError, ReductionError
 from flexmbd.forms import solid_linear, solid_piezo
-from flexmbd.reduction import Keep, ModalDerivatives, Truncation, craig_bampton, guyan, prestressed
+from flexmbd.reduction import Keep, ModalDerivatives, TemperatureRise, Truncation, craig_bampton, guyan, prestressed
 
 pytestmark = pytest.mark.mpi
 COMM = MPI.COMM_WORLD
@@ -228,6 +228,13 @@ def gauged(**entries):
 def test_a_gauge_that_is_none(gauge, told):
     with pytest.raises(FormulationError, match=told):
         bar(PZT, [], form=gauged(gauge=gauge))
+
+
+def test_a_temperature_whose_charge_the_record_has_not():
+    form = gauged(thermal_strain=lambda p, dT: 1e-5 * dT * ufl.Identity(3))
+    model = bar(bar_material(10.0), [GROUND, TOP], interfaces=[ROOT], form=form)
+    with pytest.raises(ReductionError, match=r"'heat': the record has no charge that a temperature brings"):
+        craig_bampton(model, modes=1, frame="x_min", loads=[TemperatureRise("heat")])
 
 
 def test_a_gauge_that_costs_energy():

@@ -358,7 +358,7 @@ PUSH = {"forces": {"tip": (1.0, 0, 0, 0, 0, 0)}}
         ({"forces": {"tip": (np.nan, 0, 0, 0, 0, 0)}}, ReductionError, "forces must be a mapping of a text to finite"),
         ({"angular_velocity": 3.0}, ReductionError, "angular_velocity must be finite, 3 in number"),
         ({"loads": [Pressure("p", "pad")]}, ReductionError, "loads must be a list, each a tuple of 2: a Pressure"),
-        ({"loads": [(Pressure("p", "pad"), np.inf)]}, ReductionError, "BodyForce, a finite number, got"),
+        ({"loads": [(Pressure("p", "pad"), np.inf)]}, ReductionError, "TemperatureRise, a finite number, got"),
         ({"loads": [(Pressure("p", "lid"), 1.0)]}, MeshError, "no facet group 'lid'"),
         ({"frame": "lid"}, InterfaceError, "no interface 'lid'"),
     ],

@@ -22,6 +22,9 @@ ENERGIES = ("strain_energy", "residual")
 TOGETHER = (("motion", "section_inertia"), ("state", "update"), ("local_unknowns", "local_residual"))
 """Of each group all or none."""
 
+EXPANSIONS = ("thermal_stretch", "thermal_strain")
+"""At most one of these."""
+
 OF_HISTORY = ("scaled_yield", "increment_size", "state_names")
 """Those that only forms with a history have."""
 
@@ -85,6 +88,10 @@ class OptionalEntries:
             different; a history that never yields gives p. Asked for where a body that has yielded is linearised.
         increment_size: (u, state, p) a scalar: the size of the step from the accepted history to u over the largest
             that the update is accurate for. Beyond 1 slow loading and implicit steps take smaller ones.
+        thermal_stretch: (p, dT) the stretch (3, 3) of free expansion by a rise of temperature dT (K), the identity at
+            dT = 0: F = F_e F_th. Of forms whose rotations are finite; or
+        thermal_strain: (p, dT) its small strain (3, 3), zero at dT = 0, which is subtracted from the gradient of the
+            displacement. Of forms that are linear in it below yield.
         state_names: (p) dictionary of the number of components of each part of the history by its name, in their
             order, as {"plastic_strain_tensor": 6, "plastic_strain": 1}: what series and pictures ask for.
     """
@@ -108,6 +115,8 @@ class OptionalEntries:
     scaled_yield: Entry = field(default=None, metadata={"arguments": 2})
     increment_size: Entry = field(default=None, metadata={"arguments": 3})
     state_names: Entry = field(default=None, metadata={"arguments": 1})
+    thermal_stretch: Entry = field(default=None, metadata={"arguments": 2})
+    thermal_strain: Entry = field(default=None, metadata={"arguments": 2})
 
 
 ON_FACETS = ("surface_energy", "surface_kinetic_energy")

@@ -62,7 +62,8 @@ class Reference(Protocol):
     def displacement(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:
         """Exact displacement, m, at the point x, (3,), or the exact unknown, of the unknown's shape.
 
-        The unknowns that a rigid motion moves are prescribed on the whole boundary.
+        The unknowns that a rigid motion moves are prescribed on the whole boundary. Of others nothing is: they are to
+        have none of their natural condition there, as D . n = 0 of an electric potential.
         """
 
     def body_force(self, x: ufl.core.expr.Expr, /) -> ufl.core.expr.Expr:

@@ -260,6 +260,22 @@ def _state_names(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
         yield f"names {sum(counts)} components of a history of {n}"
 
 
+def _expansion_faults(name: str, at_rest: float) -> Callable[[ModuleType, TrialSymbols], Iterator[str]]:
+    """A check of `thermal_stretch` or `thermal_strain`, whose diagonal has a given value without a rise."""
+
+    def check(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+        cold = vars(module)[name](unknown.parameters, ufl.as_ufl(0.0))
+        faults = list(_expression_faults(cold, (GDIM, GDIM), "the shape"))
+        yield from faults
+        if not faults:
+            found = [unknown.evaluate(cold[i, j], {}) for i in range(GDIM) for j in range(GDIM)]
+            wanted = at_rest * np.eye(GDIM).ravel()
+            if None not in found and not np.allclose(np.array(found, dtype=float), wanted, rtol=0.0, atol=1e-12):
+                yield f"must be {'the identity' if at_rest else 'zero'} at dT = 0, the rise above the stress-free state"
+
+    return check
+
+
 def _shapes(parameters: Any, unknown: TrialSymbols) -> list[tuple[int, ...]]:
     """Of the symbols that parameters become."""
     return [value.shape for value in symbols_of(parameters, unknown.domain)[1].values()]
@@ -306,6 +322,8 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "scaled_yield": _scaled_yield,
     "increment_size": _increment_size,
     "state_names": _state_names,
+    "thermal_stretch": _expansion_faults("thermal_stretch", 1.0),
+    "thermal_strain": _expansion_faults("thermal_strain", 0.0),
 }
 
 

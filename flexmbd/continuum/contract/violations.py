@@ -14,6 +14,7 @@ from typing import Any
 from flexmbd.continuum.contract.entries import (
     CONSTANTS,
     ENERGIES,
+    EXPANSIONS,
     KEYWORDS,
     LAYERED,
     OF_HISTORY,
@@ -179,6 +180,11 @@ def _callable_faults(module: ModuleType) -> Iterator[tuple[str, str]]:
             (missing,) = set(group) - set(present)
             yield present[0], f"{present[0]} goes with {missing}, which is missing"
     yield from _history_faults(module)
+    expansions = [name for name in EXPANSIONS if name in vars(module)]
+    if len(expansions) == 2:
+        yield expansions[1], f"{' and '.join(EXPANSIONS)} are both there; give one of them"
+    if expansions and getattr(module, "REFERENCE", None) == "UPDATED":
+        yield expansions[0], f"{expansions[0]} is for forms whose REFERENCE is \"INITIAL\""
     parameters = getattr(module, "Parameters", None)
     if parameters is None:
         yield "Parameters", "Parameters is missing"

@@ -29,14 +29,25 @@ def has_uniform_mass(trial: Trial) -> bool:
     )
 
 
-def is_linear(trial: Trial) -> bool:
-    """Whether forces are linear in the displacements, what else the unknown holds being at rest."""
+#: Why forms of the small strain are not turned.
+SMALL_STRAIN = (
+    "the form sees the small strain alone, and takes rotations to be small, as bodies do whose axes turn with them "
+    "(reduced, ContinuumBody)"
+)
+
+
+def sees_small_strain(trial: Trial) -> bool:
+    """Whether the form sees the small strain alone: no force changes by a motion that is one of small rotations.
+
+    However large that is, and whatever else the form makes of the strain. What else the unknown holds is at rest.
+    """
     rows = trial.displacement.reshape(-1)
     displaced = trial.rest()
     displaced[rows] = trial.some(1)[rows]
-    d = trial.scale
-    change = d[:, None] * (trial.stiffness(displaced) - trial.stiffness(trial.rest())) * d
-    return largest(change[np.ix_(rows, rows)]) < 1e-12
+    turned = displaced + trial.rigid[:, 3:] @ [0.9, -0.5, 0.7]
+    force = trial.scale * trial.force(displaced)
+    change = trial.scale * trial.force(turned) - force
+    return largest(change[rows]) < 1e-9 * largest(force[rows])
 
 
 def free_constants(trial: Trial, scaled: FloatArray) -> int:

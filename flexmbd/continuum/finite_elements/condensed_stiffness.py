@@ -108,6 +108,26 @@ class CondensedStiffness:
         lists = self.whole.dofmap.list
         fill_whole(function, self.fields, lists, own, -np.einsum("cmn,cn->cm", self.lift, own))
 
+    def shared_forces(self, forces: FloatArray) -> FloatArray:
+        """Forces on the shared unknowns that forces on all cause, of a symmetric stiffness. Collective.
+
+        Args:
+            forces: (local dofs of `whole` including ghosts,), the ghosts' those of their owners.
+
+        Returns:
+            (owned shared dofs,).
+        """
+        space, lists = self._forms.space, self.whole.dofmap.list
+        dofs, through = cell_dofs(space), fem.Function(space).x
+        found = np.zeros_like(through.array)
+        found[dofs] = forces[lists[:, self.fields.shared_places]]
+        # of ghost cells the lift is zero
+        own = np.einsum("cmn,cm->cn", self.lift, forces[lists[:, self.fields.cell_places]])
+        np.add.at(through.array, dofs, -own)
+        through.scatter_reverse(la.InsertMode.add)
+        owned = self._forms.layout.n_owned
+        return np.asarray(found[:owned] + through.array[:owned])
+
     def _derivatives(self) -> list[ufl.Form]:
         u, v = fem.Function(self.whole), ufl.TestFunction(self.whole)
         zero = {u: ufl.zero(u.ufl_shape)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,6 +18,7 @@ from flexmbd.brief import brief
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
@@ -26,6 +28,7 @@ from flexmbd.continuum.finite_elements.model_picture import PicturedModel
 from flexmbd.continuum.finite_elements.nodal_group import NodalGroup
 from flexmbd.continuum.finite_elements.stress import StressRecovery
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy, surface_work
+from flexmbd.continuum.finite_elements.temperature import heated_groups
 from flexmbd.errors import FormulationError, InterfaceError, RecordError
 from flexmbd.given import checked, numbers
 from flexmbd.record.reduced_body import ReducedBody
@@ -48,6 +51,7 @@ class StaticState:
         loads: the loads of the body, as text.
         note: on the iteration that found it, for provenance.
         spin: (3,) rad/s of the body, along the mesh's axes.
+        rise: K, of the temperature; None where there is none.
     """
 
     frame: str
@@ -58,6 +62,7 @@ class StaticState:
     loads: tuple[str, ...]
     note: str
     spin: FloatArray
+    rise: fem.Function | None = None
 
     __repr__ = brief
 
@@ -134,6 +139,15 @@ class LinearModel(PicturedModel):
         """(local dofs including ghosts,) from the undeformed mesh, in its axes: zero but for a loaded state."""
         return np.zeros(self.layout.n_local) if self.state is None else self.state.displacement
 
+    @cached_property
+    def warm_groups(self) -> tuple[CellGroup, ...]:
+        """The cell groups with their formulations at the temperature of the loaded state; `groups` where it has none.
+
+        Not collective.
+        """
+        rise = None if self.state is None else self.state.rise
+        return self.groups if rise is None else heated_groups(self.groups, rise)
+
     def interface(self, name: str) -> FoundInterface:
         """The interface of that name.
 
@@ -188,7 +202,7 @@ class LinearModel(PicturedModel):
             FormulationError: there are fields of one cell, which are condensed.
         """
         self._refuse_fields()
-        return [*assembly.internal_work(self.groups, u, v), *surface_work(self.surfaces, u, v)]
+        return [*assembly.internal_work(self.warm_groups, u, v), *surface_work(self.surfaces, u, v)]
 
     @checked(error=FormulationError)
     def kinetic_energy(self, v: fem.Function) -> list[ufl.Form]:
@@ -219,17 +233,20 @@ class LinearModel(PicturedModel):
         return assembly.assemble({"tangent stiffness": forms}, self.groups, self.space)[0]
 
     @checked(error=RecordError, agree=parallel.told_to_all)
-    def stress_field(self, body: ReducedBody, q: ArrayLike) -> StressField:
+    def stress_field(
+        self, body: ReducedBody, q: ArrayLike, *, heat: Mapping[str, float] | None = None
+    ) -> StressField:
         """Displacement and stress of a body reduced from this model. Collective.
 
         Args:
             body: as `flexmbd.continuum.finite_elements.recovery.nodal_modes` wants it.
             q: (n,) modal coordinates, the same on every rank.
+            heat: factors of the record's temperatures (`Heat`) by their names, dimensionless; of others zero.
 
         Raises:
-            RecordError: on all ranks: the modes are not there, or `q` does not fit.
+            RecordError: on all ranks: the modes are not there, `q` does not fit, or a temperature is not known.
         """
-        return self._stress.field(body, q)
+        return self._stress.field(body, q, heat=heat)
 
     @property
     def unknown_space(self) -> fem.FunctionSpace:

@@ -12,6 +12,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, further_dofs, node_numbers
@@ -54,6 +55,10 @@ class ReductionModel(Discretisation, Protocol):
         """Small motions (local dofs including ghosts, k) as fields on `unknown_space`."""
 
     @property
+    def warm_groups(self) -> tuple[CellGroup, ...]:
+        """The cell groups with their formulations at the temperature of the state."""
+
+    @property
     def form_name(self) -> str:
         """Names of the formulations' modules."""
 
@@ -94,7 +99,7 @@ def nodal_modes(body: ReducedBody, model: ReductionModel) -> FloatArray:
             "the record is of another mesh than the model: its nodal modes do not fit; build the "
             "model on the mesh that the body was reduced from"
         )
-    modes = _rows(
+    modes = node_rows(
         model, node_numbers(model), known=body.modes.node, values=np.einsum("ab,kbn->kan", body.R_MB, body.modes.phi)
     )
     fields = np.empty((model.layout.n_local, modes.shape[2]), order="F")
@@ -106,7 +111,7 @@ def nodal_modes(body: ReducedBody, model: ReductionModel) -> FloatArray:
                 f"the record's nodal modes are displacements alone, and {model.form_name} has further "
                 "unknowns: reduce the body again with this flexmbd and keep=Keep(modes=True)"
             )
-        fields[others] = _rows(
+        fields[others] = node_rows(
             model, dof_numbers(model, others), known=body.unknowns.dof, values=body.unknowns.phi
         )
     _refuse_other_body(body, model, fields)
@@ -174,7 +179,7 @@ def _share(body: ReducedBody, *, unknown: float) -> float:
         raise RecordError(f"the record's provenance has {text!r:.100} as {SHARE!r}; reduce the body again") from None
 
 
-def _rows(model: ReductionModel, numbers: IntArray, *, known: IntArray, values: FloatArray) -> FloatArray:
+def node_rows(model: ReductionModel, numbers: IntArray, *, known: IntArray, values: FloatArray) -> FloatArray:
     """The rows of `values`, which have the numbers `known`, ascending, of nodes or dofs. Collective."""
     place = np.searchsorted(known, numbers)
     error = None

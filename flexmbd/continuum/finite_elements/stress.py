@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -12,9 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.continuum import compat
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.gathered_nodes import GatheredNodes, von_mises
-from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes
+from flexmbd.continuum.finite_elements.nodes import node_numbers
+from flexmbd.continuum.finite_elements.recovery import ReductionModel, nodal_modes, node_rows
+from flexmbd.continuum.finite_elements.temperature import (
+    refuse_without_expansion,
+    scalar_function,
+    set_at_nodes,
+    thermal_stress,
+)
 from flexmbd.errors import FormulationError, RecordError
-from flexmbd.record.reduced_body import ReducedBody
+from flexmbd.record.reduced_body import Heat, ReducedBody
 from flexmbd.record.stress_field import StressField
 
 FloatArray = NDArray[np.float64]
@@ -41,18 +49,19 @@ class StressRecovery:
         self._rest = np.zeros(model.layout.n_local) if rest is None else rest
         self._u = fem.Function(model.unknown_space)
         points = compat.interpolation_points(model.layout.node_space)
-        self._sigma = [
-            (group.cells, fem.Expression(_tensor(group, self._u), points)) for group in model.groups
-        ]
+        self._groups = model.warm_groups
+        self._sigma = [(group.cells, fem.Expression(_tensor(group, self._u), points)) for group in self._groups]
+        self._heat: _HeldExpansion | None = None  # compiled once it is asked for
         self._nodes = GatheredNodes(model, model.node_x)
         self._last: tuple[ReducedBody, FloatArray] | None = None
 
-    def field(self, body: ReducedBody, q: ArrayLike) -> StressField:
+    def field(self, body: ReducedBody, q: ArrayLike, *, heat: Mapping[str, float] | None = None) -> StressField:
         """Displacement and stress at modal coordinates. Collective.
 
         Args:
             body: reduced from this mesh and formulation, with `Keep(modes=True)`.
             q: (n,) modal coordinates, the same on every rank.
+            heat: factors of the record's temperatures by their names.
 
         Returns:
             The field, in body axes, the same on every rank.
@@ -60,7 +69,7 @@ class StressRecovery:
         Raises:
             RecordError: on all ranks: q does not fit, or the modes are not there (see
                 `flexmbd.continuum.finite_elements.recovery.nodal_modes`); a body of large displacements, and a
-                formulation whose stress is linear in the displacement.
+                formulation whose stress is linear in the displacement; temperatures that the record has not.
         """
         modal: FloatArray = np.asarray(q, dtype=np.float64)
         if modal.shape != (body.n_modes,):
@@ -73,7 +82,7 @@ class StressRecovery:
         nodes, model = self._nodes, self._model
         displacement = self._modes_of(body) @ modal
         self._set(displacement + self._rest)
-        sigma = self._stresses()
+        sigma = self._stresses() + self._held_expansion(body, heat)
         largest, at_largest = nodes.largest(von_mises(sigma))
         u = displacement[model.displacement_dofs[nodes.places]]
         averaged = nodes.average(np.hstack([u, sigma]))
@@ -116,7 +125,7 @@ class StressRecovery:
     def _is_linear(self) -> bool:
         """Whether all stresses are linear in the displacement; not collective."""
         along = fem.Function(self._model.unknown_space)
-        slopes = (ufl.derivative(_tensor(group, self._u), self._u, along) for group in self._model.groups)
+        slopes = (ufl.derivative(_tensor(group, self._u), self._u, along) for group in self._groups)
         expanded = map(ufl.algorithms.expand_derivatives, slopes)
         return not any(self._u in ufl.algorithms.extract_coefficients(slope) for slope in expanded)
 
@@ -129,12 +138,51 @@ class StressRecovery:
             self._last = body, nodal_modes(body, self._model)
         return self._last[1]
 
+    def _held_expansion(self, body: ReducedBody, heat: Mapping[str, float] | None) -> FloatArray | float:
+        """Stress at the nodes of each cell of what expands and is held, (len(places), 9) Pa. Collective."""
+        known = () if body.heat is None else body.heat.names
+        for name, factor in (heat or {}).items():
+            if name not in known or not np.isfinite(factor):
+                there = ", ".join(map(repr, known)) or "none"
+                raise RecordError(
+                    f"heat gives finite factors of the record's temperatures by their names, got {name!r}: {factor!r}; "
+                    f"it has: {there}"
+                )
+        factors = np.array([(heat or {}).get(name, 0.0) for name in known])
+        if body.heat is None or not factors.any():
+            return 0.0
+        if self._heat is None:
+            self._heat = _HeldExpansion(self._model)
+        return self._heat.stress(body.heat, factors, self._nodes)
+
     def _stresses(self) -> FloatArray:
         """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
         sigma = np.empty((self._nodes.n_cells, self._nodes.per_cell, 9))
         for cells, expression in self._sigma:
             values = expression.eval(self._model.mesh.mesh, cells)
             sigma[cells] = values.reshape(-1, self._nodes.per_cell, 9)
+        return sigma.reshape(-1, 9)
+
+
+class _HeldExpansion:
+    """The stress of rises of temperature without displacement. Constructing one is collective, and compiles."""
+
+    def __init__(self, model: ReductionModel) -> None:
+        self._model, self._rise = model, scalar_function(model.mesh, model.layout)
+        points = compat.interpolation_points(model.layout.node_space)
+        refuse_without_expansion(model.groups)
+        self._sigma = [
+            (group.cells, fem.Expression(thermal_stress(group, model.space, self._rise), points))
+            for group in model.groups
+        ]
+
+    def stress(self, heat: Heat, factors: FloatArray, nodes: GatheredNodes) -> FloatArray:
+        """(len(places), 9) Pa, of a record's temperatures times factors (h,). Collective."""
+        values = node_rows(self._model, node_numbers(self._model), known=heat.node, values=(factors @ heat.rise))
+        set_at_nodes(self._model, self._rise, values)
+        sigma = np.empty((nodes.n_cells, nodes.per_cell, 9))
+        for cells, expression in self._sigma:
+            sigma[cells] = expression.eval(self._model.mesh.mesh, cells).reshape(-1, nodes.per_cell, 9)
         return sigma.reshape(-1, 9)
 
 

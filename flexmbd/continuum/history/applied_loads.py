@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -12,13 +12,16 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness
 from flexmbd.continuum.finite_elements.nodes import node_numbers
 from flexmbd.continuum.finite_elements.surface_patch import SurfacePatch, surface_facets
+from flexmbd.continuum.finite_elements.temperature import rise_function, thermal_work
 from flexmbd.continuum.history.loads import (
     BodyAcceleration,
     BodyLoad,
     CentrifugalLoad,
     ForceAtNodes,
+    Heating,
     PressureOnFacets,
     TractionOnFacets,
     factors_of,
@@ -38,8 +41,9 @@ class AppliedLoads:
     Attributes:
         names: of the loads.
         factors: their functions of time.
-        any: whether there are loads.
+        any: whether there are forces.
         any_follow: whether some of them go by the present places of the nodes.
+        any_heat: whether there are temperatures, which are no forces.
     """
 
     def __init__(self, body: NonlinearModel, loads: Sequence[BodyLoad], *, mass: FloatArray | None = None) -> None:
@@ -59,7 +63,8 @@ class AppliedLoads:
         self.loads = _listed(loads)
         self.names = tuple(load.name for load in self.loads)
         self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
-        self.any = bool(self.loads)
+        forces = [load for load in self.loads if not isinstance(load, Heating)]
+        self.any, self.any_heat = bool(forces), len(forces) < len(self.loads)
         if self.any and body.turns:
             raise FormulationError(
                 f"loads act on nodes that move without turning, and {body.groups[0].form_name} has unknowns that turn; "
@@ -74,8 +79,12 @@ class AppliedLoads:
         self._mass: FloatArray = np.zeros(self._n) if mass is None else mass
         turning = {k: load for k, load in enumerate(self.loads) if isinstance(load, CentrifugalLoad)}
         self._centrifugal = {k: _mass_times(body, _squared(load)) for k, load in turning.items()}
-        self._units = {k: self._unit(load) for k, load in enumerate(self.loads) if not is_following(load)}
-        self.any_follow = len(self._units) < len(self.loads)
+        rises = {k: self._rise(load) for k, load in enumerate(self.loads) if isinstance(load, Heating)}
+        self._rises = {k: np.asarray(rise.x.array) for k, rise in rises.items()}
+        self._held = {k: self._held_expansion(rise) for k, rise in rises.items()}
+        dead = {k: load for k, load in enumerate(self.loads) if not is_following(load) and k not in self._rises}
+        self._units = {k: self._unit(load) for k, load in dead.items()}
+        self.any_follow = any(is_following(load) for load in self.loads)
 
     def values(self, t: float) -> FloatArray:
         """(loads,) the factors at t (s), rank 0's on all ranks. Collective.
@@ -94,6 +103,17 @@ class AppliedLoads:
         elif error is not None:
             raise error
         return found
+
+    def heat(self, values: FloatArray) -> None:
+        """Bring the body to its temperature at values of the factors; not collective."""
+        if self.any_heat:
+            self._body.set_temperature(np.asarray(sum(values[k] * rise for k, rise in self._rises.items())))
+
+    def size_of_heat(self, values: FloatArray) -> float:
+        """N, 2-norm of the forces that would hold what expands in shape; zero without temperatures. Collective."""
+        if not self.any_heat:
+            return 0.0
+        return self._body.norm(np.asarray(sum(values[k] * held for k, held in self._held.items())))
 
     def dead(self, values: FloatArray, R: FloatArray) -> FloatArray:
         """(owned nodes, 3) N, of loads that keep their direction; R (3, 3) turned the body as it began."""
@@ -115,7 +135,7 @@ class AppliedLoads:
         for k, load in enumerate(self.loads):
             if isinstance(load, CentrifugalLoad):
                 force -= values[k] * _times(self._centrifugal[k], x[: self._n] - np.asarray(load.point))
-            elif k not in self._units:
+            elif is_following(load):
                 force += values[k] * self._summed(load, places)
         return force
 
@@ -123,6 +143,8 @@ class AppliedLoads:
         """(3,) N by name: the sum of each load over the body; arguments as above. Collective."""
         found = {}
         for k, load in enumerate(self.loads):
+            if k in self._rises:
+                continue
             alone = np.where(np.arange(len(values)) == k, values, 0.0)
             force = self.dead(alone, R) if k in self._units else self.following(alone, x)
             found[load.name] = np.asarray(sum(self._comm.allgather(force.sum(axis=0))))
@@ -139,7 +161,7 @@ class AppliedLoads:
         places, layout = self._with_ghosts(x), self._body.layout
         blocks, width = layout.space.dofmap.index_map, layout.space.dofmap.index_map_bs
         for k, load in enumerate(self.loads):
-            if k in self._units or values[k] == 0.0:
+            if not is_following(load) or values[k] == 0.0:
                 continue
             if isinstance(load, CentrifugalLoad):
                 matrix.assemble()
@@ -165,6 +187,28 @@ class AppliedLoads:
         if isinstance(load, ForceAtNodes):
             return self._at_nodes(load)
         return self._summed(load, self._body.layout.node_x)
+
+    def _rise(self, load: Heating) -> fem.Function:
+        """K, with the factor 1. Collective."""
+        if self._body.temperature is None:
+            raise SceneError(
+                f"load {load.name!r}: the body was compiled without a temperature; make it with "
+                "NonlinearModel(..., heated=True)"
+            )
+        return rise_function(self._body, load.rise, f"load {load.name!r}", kind=SceneError)
+
+    def _held_expansion(self, rise: fem.Function) -> FloatArray:
+        """(owned dofs,) N, that hold the body at rest in shape. Collective, may compile."""
+        body, whole = self._body, self._body.forms.whole
+        total = fem.Function(whole).x
+        for form in thermal_work(body.cold_groups, whole, rise):
+            fem.assemble_vector(total.array, fem.form(form))
+        total.scatter_reverse(la.InsertMode.add)
+        if body.fields is None:
+            return np.asarray(total.array[: body.n_owned].copy())
+        total.scatter_forward()
+        cold = CondensedStiffness(replace(body.forms, groups=body.cold_groups), body.fields)
+        return cold.shared_forces(total.array)
 
     def _at_nodes(self, load: ForceAtNodes) -> FloatArray:
         numbers = node_numbers(self._body)[: self._n]
@@ -219,6 +263,10 @@ class TrialLoads:
     loads: AppliedLoads
     values: FloatArray
     dead: FloatArray
+
+    def heat(self) -> None:
+        """Bring the body to the temperature that goes with them; not collective."""
+        self.loads.heat(self.values)
 
     def force(self, increment: FloatArray) -> FloatArray:
         """(owned dofs,) N, at a displacement (local dofs,) m. Collective."""
@@ -300,7 +348,7 @@ def _listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:
         if not isinstance(load, BodyLoad):
             raise SceneError(
                 f"a load on a body with history is a PressureOnFacets, TractionOnFacets, ForceAtNodes, "
-                f"BodyAcceleration or CentrifugalLoad, got {load!r:.80}"
+                f"BodyAcceleration, CentrifugalLoad or Heating, got {load!r:.80}"
             )
     names = [load.name for load in loads]
     for name in names:

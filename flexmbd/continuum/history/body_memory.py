@@ -60,6 +60,8 @@ class BodyMemory:
                 arrays[f"history {k}"] = self._gather(self._cells_of, rows, self._cell_count)
         if self._body.has_dissipation:
             arrays["viscous work"] = np.array(snapshot.viscous_work)
+        if self._body.temperature is not None:
+            arrays["temperature"] = self.gather_nodes(snapshot.temperature[:, None])
         return arrays
 
     def scatter(self, arrays: dict[str, FloatArray]) -> HistorySnapshot:
@@ -73,7 +75,8 @@ class BodyMemory:
         displacement = layout.at_dofs(self.scatter_nodes(arrays["displacement"]), owned=False)
         if layout.has_further:
             displacement[layout.further_dofs] = arrays["further unknowns"][self._further]
-        return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)))
+        warmth = self.scatter_nodes(arrays["temperature"])[:, 0] if "temperature" in arrays else np.zeros(0)
+        return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)), warmth)
 
     def _gather(self, places: list[NDArray[np.int64]], rows: FloatArray, count: int) -> FloatArray:
         """The rows of all ranks at the places of each rank's. Collective."""

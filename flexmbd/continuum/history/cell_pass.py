@@ -60,6 +60,7 @@ class Unknowns:
         local: local unknowns, n at each point.
         slopes: at each point the inverse (n, n) of the derivative of their equations.
         mean: over the cells.
+        temperature: at the nodes of each cell.
     """
 
     u: fem.Function
@@ -68,6 +69,7 @@ class Unknowns:
     local: fem.Function | None
     slopes: fem.Function | None
     mean: fem.Function | None
+    temperature: fem.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +156,10 @@ class CellPass:
         mean = np.zeros(0) if unknowns.mean is None else unknowns.mean.x.array
         #: (points of all cells of this rank, components) flat, history at the step's end
         self.trial: FloatArray = state.flatten()
-        self._fields = Fields(unknowns.shared.x.array, state, local, slopes, mean, self.trial.reshape(state.shape))
-        self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
+        self._known = state
+        given = state if unknowns.temperature is None else np.hstack([state, self._warmth()])
+        self._fields = Fields(unknowns.shared.x.array, given, local, slopes, mean, self.trial.reshape(state.shape))
+        self._sizes = [dofmap.bs * dofmap.list.shape[1], given.shape[1], local.shape[1], 1]
         self._kernels = self._tables(weights)
         row, n = sum(self._sizes), local.shape[1] // len(weights)
         each, kept = (n, state.shape[1] // len(weights)) if self._law is not None else (0, 0)
@@ -238,7 +242,7 @@ class CellPass:
     def _where(self) -> str:
         """Point, cell and history where the local unknowns were not found."""
         cell, point = map(int, self._room.where)
-        state = self._fields.state[cell].reshape(len(self._kernels.weights), -1)[point]
+        state = self._known[cell].reshape(len(self._kernels.weights), -1)[point]
         names = self._group.optional.state_names
         counts = {"": len(state)} if names is None else names(self._group.parameters)
         parts = np.split(state, np.cumsum([*counts.values()])[:-1])
@@ -263,6 +267,11 @@ class CellPass:
             kernels = self._kernels._replace(addresses=self._kernels.addresses[:FORCES])
             self._pass(fields, kernels, _NONE)
 
+    def _warmth(self) -> FloatArray:
+        """(cells, nodes of one) K, the temperature at the nodes of each cell."""
+        at: Any = self._unknowns.temperature
+        return np.asarray(at.x.array[at.function_space.dofmap.list])
+
     def _pass(
         self,
         fields: Fields,
@@ -273,6 +282,11 @@ class CellPass:
         cells: NDArray[np.int32] | None = None,
         predicts: bool = True,
     ) -> float:
+        if self._unknowns.temperature is not None:
+            # behind the history of a cell, as a part of what is known of it at the step's begin
+            columns = self._known.shape[1]
+            self._fields.state[:, :columns] = self._known
+            self._fields.state[:, columns:] = self._warmth()
         dofmap = self._unknowns.shared.function_space.dofmap
         return float(pass_cells(
             self._group.cells if cells is None else cells, compat.cell_nodes(self._domain), self._domain.geometry.x,
@@ -332,12 +346,16 @@ class CellPass:
 
     def _tables(self, weights: FloatArray) -> Kernels:
         known, count = self._unknowns, len(self._codes)
-        begins = np.cumsum([0, *self._sizes])
-        places = {
-            id(field): k for k, field in enumerate((known.u, known.state, known.local, known.mean)) if field is not None
-        }
+        pieces = [known.u, known.state, known.local, known.mean]
+        sizes = [*self._sizes]
+        if known.temperature is not None:
+            pieces.insert(2, known.temperature)
+            columns = self._known.shape[1]
+            sizes[1:2] = [columns, sizes[1] - columns]
+        begins = np.cumsum([0, *sizes])
+        places = {id(field): k for k, field in enumerate(pieces) if field is not None}
         addresses, constants = np.zeros((2, count), dtype=np.int64)
-        starts, lengths = np.zeros((2, count, len(self._sizes)), dtype=np.int64)
+        starts, lengths = np.zeros((2, count, len(sizes)), dtype=np.int64)
         for i, code in enumerate(self._codes):
             if code is None:
                 continue
@@ -347,7 +365,7 @@ class CellPass:
                 joined = last >= 0 and begins[k] == starts[i, last] + lengths[i, last]
                 last += not joined
                 starts[i, last] = starts[i, last] if joined else begins[k]
-                lengths[i, last] += self._sizes[k]
+                lengths[i, last] += sizes[k]
         return Kernels(addresses, constants, starts, lengths, np.asarray(weights, dtype=float))
 
 

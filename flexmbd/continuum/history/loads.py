@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmbd.continuum.finite_elements.temperature import checked_rise
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.interiors.time_factor import TimeFactor
@@ -159,7 +160,33 @@ class CentrifugalLoad:
             object.__setattr__(self, item, _vector(self, item))
 
 
-BodyLoad = PressureOnFacets | TractionOnFacets | ForceAtNodes | BodyAcceleration | CentrifugalLoad
+@checked("name")
+@dataclass(frozen=True, eq=False)
+class Heating:
+    """A rise of temperature above that at which the body is free of stress; several of one body add up.
+
+    For bodies made with ``NonlinearModel(..., heated=True)``, whose formulations say how they expand.
+
+    Attributes:
+        rise: K: a number, a function of points (n, 3) m of the undeformed body that gives (n,), or the values (nodes,)
+            at the mesh's nodes in the order of its input.
+        factor: dimensionless.
+        name: in messages.
+
+    Raises:
+        SceneError: a value is not of its kind.
+    """
+
+    rise: Any = 1.0
+    factor: LoadFactor = 1.0
+    name: str = "heating"
+
+    def __post_init__(self) -> None:
+        _check(self, self.name)
+        object.__setattr__(self, "rise", checked_rise(self.rise, f"load {self.name!r}", kind=SceneError))
+
+
+BodyLoad = PressureOnFacets | TractionOnFacets | ForceAtNodes | BodyAcceleration | CentrifugalLoad | Heating
 """A load on a body with history."""
 
 

@@ -6,7 +6,7 @@ Its axes and configurations are those of `trial_body`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -25,6 +25,7 @@ from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy
+from flexmbd.continuum.finite_elements.temperature import at_nodes, set_at_nodes
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.damage_bands import DamageBands
 from flexmbd.continuum.history.mean_tangent import MeanTangent
@@ -50,14 +51,16 @@ class HistorySnapshot:
         displacement: (local dofs including ghosts,) m, from the undeformed mesh.
         history: of each group, flat.
         viscous_work: J, dissipated by the formulations' dissipation in the whole body.
+        temperature: (local nodes including ghosts,) K, its rise; empty where the body is not heated.
     """
 
     displacement: FloatArray
     history: tuple[FloatArray, ...]
     viscous_work: float = 0.0
+    temperature: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
-@checked("cell_means", "condense", error=FormulationError, agree=parallel.told_to_all)
+@checked("cell_means", "condense", "heated", error=FormulationError, agree=parallel.told_to_all)
 class NonlinearModel(TrialBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 
@@ -82,6 +85,7 @@ class NonlinearModel(TrialBody):
         cell_means: bool | None = None,
         surfaces: Surfaces | None = None,
         condense: bool = True,
+        heated: bool = False,
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -99,11 +103,13 @@ class NonlinearModel(TrialBody):
                 `surface_energy` and `surface_kinetic_energy` are taken. Springs reach to the body's axes.
             condense: whether fields of one cell, as enhanced strains, are solved for in their cell; else they are
                 unknowns of the body, as which it is loaded slowly alone.
+            heated: whether its loads give it a temperature (`Heating`).
 
         Raises:
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; formulations of both references; of the updated one a degree unlike
-                the geometry's, or unknowns besides the displacement.
+                the geometry's, or unknowns besides the displacement; of a heated body one that names no expansion, or
+                expansions that are all zero.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
                 facets that the surface has not.
@@ -118,7 +124,7 @@ class NonlinearModel(TrialBody):
             with_history=True,
             condense=condense,
         )
-        super().__init__(forms, means=degree == 1 if cell_means is None else cell_means)
+        super().__init__(forms, means=degree == 1 if cell_means is None else cell_means, heated=heated)
         self._bands: DamageBands | None = None
         if self.layout.has_further and mesh.dim == 3:
             self._bands = DamageBands(self.layout, lambda unknown: self.force(unknown, dt=0.0))
@@ -136,9 +142,12 @@ class NonlinearModel(TrialBody):
     def force(self, increment: FloatArray, *, dt: float | None = None) -> FloatArray:
         """Internal forces at a trial displacement. Collective.
 
+        Formulations whose reference is the initial configuration get the whole displacement, `displacement` plus the
+        increment; those of the updated one the increment.
+
         Args:
-            increment: (local dofs including ghosts,) m, since the last accepted step; the ghosts' are
-                their owners'.
+            increment: (local dofs including ghosts,) m, since the last accepted step, whatever the formulations refer
+                to; the ghosts' are their owners'.
             dt: s, length of the step; at 0 no time passes: nothing flows or relaxes, and there are no viscous
                 forces. None: of no matter, as where `needs_step` is false.
 
@@ -302,7 +311,10 @@ class NonlinearModel(TrialBody):
     def snapshot(self) -> HistorySnapshot:
         """Copy the body's state."""
         return HistorySnapshot(
-            self.displacement.copy(), tuple(history.snapshot() for history in self._histories), self._viscous_work
+            self.displacement.copy(),
+            tuple(history.snapshot() for history in self._histories),
+            self._viscous_work,
+            np.zeros(0) if self.temperature is None else at_nodes(self, self.temperature),
         )
 
     @checked(error=FormulationError)
@@ -316,6 +328,8 @@ class NonlinearModel(TrialBody):
         self.displacement[:] = snapshot.displacement
         self._viscous_work = snapshot.viscous_work
         self._set_trial(np.zeros(self.layout.n_local), 0.0)
+        if self.temperature is not None:
+            set_at_nodes(self, self.temperature, snapshot.temperature)
         for history, kept in zip(self._histories, snapshot.history, strict=True):
             history.restore(kept)
 

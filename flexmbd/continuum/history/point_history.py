@@ -52,6 +52,7 @@ class History:
         *,
         means: bool,
         shared: fem.Function | None = None,
+        temperature: fem.Function | None = None,
     ) -> None:
         """Not collective but for compilation.
 
@@ -61,6 +62,7 @@ class History:
             v: test function on its space.
             means: whether cell means are taken where the formulation has them.
             shared: what of u cells share; None: there are no fields of one cell, and it is u.
+            temperature: that the group's formulation reads, if any.
 
         Raises:
             FormulationError: terms with history have rules of their own each; cell means beside fields of one cell.
@@ -105,7 +107,9 @@ class History:
 
         self._pass = CellPass(
             group,
-            Unknowns(u, u if shared is None else shared, self._state, self._z, self._slopes, self.mean),
+            Unknowns(
+                u, u if shared is None else shared, self._state, self._z, self._slopes, self.mean, temperature
+            ),
             CellForms(
                 lambda v: work(v, self._z), update, equations, None if self.mean is None else self._averaged
             ),

@@ -12,6 +12,7 @@ The mesh itself is moved only while something is assembled.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import cached_property
 
 from mpi4py import MPI
@@ -25,6 +26,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.entries import is_rate_dependent
 from flexmbd.continuum.finite_elements.cell_group import refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
+from flexmbd.continuum.finite_elements.temperature import heated_groups, scalar_function
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.point_history import History
 from flexmbd.continuum.history.surface_springs import SurfaceSprings
@@ -35,6 +37,7 @@ from flexmbd.continuum.history.trial_errors import (
 )
 from flexmbd.continuum.history.viscous_forces import ViscousForces
 from flexmbd.errors import FlexmbdError, FormulationError
+from flexmbd.given import numbers
 
 FloatArray = NDArray[np.float64]
 
@@ -49,18 +52,27 @@ class TrialBody(DiscretisedBody):
         displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed mesh.
         viscous_forces: of the formulations' dissipation; None where there is none.
         springs: on facets, from the surface to the body's axes; None where there are none.
+        temperature: K, its rise, which the formulations read; None where the body is not heated.
+        cold_groups: the groups with the formulations as they were given.
     """
 
-    def __init__(self, forms: DiscreteForms, *, means: bool) -> None:
+    def __init__(self, forms: DiscreteForms, *, means: bool, heated: bool = False) -> None:
         """Compile the formulations. Collective.
 
         Args:
             forms: the formulations on the mesh, with history.
             means: whether formulations with `cell_mean` use it against volumetric locking.
+            heated: whether they are at a temperature, which begins at zero.
 
         Raises:
-            FormulationError: formulations of both references, or with gyroscopic forces.
+            FormulationError: formulations of both references, or with gyroscopic forces; of a heated body those
+                without an expansion.
         """
+        self.temperature: fem.Function | None = None
+        self.cold_groups = forms.groups
+        if heated:
+            self.temperature = scalar_function(forms.mesh, forms.layout)
+            forms = replace(forms, groups=heated_groups(forms.groups, self.temperature))
         super().__init__(forms, layout=forms.layout, interfaces=forms.interfaces)
         refuse_gyroscopic(forms.groups, by="a body with history")
         check_references(forms, has_rotations=self.has_rotations)
@@ -69,7 +81,10 @@ class TrialBody(DiscretisedBody):
         if self.fields is not None:
             unknown, shared = fem.Function(forms.whole), self._u
         v = ufl.TestFunction(unknown.function_space)
-        self._histories = [History(group, unknown, v, means=means, shared=shared) for group in self.groups]
+        self._histories = [
+            History(group, unknown, v, means=means, shared=shared, temperature=self.temperature)
+            for group in self.groups
+        ]
         self.viscous_forces = None
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
@@ -121,6 +136,26 @@ class TrialBody(DiscretisedBody):
         if not self.layout.has_further:
             return False
         return any(self.comm.allgather(bool(self.layout.kinematic[self.layout.further_dofs].any())))
+
+    def set_temperature(self, values: FloatArray) -> None:
+        """Bring the body to a rise of temperature, K; not collective.
+
+        Args:
+            values: (local dofs of `temperature`,), or one for all.
+
+        Raises:
+            FormulationError: the body is not heated, or the values are none.
+        """
+        if self.temperature is None:
+            raise FormulationError("the body was compiled without a temperature: NonlinearModel(..., heated=True)")
+        now, given = self.temperature.x.array, numbers(values)
+        if given.shape not in ((), now.shape) or not np.isfinite(given).all():
+            raise FormulationError(
+                f"a temperature is one finite number (K), or {len(now)} of them on this rank, got {values!r:.80}"
+            )
+        if not np.array_equal(now, np.broadcast_to(given, now.shape)):
+            now[:] = given
+            self._evaluated = None
 
     @cached_property
     def holds_places(self) -> bool:

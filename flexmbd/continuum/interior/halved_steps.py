@@ -7,6 +7,8 @@ other half (Richardson).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,7 @@ class HalvedSteps:
         body, own, still = self._body, self._body.snapshot(), np.zeros_like(increment)
         force = body.force(still, dt=0.0)
         try:
-            body.restore(self._beside)
+            body.restore(replace(self._beside, temperature=own.temperature))
             for _ in range(2):
                 body.commit(0.5 * increment, dt=0.5 * dt)
             difference = body.force(still, dt=0.0) - force

@@ -172,16 +172,24 @@ class ImplicitContinuum:
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
         self._contacts.begin(x, motion, size=self._extent_of(body.layout.node_x))
-        return self._start_accelerations(motion, -self._loads.now)
+        if not self._loads.applied.any_heat:
+            return self._start_accelerations(motion, -self._loads.now)
+        # what holds the warm body in its shape at rest
+        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
+        couples = bonds.turns.wrenches(internal, R)
+        found = self._start_accelerations(motion, body.layout.displacements(internal) @ R.T - self._loads.now)
+        found[: len(couples)] += couples
+        return found
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
-        now, internal = self._current_state(), self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
+        now = self._current_state()
         v = now.v.copy()
         v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
         axes = self._axes(motion)
         self._loads.now = self._loads.after(t, now.x, axes.R)
+        internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         self._forget()
         acting = self._loads.now + self._contacts.nodal()
         couples = self._bonds.turns.wrenches(internal, axes.R)
@@ -224,10 +232,10 @@ class ImplicitContinuum:
                 "a load that follows its surface is left out of the linear equations of a body with history; linearise "
                 "without it, or with follows=False"
             )
-        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         axes = self._axes(motion)
         apparent_acceleration = np.zeros_like(now.x) - self._gravity
         dead_load = self._loads.after(now.t, now.x, axes.R)
+        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         found = linear_equations(
             self._frames,
             motion,

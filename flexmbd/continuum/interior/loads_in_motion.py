@@ -50,8 +50,12 @@ class LoadsInMotion:
         self.R_begun, self.work = R, 0.0
 
     def after(self, t: float, x: FloatArray, R: FloatArray) -> FloatArray:
-        """(owned nodes, 3) N, in inertial axes, just after t (s), with nodes at x (local nodes, 3). Collective."""
+        """(owned nodes, 3) N, in inertial axes, just after t (s), with nodes at x (local nodes, 3). Collective.
+
+        The body is brought to its temperature then.
+        """
         factors = self.applied.values(beside(t, 1))
+        self.applied.heat(factors)
         turned = self.applied.following(factors, x[: self._n] @ R)
         return np.asarray(turned @ R.T + self.applied.dead(factors, self.R_begun))
 

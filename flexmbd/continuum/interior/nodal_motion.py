@@ -166,7 +166,7 @@ class NodalMotion:
                     f"load {load.name!r}: moving nodes have inertia, so that a centrifugal load would count twice; let "
                     "the body rotate"
                 )
-        if self.loads.any:
+        if self.loads.names:
             self.surroundings["loads"] = list(self.loads.names)
         both = {plane.name for plane in planes} & set(self.loads.names)
         if both:
@@ -279,6 +279,9 @@ class NodalMotion:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
         self.v *= self._moves
         self._h = h
+        if self.loads.any_heat:
+            self.loads.heat(self.loads.values(self.t + _BESIDE * h))
+            self.force = self._pull(0.0, None)
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
         self._damped = self._drag()
@@ -326,6 +329,8 @@ class NodalMotion:
         touched = None if shapes is None else (self.shapes.parts, *self.shapes.poses)
         self.x += move
         self._went = np.asarray(move / h)
+        if self.loads.any_heat:
+            self.loads.heat(self.loads.values(self.t + h - _BESIDE * h))
         self.force = self._pull(h, frames)
         self.t += h
         if self.loads.any:

@@ -159,6 +159,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
+        self.loads.heat()
         internal = self.body.force(increment, dt=self.step.h)
         x, a = self.motion(increment)
         inertia = self.axes.to_body(self.frames.product(a - self.step.gravity))
@@ -197,6 +198,7 @@ class StepEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
+        self.loads.heat()
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         if self.contacts.obstacles:
@@ -233,6 +235,7 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
+        self.loads.heat()
         internal = self.body.force(increment, dt=0.0)
         if self.body.is_updated:
             self.body.check_cells()
@@ -246,4 +249,5 @@ class RestEquations:
         Raises:
             ConvergenceError: as `NonlinearModel.tangent`.
         """
+        self.loads.heat()
         return self.loads.subtract_slopes(self.body.tangent(increment, dt=0.0), increment)

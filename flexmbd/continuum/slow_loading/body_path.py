@@ -146,7 +146,13 @@ def equilibrium_path(
         PathWarning: the path is closed, turned back, or was broken off, before the factor that was asked for.
     """
     _refuse_rates(body)
-    whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
+    applied = AppliedLoads(body, loads)
+    if applied.any_heat:
+        raise SceneError(
+            "a path is followed by what forces and given displacements change, and a temperature is neither: heat the "
+            "body by follow, or find where it buckles by linear_buckling or prestressed"
+        )
+    whole = SlowLoads(body, prescribed, displacement, load, applied)
     _refuse_unheld(body, prescribed)
     begin = reached if about is None else about.t
     bounds, sign = bounds_of(path, begin=begin), path.side * float(np.sign(path.to - begin))

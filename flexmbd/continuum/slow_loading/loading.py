@@ -69,6 +69,7 @@ class SlowLoads:
         Raises:
             ConvergenceError: as `NonlinearModel.force`.
         """
+        outer.heat()
         internal = self.body.force(increment, dt=dt)
         if self.body.is_updated:
             # a cell that is inside out may have finite forces
@@ -76,6 +77,7 @@ class SlowLoads:
         external = outer.force(increment)
         residual = internal - external
         # reactions and loads are what balances; at rest nothing does
+        least = max(least, outer.loads.size_of_heat(outer.values))
         size = max(least, self.body.norm(external), self.body.norm(residual[self.prescribed]))
         return Balance(residual, size if size > 0.0 else self.body.norm(internal))
 
@@ -83,6 +85,7 @@ class SlowLoads:
         self, outer: TrialLoads, increment: FloatArray, *, dt: float = 0.0, predicted: bool = False
     ) -> PETSc.Mat:
         """Its derivative, as of `NonlinearModel.tangent`. Collective."""
+        outer.heat()
         return outer.subtract_slopes(self.body.tangent(increment, dt=dt, predicted=predicted), increment)
 
     def _fault_of_prescribed(self) -> str:

@@ -1,10 +1,11 @@
-"""A distributed load of a reduced body's record: a pressure or traction over part of its surface."""
+"""A named load of a reduced body's record: a pressure or traction over part of its surface, or a temperature."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_no_name, refuse_other
@@ -12,14 +13,19 @@ from flexmbd.multibody.bodies.body import FlexibleBody, Frame
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.functions.time_function import TimeFunction
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_G
+from flexmbd.multibody.kernels.elements.held_expansion import HELD_EXPANSION
 from flexmbd.multibody.kernels.elements.modal_force import MODAL_FORCE
+from flexmbd.record.reduced_body import ReducedBody
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class DistributedLoad(OffJoints):
     """A named load of the record times a factor: work on the modes, and its resultants on the body frame.
 
-    It keeps to the body's axes, and its resultants are those on the undeformed body (`DistributedLoads`).
+    It keeps to the body's axes, and its resultants are those on the undeformed body (`DistributedLoads`).  A
+    temperature has none; where its expansion is held the membrane forces change the stiffness, up to buckling.
 
     Attributes:
         body: a body whose record has the load.
@@ -66,7 +72,20 @@ class DistributedLoad(OffJoints):
         table.element(GIVEN_IN_G, self.what, f=table.ground(), g=g, data=wrench, time=time)
         modal = loads.modal[k]
         if modal.size:
-            _, v = table.modes(self.body)
+            x, v = table.modes(self.body)
             table.element(
                 MODAL_FORCE, self.what, v=v, data=table.numbers(modal), count=modal.size, time=time
             )
+            held = _held_expansion(self.body.record, self.name, modal)
+            if held.any():
+                data = table.numbers(held.ravel())
+                table.element(HELD_EXPANSION, self.what, x=x, v=v, data=data, count=modal.size, time=time)
+
+
+def _held_expansion(record: ReducedBody, name: str, modal: FloatArray) -> FloatArray:
+    """(n, n) force on the modes per unit of each, by the membrane forces of a temperature that is held; else zero."""
+    n = record.n_modes
+    if record.heat is None or name not in record.heat.names or record.stretch is None:
+        return np.zeros((n, n))
+    free = record.stretch.strain @ (modal / record.stiffness)
+    return np.asarray(np.tensordot(free, record.stretch.P, 1))

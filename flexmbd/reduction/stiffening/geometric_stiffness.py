@@ -16,10 +16,11 @@ complete whatever the number of modes; under it their frequencies converge from 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from dolfinx import fem
 
 from flexmbd.continuum.finite_elements.interface import FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -31,6 +32,7 @@ from flexmbd.reduction.stiffening.gradient_parts import strain_over_rotation
 from flexmbd.reduction.stiffening.membrane import membrane_fields, stretching_fields
 from flexmbd.reduction.stiffening.resolved import resolved_deformations
 from flexmbd.reduction.stiffening.stress_stiffness import stress_stiffness
+from flexmbd.reduction.stiffening.thermal_stiffness import thermal_stiffness
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +44,17 @@ class UnitLoads:
         forces: (owned dofs, l) nodal forces, N per unit of each load, in the mesh's axes.
         accelerations: (l,) kg^(1/2) m/s^2, of inertia forces the norm a^T M a, to the power of 1/2, of the nodes'
             accelerations a that they belong to; zero of other loads.
+        rises: K, of those that are temperatures, by their names.
     """
 
     names: tuple[str, ...]
     forces: FloatArray
     accelerations: FloatArray
+    rises: Mapping[str, fem.Function] = field(default_factory=dict)
 
     def first(self, count: int) -> UnitLoads:
         """The first ones."""
-        return UnitLoads(self.names[:count], self.forces[:, :count], self.accelerations[:count])
+        return UnitLoads(self.names[:count], self.forces[:, :count], self.accelerations[:count], self.rises)
 
 
 def n_inertia_loads(*, floating: bool) -> int:
@@ -77,8 +81,8 @@ def inertia_loads(
     nodes = model.n_owned_nodes
     r = (model.node_x[:nodes] - p) @ R
     fields: FloatArray = np.zeros((model.n_owned, len(CENTRIFUGAL)), order="F")
-    for column, field in enumerate(CENTRIFUGAL_FIELDS):
-        fields[model.displacement_dofs[:nodes], column] = r @ field.T @ R.T
+    for column, slope in enumerate(CENTRIFUGAL_FIELDS):
+        fields[model.displacement_dofs[:nodes], column] = r @ slope.T @ R.T
     names = CENTRIFUGAL
     if not floating:
         fields = np.hstack([-model.rigid_motions(p, R), fields])
@@ -117,7 +121,8 @@ def joined(*loads: UnitLoads) -> UnitLoads:
     """Several sets of loads as one."""
     names = tuple(name for part in loads for name in part.names)
     forces = np.asfortranarray(np.hstack([part.forces for part in loads]))
-    return UnitLoads(names, forces, np.concatenate([part.accelerations for part in loads]))
+    rises = {name: rise for part in loads for name, rise in part.rises.items()}
+    return UnitLoads(names, forces, np.concatenate([part.accelerations for part in loads]), rises)
 
 
 def unit_loads(statics: Statics, interfaces: Sequence[FoundInterface]) -> UnitLoads:
@@ -209,6 +214,11 @@ def stiffening(
     if found is None:
         return None
     by_load, by_field = np.split(found, [len(loads.names)])
+    hot = [name for name in loads.names if name in loads.rises]
+    if hot:
+        by_load[[loads.names.index(name) for name in hot]] += thermal_stiffness(
+            model, [loads.rises[name] for name in hot], fields
+        )
     stretch = _stretch(by_field, strain_over_rotation(model, fields), coordinates)
     geometric = GeometricStiffness(loads.names, _symmetric(coordinates.T @ by_load @ coordinates))
     return Stiffening(geometric, stretch, None if resolved is None else basis.shape[1])

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem, la
 
 from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
 from flexmbd.continuum.matrices.blocks import FloatArray
 
@@ -26,11 +27,20 @@ class LoadedForms:
     softening: list[fem.Form]
 
 
-def loaded_forms(model: LinearModel, *, origin: FloatArray, spinning: bool) -> LoadedForms:
-    """Compile. Collective."""
+def loaded_forms(
+    model: LinearModel, groups: Sequence[CellGroup], *, origin: FloatArray, spinning: bool
+) -> LoadedForms:
+    """Compile. Collective.
+
+    Args:
+        model: without springs on facets.
+        groups: its cells, with their formulations at the temperature of the state.
+        origin: (3,) m, on the axis of the spin.
+        spinning: whether there is any.
+    """
     at, v = fem.Function(model.space), ufl.TestFunction(model.space)
     spin = fem.Constant(model.mesh.mesh, np.zeros(3))
-    work = model.internal_work(at, v)
+    work = assembly.internal_work(groups, at, v)
     centrifugal = _centrifugal_work(model, at, spin, origin=origin) if spinning else []
     return LoadedForms(
         at=at,

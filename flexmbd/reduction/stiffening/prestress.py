@@ -25,14 +25,16 @@ from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
 from flexmbd.continuum.finite_elements.prestressed import PrestressedModel, followed_average, turn_less_one
+from flexmbd.continuum.finite_elements.temperature import heated_groups
 from flexmbd.continuum.matrices.blocks import FloatArray, inner
 from flexmbd.errors import ConvergenceError, FormulationError, ReductionError
 from flexmbd.given import checked
 from flexmbd.reduction.static_shapes.body_statics import body_statics
 from flexmbd.reduction.stiffening.geometric_stiffness import interface_loads
 from flexmbd.reduction.stiffening.loaded_forms import LoadedForms, assembled_vector, loaded_forms
+from flexmbd.reduction.stiffening.prestress_check import check_loading, check_rotations, finite_numbers
 from flexmbd.reduction.stiffening.stability import is_stable
-from flexmbd.reduction.unit_loads import Load, check_loads, load_vectors
+from flexmbd.reduction.unit_loads import Load, TemperatureRise, load_vectors, whole_rise
 from flexmbd.round_off import EQUAL
 
 # Size of the last Newton step, by the energy norm, relative to the largest: its square is what is left after it.
@@ -40,8 +42,6 @@ _STEP = 1e-6
 _STEPS = 20
 # A step that is that much larger than the one before is not converging.
 _GROWTH = 10.0
-# Largest rotation, rad, up to which a formulation's rotations are taken for those of small motions.
-_ROTATION = 1e-3
 # Smallest part of the load in which it is brought up.
 _PART = 1.0 / 128.0
 
@@ -69,7 +69,8 @@ def prestressed(
         model: at rest, with the interface `frame`; at least one of its interfaces is rigid.
         frame: the interface that is held and carries the body frame.
         loads: distributed loads, each with its size in Pa, N/m^2, ... ; a pressure keeps the normal of the
-            undeformed surface.
+            undeformed surface. A temperature (`TemperatureRise`) with its dimensionless size heats the body, also in
+            the stiffness and the stress of the model that is made.
         forces: of other rigid interfaces by their names: (6,) force (N) on the frame's origin and moment (N m),
             along the mesh's axes.
         angular_velocity: (3,) rad/s of the body about the frame's origin, along the mesh's axes; the centrifugal
@@ -103,17 +104,18 @@ def prestressed(
             f"nodal interfaces, as {model.nodal[0].name!r}, are those of a part at rest: leave them out before "
             "prestressed(...), or reduce the part at rest"
         )
-    spin = _numbers("angular_velocity", angular_velocity, 3)
-    wrenches = {name: _numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
-    sizes = _check(model, frame=frame, loads=loads, forces=wrenches)
+    spin = finite_numbers("angular_velocity", angular_velocity, 3)
+    wrenches = {name: finite_numbers(f"force on {name!r}", value, 6) for name, value in (forces or {}).items()}
     model = model.coupled()  # fields of one cell are in no linear relation to a loaded state
+    sizes = check_loading(model, frame=frame, loads=loads, forces=wrenches)
     named = [load for load, _ in loads]
     texts = (
         *(f"{load}: {size:g}" for load, size in zip(named, sizes, strict=True)),
-        *(f"force and moment on {name!r}: {_list(wrench)} N, N m" for name, wrench in wrenches.items()),
-        *((f"angular velocity: {_list(spin)} rad/s",) if spin.any() else ()),
+        *(f"force and moment on {name!r}: {_listed(wrench)} N, N m" for name, wrench in wrenches.items()),
+        *((f"angular velocity: {_listed(spin)} rad/s",) if spin.any() else ()),
     )
-    dead = load_vectors(model, named) @ sizes
+    outer = [(load, size) for load, size in zip(named, sizes, strict=True) if not isinstance(load, TemperatureRise)]
+    dead = load_vectors(model, [load for load, _ in outer]) @ np.array([size for _, size in outer])
     with body_statics(model, frame=frame) as statics:
         rigid_error = statics.static.rigid_error
     at_rest = StaticState(
@@ -125,10 +127,12 @@ def prestressed(
         loads=texts or ("no loads",),
         note="at rest",
         spin=spin,
+        rise=whole_rise(model, named, sizes),
     )
-    found = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin).state()
-    _check_rotations(model, found)
-    tangent = model.tangent(found.displacement[: model.n_owned])
+    search = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin)
+    found = search.state()
+    check_rotations(model, found)
+    tangent = search.tangent(found, 1.0, softened=False)
     change = tangent - model.K
     if change.norm() <= EQUAL * model.K.norm():
         found = replace(found, note=f"{found.note}; no change of the stiffness, as of a quadratic strain energy")
@@ -136,63 +140,11 @@ def prestressed(
     return PrestressedModel(model, found, tangent)
 
 
-def _check(
-    model: LinearModel, *, frame: str, loads: Sequence[tuple[Load, float]], forces: Mapping[str, FloatArray]
-) -> FloatArray:
-    """Refuse what is not well formed; the sizes of the loads. Collective."""
-    if model.state is not None:
-        raise ReductionError("the model is prestressed already: give all loads at once, to the model at rest")
-    model.interface(frame)
-    if frame in forces:
-        raise ReductionError(f"interface {frame!r} is held, so a force on it does nothing; leave it out")
-    for name in forces:
-        if not isinstance(model.interface(name), RigidInterface):
-            raise ReductionError(f"interface {name!r} is averaged: load its facets by a Traction, or make it rigid")
-    if not any(isinstance(one, RigidInterface) for one in model.interfaces):
-        raise ReductionError("no interface of the model is rigid, and a prestressed body needs a rigid one")
-    averaged = any(isinstance(one, AveragedInterface) for one in model.interfaces)
-    if averaged and _has_rotations(model):
-        raise ReductionError(
-            f"{model.form_name} has rotations, and averaged interfaces of rotations about a loaded state are not "
-            "supported; make the interface rigid"
-        )
-    check_loads(model, [load for load, _ in loads])
-    return np.array([float(size) for _, size in loads])
-
-
-def _check_rotations(model: LinearModel, state: StaticState) -> None:
-    """Refuse a state with rotations that small motions do not simply add to. Collective."""
-    others = model.layout.kinematic.copy()
-    others[model.displacement_dofs.reshape(-1)] = False
-    largest = model.comm.allreduce(float(abs(state.displacement[others]).max(initial=0.0)), op=MPI.MAX)
-    if largest > _ROTATION:
-        raise ReductionError(
-            f"the rotations of {model.form_name} reach {largest:.2g} rad in the loaded state, and motions about it are "
-            f"only known up to {_ROTATION:g} rad, as of a straight beam under tension; reduce the loads, or use a solid"
-        )
-
-
-def _has_rotations(model: LinearModel) -> bool:
-    """Whether rigid motions move more than the displacement. Collective."""
-    more = int(model.layout.kinematic.sum()) != model.displacement_dofs.size
-    return bool(model.comm.allreduce(more, op=MPI.LOR))
-
-
-def _numbers(what: str, value: ArrayLike, count: int) -> FloatArray:
-    try:
-        numbers = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise ReductionError(f"{what} must be finite, {count} in number, got {value!r}")
-    return numbers
+def _listed(numbers: FloatArray) -> str:
+    return f"({', '.join(f'{number:g}' for number in numbers)})"
 
 
 _BUCKLES = "the body buckles, its stiffness is not positive there"
-
-
-def _list(numbers: FloatArray) -> str:
-    return f"({', '.join(f'{number:g}' for number in numbers)})"
 
 
 class _NotFoundError(Exception):
@@ -268,7 +220,12 @@ class _Equilibrium:
     ) -> None:
         self._model, self._rest = model, rest
         self._dead, self._wrenches, self._spin = dead, wrenches, spin
-        self._forms = loaded_forms(model, origin=model.interface(rest.frame).p, spinning=bool(spin.any()))
+        groups = model.groups
+        self._rise: FloatArray | None = None  # K, of the whole load; the state's own is that of the part at hand
+        if rest.rise is not None:
+            self._rise, groups = rest.rise.x.array.copy(), heated_groups(groups, rest.rise)
+        origin = model.interface(rest.frame).p
+        self._forms = loaded_forms(model, groups, origin=origin, spinning=bool(spin.any()))
 
     def state(self) -> StaticState:
         """The state under the whole load. Collective.
@@ -319,7 +276,7 @@ class _Equilibrium:
     def newton_step(self, state: StaticState, part: float, *, softened: bool) -> _NewtonStep:
         """From a state under a part of the loads. Collective."""
         model = self._model
-        tangent = PrestressedModel(model, state, self._tangent(state, part, softened=softened))
+        tangent = PrestressedModel(model, state, self.tangent(state, part, softened=softened))
         lacking = -state.balance[:, None]
         for name, wrench in self._wrenches.items():
             unit = interface_loads(tangent, [tangent.interface(name)], R=np.eye(3))
@@ -362,20 +319,23 @@ class _Equilibrium:
         outside = part * self._dead + assembled_vector(forms.centrifugal, self._model)
         return replace(state, balance=assembled_vector(forms.internal, self._model) - outside)
 
-    def _tangent(self, state: StaticState, part: float, *, softened: bool) -> PETSc.Mat:
+    def tangent(self, state: StaticState, part: float, *, softened: bool) -> PETSc.Mat:
+        """Stiffness in a state under a part of the loads; softened: also by the centrifugal forces. Collective."""
         forms = self._set(state, part)
         wanted = [*forms.stiffness, *(forms.softening if softened else [])]
         return assembly.assemble({"tangent stiffness": wanted}, self._model.groups, self._model.space)[0]
 
     def _set(self, state: StaticState, part: float) -> LoadedForms:
         self._forms.at.x.array[:] = state.displacement
+        if state.rise is not None and self._rise is not None:
+            state.rise.x.array[:] = part * self._rise
         # centrifugal forces go with the square
         self._forms.spin.value[:] = np.sqrt(part) * self._spin
         return self._forms
 
     def _check_stability(self, state: StaticState, part: float) -> None:
         """Refuse a state in which some small displacement needs no force. Collective."""
-        tangent = PrestressedModel(self._model, state, self._tangent(state, part, softened=True))
+        tangent = PrestressedModel(self._model, state, self.tangent(state, part, softened=True))
         try:
             with body_statics(tangent, frame=state.frame) as statics:
                 stable = is_stable(statics)

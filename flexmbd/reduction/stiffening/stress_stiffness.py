@@ -23,6 +23,7 @@ over chunks of cells that stay in the cache. Any other density is assembled, one
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
@@ -38,6 +39,7 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
 from flexmbd.continuum.contract.formulation import IntegralTerm
+from flexmbd.continuum.contract.substituted_field import SubstitutedField
 from flexmbd.continuum.finite_elements.assembly import assemble, integral
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.reduction.stiffening.point_gradients import (
@@ -83,13 +85,13 @@ def stress_stiffness(model: LinearModel, fields: FloatArray, modes: FloatArray) 
     known = False
     for group in model.groups:
         for term in group.formulation.strain_energy(u, group.symbols):
-            if _is_quadratic(term, u) or (group.has_sections and not _strains(term)):
+            if is_quadratic(term, u) or (group.has_sections and not marked_strains(term)):
                 continue
             known = True
             tensor = gradient_tensor(term, u)
             if tensor is None:
                 form, field = _directional(term, group, u)
-                total += _assembled(fem.form(form), field, fields=fields, modes=modes)
+                total += assembled_on_modes(fem.form(form), field, fields=fields, modes=modes)
             else:
                 points = RulePoints(model, group.cells, term[1])
                 total += _contracted(points, tensor, fields=fields, modes=modes)
@@ -115,7 +117,7 @@ def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat 
     whole = model.unknown_columns(field[:, None])[:, 0]
     for k, group in enumerate(model.groups):
         for term in group.formulation.strain_energy(u, group.symbols):
-            if _is_quadratic(term, u) or (group.has_sections and not _strains(term)):
+            if is_quadratic(term, u) or (group.has_sections and not marked_strains(term)):
                 continue
             form, at = _directional(term, group, u)
             at.x.array[:] = whole
@@ -123,10 +125,16 @@ def stress_stiffness_matrix(model: LinearModel, field: FloatArray) -> PETSc.Mat 
     if not forms:
         return None
     if model.condensed is not None:
-        half = model.condensed.matrix(forms, name="geometric stiffness")
-    else:
-        compiled = [fem.form(form) for some in forms.values() for form in some]
-        half = assemble({"geometric stiffness": compiled}, model.groups, model.space)[0]
+        return _symmetric_part(model.condensed.matrix(forms, name="geometric stiffness"))
+    return symmetric_sum(model, [fem.form(form) for some in forms.values() for form in some])
+
+
+def symmetric_sum(model: LinearModel, forms: Sequence[fem.Form]) -> PETSc.Mat:
+    """The symmetric part of a sum of bilinear forms, as a new AIJ matrix. Collective."""
+    return _symmetric_part(assemble({"geometric stiffness": forms}, model.groups, model.space)[0])
+
+
+def _symmetric_part(half: PETSc.Mat) -> PETSc.Mat:
     other = half.copy()
     other.transpose()
     half.axpy(1.0, other, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
@@ -161,7 +169,7 @@ def gradient_tensor(term: IntegralTerm, u: fem.Function) -> FloatArray | None:
     second = ufl.diff(ufl.inner(first, direction), variable)
     centre = basix.geometry(cell_type(u.function_space)).mean(axis=0, keepdims=True)
     # a variable's label differs from call to call, and would have the same code compiled again
-    expression = fem.Expression(_without_variables(ufl.algorithms.expand_derivatives(second)), centre)
+    expression = fem.Expression(without_variables(ufl.algorithms.expand_derivatives(second)), centre)
     tensor: FloatArray | None = None
     if mesh.topology.index_map(3).size_local > 0:
         tensor = np.empty((9, 9))
@@ -171,7 +179,7 @@ def gradient_tensor(term: IntegralTerm, u: fem.Function) -> FloatArray | None:
     return next(found for found in mesh.comm.allgather(tensor) if found is not None)
 
 
-def _is_quadratic(term: IntegralTerm, u: fem.Function) -> bool:
+def is_quadratic(term: IntegralTerm, u: fem.Function) -> bool:
     """Whether the third derivative of a term at rest vanishes identically."""
     form = term[0] * ufl.dx(domain=u.function_space.mesh)
     for _ in range(3):
@@ -236,7 +244,7 @@ def _contracted(
     return 0.5 * (total + total.transpose(0, 2, 1))
 
 
-def _assembled(
+def assembled_on_modes(
     form: fem.Form, direction: fem.Function, *, fields: FloatArray, modes: FloatArray
 ) -> FloatArray:
     """The sum over this rank's own cells, (l, n, n), by one matrix for each field. Collective."""
@@ -259,12 +267,12 @@ def _directional(term: IntegralTerm, group: CellGroup, u: fem.Function) -> tuple
     density, rule = term
     a = fem.Function(u.function_space)
     # a solid's variables are its own affair: F = variable(I + grad u), say, has no second-order part
-    strains = _strains(term) if group.has_sections else []
+    strains = marked_strains(term) if group.has_sections else []
     integrand = _by_strains(density, strains, u, a) if strains else _by_gradient(density, u, a)
     return integral((integrand, rule), group, u.function_space.mesh), a
 
 
-def _strains(term: IntegralTerm) -> list[ufl.core.expr.Expr]:
+def marked_strains(term: IntegralTerm) -> list[ufl.core.expr.Expr]:
     """The strain measures that a density marks."""
     return [item for item in unique_pre_traversal(term[0]) if isinstance(item, ufl.classes.Variable)]
 
@@ -279,7 +287,7 @@ def _by_strains(
         stress = ufl.derivative(ufl.diff(density, strain), u, a)
         second_order = ufl.derivative(ufl.derivative(strain, u, b), u, c)
         parts.append(ufl.inner(stress, second_order))
-    whole = _without_variables(ufl.algorithms.expand_derivatives(sum(parts)))
+    whole = without_variables(ufl.algorithms.expand_derivatives(sum(parts)))
     return ufl.replace(whole, {u: ufl.zero(u.ufl_shape)})
 
 
@@ -288,18 +296,13 @@ def _by_gradient(density: ufl.core.expr.Expr, u: fem.Function, a: fem.Function) 
 
     This gradient is grad b^T grad c; in a mixed unknown the displacement comes first.
     """
-    space = u.function_space
-    arguments = ufl.TestFunction(space), ufl.TrialFunction(space)
-    b, c = (ufl.as_tensor([ufl.grad(field)[i, :] for i in range(3)]) for field in arguments)
-    second_order = ufl.transpose(b) * c
-    others = [ufl.zero(3) for _ in range(u.ufl_shape[0] - 3)]
-    gradient = ufl.as_tensor([*(second_order[i, :] for i in range(3)), *others])
-    small = [fem.Constant(space.mesh, 0.0) for _ in range(2)]
+    gradient = second_order_gradient(u.function_space)
+    small = [fem.Constant(u.function_space.mesh, 0.0) for _ in range(2)]
     s, t = map(ufl.variable, small)
-    along = _Jet(u, s * a, s * ufl.grad(a) + t * gradient)
+    along = SubstitutedField(u, s * a, s * ufl.grad(a) + t * gradient)
     expression = map_expr_dag(along, ufl.algorithms.expand_derivatives(density))
     expression = ufl.algorithms.expand_derivatives(ufl.diff(ufl.diff(expression, t), s))
-    return ufl.replace(_without_variables(expression), dict.fromkeys(small, ufl.zero()))
+    return ufl.replace(without_variables(expression), dict.fromkeys(small, ufl.zero()))
 
 
 class _Unmarked(MultiFunction):
@@ -312,28 +315,15 @@ class _Unmarked(MultiFunction):
         return value
 
 
-def _without_variables(expression: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+def without_variables(expression: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
     """As UFL's `strip_variables`, which walks into a shared part once for every time it is used."""
     return map_expr_dag(_Unmarked(), expression)
 
 
-class _Jet(MultiFunction):
-    """Puts other expressions for a function and its gradient, in an expression without other derivatives of it."""
-
-    def __init__(self, u: fem.Function, value: ufl.core.expr.Expr, gradient: ufl.core.expr.Expr) -> None:
-        super().__init__()
-        self._u, self._value, self._gradient = u, value, gradient
-
-    expr = MultiFunction.reuse_if_untouched
-
-    def terminal(self, o: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """A terminal that is not the function."""
-        return o
-
-    def coefficient(self, o: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """The function, or another one."""
-        return self._value if o == self._u else o
-
-    def grad(self, o: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """The gradient of the function, or of another one."""
-        return self._gradient if o.ufl_operands[0] == self._u else o
+def second_order_gradient(space: fem.FunctionSpace) -> ufl.core.expr.Expr:
+    """grad b^T grad c of the displacements in two arguments on the space; zero in the rows of further unknowns."""
+    arguments = ufl.TestFunction(space), ufl.TrialFunction(space)
+    b, c = (ufl.as_tensor([ufl.grad(field)[i, :] for i in range(3)]) for field in arguments)
+    second_order = ufl.transpose(b) * c
+    others = [ufl.zero(3) for _ in range(arguments[0].ufl_shape[0] - 3)]
+    return ufl.as_tensor([*(second_order[i, :] for i in range(3)), *others])

@@ -38,6 +38,7 @@ from flexmbd.multibody.kernels.elements.given_strain import GIVEN_STRAIN
 from flexmbd.multibody.kernels.elements.given_wrench import GIVEN_IN_F, GIVEN_IN_G
 from flexmbd.multibody.kernels.elements.halfway_bushing import HALFWAY_BUSHING
 from flexmbd.multibody.kernels.elements.hard_element import HARD_CONTACT, HARD_GROUP
+from flexmbd.multibody.kernels.elements.held_expansion import HELD_EXPANSION
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.elements.memory_law import ELASTOPLASTIC, ELASTOPLASTIC_LINE, MEMORY_LAW, MEMORY_LINE
@@ -59,7 +60,7 @@ ELEMENTS: tuple[ElementKind, ...] = (
     DISTANCE_SPRING, BUSHING, BEAM_ELEMENT, PENALTY, INTERIOR_WRENCH, GIVEN_IN_G, GIVEN_IN_F, FRAME_LAW,
     STORING_FRAME_LAW, ELASTOPLASTIC_LINE, MEMORY_LINE, GIVEN_STRAIN, STATES,
     HALFWAY_BUSHING, GIVEN_ON_LINE, FRAME_STATES, GRAVITATION, PAIRS_LAW, STORING_PAIRS_LAW, CONTACT, ROUGH_CONTACT,
-    HARD_CONTACT, HARD_GROUP, ELASTIC_SURFACE, ROUGH_SURFACE,
+    HARD_CONTACT, HARD_GROUP, ELASTIC_SURFACE, ROUGH_SURFACE, HELD_EXPANSION,
 )  # fmt: skip
 
 
