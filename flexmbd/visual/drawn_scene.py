@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
-from flexmbd.given import checked, is_number, numbers
+from flexmbd.given import checked, is_number, numbers, shown
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
@@ -19,6 +19,7 @@ from flexmbd.visual.force_arrows import ForceArrows, ForcesAt, forces_at
 from flexmbd.visual.library import load
 from flexmbd.visual.palette import GROUND, body_colours
 from flexmbd.visual.part import Part, RigidPart, placed, reach
+from flexmbd.visual.pressure_skin import PressuresAt, pressure_skins
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look, look_of, recorded_skin, refuse_unknown
 from flexmbd.visual.sketch import skeleton, stick_radius, symbols
@@ -111,6 +112,8 @@ def drawn_scene(
     looks: Mapping[ContinuumBody, Look] | None = None,
     frames: bool = False,
     forces: ForcesAt | None = None,
+    pressures: PressuresAt | None = None,
+    hide: Sequence[Body] = (),
 ) -> DrawnScene:
     """The surfaces of a machine at ``times`` (nt,) s.  Collective over the communicators of ``models``, if any.
 
@@ -127,6 +130,8 @@ def drawn_scene(
         looks: how these are shown.
         frames: whether the axes of all frames are drawn.
         forces: drawn as arrows, the largest over all times a quarter of the scene's extent; None: none.
+        pressures: by which reduced bodies are coloured, in the place of their displacement or shape; None: none.
+        hide: bodies that are left out, as those that stand before what is to be seen.
 
     Raises:
         PictureError: a bad choice.
@@ -134,9 +139,17 @@ def drawn_scene(
     refuse_bad_look(amplification=amplification)
     acting = None if forces is None else forces_at(forces, times)
     refuse_unknown(looks or {}, recordings)
+    hidden = _names_of(motion, hide)
     bones = skeleton(motion, times)
     colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
-    parts: list[Part] = [*skins(motion, times, models or {}, amplification=amplification)]
+    coloured = models or {}
+    pressed = (
+        []
+        if pressures is None
+        else pressure_skins(motion, times, pressures, amplification=amplification, coloured=coloured)
+    )
+    beside = [body for part in pressed for body in part.covers]
+    parts: list[Part] = [*skins(motion, times, coloured, amplification=amplification, beside=beside), *pressed]
     for one in recordings:
         parts.append(recorded_skin(one, times, look_of(looks or {}, one), amplification=amplification))
     valued = [body for part in parts for body in part.covers]
@@ -150,13 +163,17 @@ def drawn_scene(
         raise PictureError(
             f"with amplification {amplification:g} the machine exceeds the range of floating-point numbers"
         )
-    shown = [body for part in parts for body in part.covers]
-    parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
+    covered = [body for part in parts for body in part.covers]
+    parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=covered, frames=frames)
     if acting is not None:
         parts += _arrows(*acting, places)
-    notes = _with_reasons(notes, [name for name, body in motion.bodies.items() if _lacks_surface(body, shown)])
+    sticks = [name for name, body in motion.bodies.items() if name not in hidden and _lacks_surface(body, covered)]
+    notes = _with_reasons(notes, sticks)
     bare = {body.name for body in valued}
     legend = {name: BARE if name in bare else _own_colour(motion, name) or colours[name] for name in motion.bodies}
+    if hidden:
+        parts = [part for part in parts if part.label not in hidden]
+        legend = {name: colour for name, colour in legend.items() if name not in hidden}
     return DrawnScene(
         tuple(parts), _fixed(motion, len(times)), legend, bones.places, motion.scene.plan.gravity, tuple(notes)
     )
@@ -169,8 +186,20 @@ def _arrows(tails: FloatArray, forces: FloatArray, places: FloatArray) -> list[P
     return [arrows] if arrows.largest > 0.0 else []
 
 
-def _lacks_surface(body: Body, shown: Sequence[Body]) -> bool:
-    return isinstance(body, FlexibleBody) and not any(body is other for other in shown)
+def _names_of(motion: RecordedMotion, bodies: Sequence[Body]) -> set[str]:
+    """The names of bodies of a machine.
+
+    Raises:
+        PictureError: one is of another machine.
+    """
+    for body in bodies:
+        if not any(body is other for other in motion.bodies.values()):
+            raise PictureError(f"what is to be hidden is no body of this machine: {shown(body)}")
+    return {body.name for body in bodies}
+
+
+def _lacks_surface(body: Body, covered: Sequence[Body]) -> bool:
+    return isinstance(body, FlexibleBody) and not any(body is other for other in covered)
 
 
 def _with_reasons(notes: Sequence[str], bodies: Sequence[str]) -> list[str]:
@@ -192,16 +221,25 @@ def portrait(
 
 @checked("motion", "recordings", error=PictureError)
 def machine_meshes(
-    motion: RecordedMotion, t: float, *, amplification: float = 1.0, recordings: Sequence[FieldSeries] = ()
+    motion: RecordedMotion,
+    t: float,
+    *,
+    amplification: float = 1.0,
+    recordings: Sequence[FieldSeries] = (),
+    pressures: PressuresAt | None = None,
 ) -> Any:
     """The scene of a picture at ``t`` (s) as a pyvista.MultiBlock; see ``DrawnScene.to_pyvista``. Not collective.
+
+    ``pressures`` as of ``show``.
 
     Raises:
         SceneError: a time outside the motion.
         PictureError: pyvista is not installed.
     """
     times = np.atleast_1d(numbers(t))
-    return drawn_scene(motion, times, notes=[""], amplification=amplification, recordings=recordings).to_pyvista()
+    return drawn_scene(
+        motion, times, notes=[""], amplification=amplification, recordings=recordings, pressures=pressures
+    ).to_pyvista()
 
 
 def _own_colour(motion: RecordedMotion, name: str) -> str | None:
