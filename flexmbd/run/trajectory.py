@@ -310,13 +310,15 @@ class Trajectory(ContactPressures):
         contacts: Sequence[AnyContact] = (),
         pressures: Sequence[SurfaceContact] = (),
         hide: Sequence[Body] = (),
+        zoom: tuple[ArrayLike, float] | None = None,
         progress: bool = False,
     ) -> Path:
         """Film the machine off-screen to .mp4 or .gif; bodies with history as they were recorded.
 
         ``contacts``, as ``System.touch`` gave them, have arrows of their forces.  ``pressures``, of these the contacts
         of elastic surfaces, colour their reduced bodies, whose records keep surface and nodes.  ``hide`` are bodies
-        that are left out.  See ``flexmbd.visual.animate`` for the other arguments and the errors.
+        that are left out, ``zoom=(place, radius)`` is a ball (m) that fills the height.  See ``flexmbd.visual.animate``
+        for the other arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -336,6 +338,7 @@ class Trajectory(ContactPressures):
             forces=self._forces_of(contacts),
             pressures=self._pressures_of(pressures),
             hide=hide,
+            zoom=zoom,
             progress=progress,
         )
 
@@ -354,11 +357,12 @@ class Trajectory(ContactPressures):
         contacts: Sequence[AnyContact] = (),
         pressures: Sequence[SurfaceContact] = (),
         hide: Sequence[Body] = (),
+        zoom: tuple[ArrayLike, float] | None = None,
     ) -> Path | None:
         """Show the machine in a window or a notebook, over all times or at ``t`` (s); or write it to ``path``, a .png.
 
-        ``contacts``, ``pressures`` and ``hide`` as of ``animate``.  See ``flexmbd.visual.show`` for the other arguments
-        and the errors.
+        ``contacts``, ``pressures``, ``hide``, ``zoom`` as of ``animate``.  See ``flexmbd.visual.show`` for the other
+        arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -376,6 +380,7 @@ class Trajectory(ContactPressures):
             forces=self._forces_of(contacts),
             pressures=self._pressures_of(pressures),
             hide=hide,
+            zoom=zoom,
         )
 
     @checked("pressures", error=PictureError)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,9 @@ from flexmbd.visual.sketch import skeleton, stick_radius, symbols
 from flexmbd.visual.skin import skins
 
 FloatArray = NDArray[np.float64]
+
+#: A place (3,) m and a radius (m).
+Zoom: TypeAlias = tuple[ArrayLike, float]
 
 # From bare steel: what is not stressed.
 BARE = "#b9c2cc"
@@ -49,6 +52,7 @@ class DrawnScene:
         gravity: (3,) m/s^2.
         notes: what is written in the picture of each instant.
         eye: the natural (towards, up), each (3,); None: by ``viewing_axes``.
+        zoom: a ball that fills the picture's height in the place of all that moves: its middle (3,) and radius, m.
     """
 
     parts: tuple[Part, ...]
@@ -58,6 +62,7 @@ class DrawnScene:
     gravity: FloatArray
     notes: tuple[str, ...]
     eye: tuple[FloatArray, FloatArray] | None = None
+    zoom: tuple[FloatArray, float] | None = None
 
     def camera(self, aspect: float, view: FloatArray | None = None) -> Camera:
         """A camera that sees all that moves at all instants, from a direction ``view`` (3,) or the natural one."""
@@ -67,7 +72,13 @@ class DrawnScene:
             towards, up = viewing_axes(self.places, self.gravity, view)
         corners = [reach(part) for part in (self.parts or self.fixed)]
         points = np.concatenate([self.places, *corners])
-        return frame_all(points, towards, up, aspect=aspect, above=_ABOVE, below=_BELOW)
+        whole = frame_all(points, towards, up, aspect=aspect, above=_ABOVE, below=_BELOW)
+        if self.zoom is None:
+            return whole
+        focus, radius = self.zoom
+        # so far away that all stands before it
+        distance = whole.distance + float(np.linalg.norm(whole.focus - focus))
+        return replace(whole, focus=focus, half_height=radius, distance=distance)
 
     @property
     def quantities(self) -> tuple[tuple[str, str], ...]:
@@ -114,6 +125,7 @@ def drawn_scene(
     forces: ForcesAt | None = None,
     pressures: PressuresAt | None = None,
     hide: Sequence[Body] = (),
+    zoom: Zoom | None = None,
 ) -> DrawnScene:
     """The surfaces of a machine at ``times`` (nt,) s.  Collective over the communicators of ``models``, if any.
 
@@ -132,6 +144,7 @@ def drawn_scene(
         forces: drawn as arrows, the largest over all times a quarter of the scene's extent; None: none.
         pressures: by which reduced bodies are coloured, in the place of their displacement or shape; None: none.
         hide: bodies that are left out, as those that stand before what is to be seen.
+        zoom: a place (3,) m and a radius (m): the picture's height shows this ball; None: all that moves.
 
     Raises:
         PictureError: a bad choice.
@@ -139,7 +152,7 @@ def drawn_scene(
     refuse_bad_look(amplification=amplification)
     acting = None if forces is None else forces_at(forces, times)
     refuse_unknown(looks or {}, recordings)
-    hidden = _names_of(motion, hide)
+    hidden, closer = _names_of(motion, hide), _checked_zoom(zoom)
     bones = skeleton(motion, times)
     colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
     coloured = models or {}
@@ -174,9 +187,8 @@ def drawn_scene(
     if hidden:
         parts = [part for part in parts if part.label not in hidden]
         legend = {name: colour for name, colour in legend.items() if name not in hidden}
-    return DrawnScene(
-        tuple(parts), _fixed(motion, len(times)), legend, bones.places, motion.scene.plan.gravity, tuple(notes)
-    )
+    gravity, fixed = motion.scene.plan.gravity, _fixed(motion, len(times))
+    return DrawnScene(tuple(parts), fixed, legend, bones.places, gravity, tuple(notes), zoom=closer)
 
 
 def _arrows(tails: FloatArray, forces: FloatArray, places: FloatArray) -> list[Part]:
@@ -184,6 +196,23 @@ def _arrows(tails: FloatArray, forces: FloatArray, places: FloatArray) -> list[P
     thick = _THICK * stick_radius(places)
     arrows = ForceArrows(tails, forces, _LONGEST * thick, thick)
     return [arrows] if arrows.largest > 0.0 else []
+
+
+def _checked_zoom(zoom: Zoom | None) -> tuple[FloatArray, float] | None:
+    """A place (3,) m and a radius (m).
+
+    Raises:
+        PictureError: it is none.
+    """
+    if zoom is None:
+        return None
+    pair = tuple(zoom) if isinstance(zoom, list | tuple) else ()
+    place = numbers(pair[0]) if len(pair) == 2 else np.zeros(0)
+    if not (place.shape == (3,) and np.isfinite(place).all() and is_number(pair[1]) and pair[1] > 0.0):
+        raise PictureError(
+            f"zoom is a place (3,) and a positive radius, in m, as ((0.1, 0, 0), 0.02), got {shown(zoom)}"
+        )
+    return place, float(pair[1])
 
 
 def _names_of(motion: RecordedMotion, bodies: Sequence[Body]) -> set[str]:

@@ -14,7 +14,7 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
+from flexmbd.visual.drawn_scene import DrawnScene, Zoom, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.force_arrows import ForcesAt
 from flexmbd.visual.library import load, require
 from flexmbd.visual.pressure_skin import PressuresAt
@@ -34,7 +34,7 @@ _MOST_PICTURES = 10**6  # of films, each kept in a file
 _SHORT, _SLOWED = 3.0, 8.0
 
 
-@checked(but=("path", "size", "amplification", "view", "forces", "pressures"), error=PictureError)
+@checked(but=("path", "size", "amplification", "view", "forces", "pressures", "zoom"), error=PictureError)
 def animate(
     trajectory: RecordedMotion,
     path: str | Path,
@@ -52,6 +52,7 @@ def animate(
     forces: ForcesAt | None = None,
     pressures: PressuresAt | None = None,
     hide: Sequence[Body] = (),
+    zoom: Zoom | None = None,
     progress: bool = False,
 ) -> Path:
     """Film the machine.
@@ -84,6 +85,7 @@ def animate(
         pressures: of contacts, by which reduced bodies are coloured in place of their displacement: a function of times
             (k,) s that gives (k, patches) Pa by body; ``Trajectory.animate`` makes it of contacts of elastic surfaces.
         hide: bodies that are left out, as those that stand before what is to be seen.
+        zoom: a place (3,) m and a radius (m): the picture's height shows this ball; by default all that moves.
         progress: show a progress bar.
 
     Returns:
@@ -113,6 +115,7 @@ def animate(
         forces=forces,
         pressures=pressures,
         hide=hide,
+        zoom=zoom,
     )
     if trajectory.team.is_root:
         write_film(scene, target, fps=fps, size=size, view=eye, progress=progress)

@@ -19,7 +19,7 @@ from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
+from flexmbd.visual.drawn_scene import DrawnScene, Zoom, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.force_arrows import ForcesAt
 from flexmbd.visual.library import load, require
 from flexmbd.visual.pressure_skin import PressuresAt
@@ -52,6 +52,7 @@ def show(
     forces: ForcesAt | None = None,
     pressures: PressuresAt | None = None,
     hide: Sequence[Body] = (),
+    zoom: Zoom | None = None,
 ) -> Path | None:
     """Show a machine: in a window or a notebook, to be turned by the mouse, or in a file.
 
@@ -72,6 +73,7 @@ def show(
         forces: drawn as arrows, as of ``animate``; ``Trajectory.show`` gives those of ``contacts``.
         pressures: as of ``animate``.
         hide: as of ``animate``.
+        zoom: as of ``animate``.
 
     Returns:
         The path, where one is given.
@@ -105,6 +107,7 @@ def show(
         forces=forces,
         pressures=pressures,
         hide=hide,
+        zoom=zoom,
     )
     if not motion.team.is_root:
         return target

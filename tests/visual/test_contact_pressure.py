@@ -162,6 +162,23 @@ def test_the_bar_tells_the_unit():
         view.close()
 
 
+def test_zoom_fills_the_height_with_a_place():
+    run, *_ = pressed()
+    place, radius = np.array([0.01, 0.0, 0.05]), 0.02
+    drawn = drawn_scene(run, np.array([0.0]), notes=[""], zoom=(place, radius))
+    whole = drawn_scene(run, np.array([0.0]), notes=[""])
+    corners = np.vstack([placed(part, 0)[0] for part in drawn.parts])
+    for view in (None, np.array([0.0, 0.6, 0.8])):
+        camera = drawn.camera(1.5, view)
+        assert (camera.focus == place).all()
+        assert camera.half_height == radius < whole.camera(1.5, view).half_height
+        np.testing.assert_array_equal(camera.towards, whole.camera(1.5, view).towards)
+        assert ((corners - place) @ camera.towards).max() < camera.distance
+    for wrong in (3.0, (1.0, 2.0), ((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0), 1.0), ((0.0, 0.0, np.nan), 1.0)):
+        with pytest.raises(PictureError, match="zoom is a place"):
+            drawn_scene(run, np.array([0.0]), notes=[""], zoom=wrong)
+
+
 def test_what_cannot_be_shown_is_told(tmp_path):
     run, pair, lower, _ = pressed()
     other = fm.FlexibleBody(slab((3, 4, 2), "z_min"))
