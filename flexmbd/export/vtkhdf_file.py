@@ -20,6 +20,9 @@ from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_body, checked_writer
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 from flexmbd.given import checked
+from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.hard_contact import Hard, HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.interiors.observed import InteriorMesh
 from flexmbd.record.groups import FloatArray, IntArray
@@ -105,7 +108,7 @@ def vtkhdf(
         pressures: contacts of elastic surfaces, as of ``Trajectory.animate``.
 
     Returns:
-        The parts that are not in the file, a phrase each: bodies that are shown by symbols alone.
+        The parts that are not in the file, a phrase each: bodies that are shown by symbols alone, forces of contacts.
 
     Raises:
         ExportError: the instants do not ascend, the machine has no body, or the destination cannot be written.
@@ -131,7 +134,27 @@ def vtkhdf(
         points = len(instants) * sum(skin.size for skin in skins)
         size = points * (36 + 4 * len({name for skin in skins for name in skin.fields}))
         _write(path, lambda file: _fill(file, skins, instants), size=size)
-    return (f"bodies shown by symbols, for want of a shape or a surface: {', '.join(bare)}",) if bare else ()
+    return (*_without_surface(bare), *_without_forces(run, pressures))
+
+
+def _without_surface(bare: Sequence[str]) -> list[str]:
+    return [f"bodies shown by symbols, for want of a shape or a surface: {', '.join(bare)}"] if bare else []
+
+
+def _without_forces(run: Trajectory, pressures: Sequence[SurfaceContact]) -> list[str]:
+    """What the file does not have of contacts."""
+    kinds = (Contact, HardContact, HardGroup, SurfaceContact)
+    met = [one for one in run.scene.index.forces if isinstance(one, kinds)]
+    left = [one for one in met if not any(one is given for given in pressures)]
+    phrases = []
+    if left:
+        more = f" and {len(left) - 1} more" if len(left) > 1 else ""
+        elastic = any(isinstance(one, SurfaceContact) for one in left)
+        remedy = "; pressures= has those of elastic surfaces" if elastic else ""
+        phrases.append(f"forces of contacts ({left[0].what}{more}){remedy}")
+    if any(isinstance(one.law, Hard) and one.law.mu > 0.0 for one in pressures):
+        phrases.append("friction of elastic surfaces")
+    return phrases
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,7 +138,9 @@ def test_pictures_films_meshes_files_and_reports_have_it(tmp_path):
         force = pressure[body][0] @ body.record.contact.area
         assert sizes @ values == pytest.approx(force, rel=1e-3)  # of deformed triangles
     t = np.array([0.0, 1e-3])
-    fm.export.vtkhdf(run, tmp_path / "a.vtkhdf", t=t, pressures=[pair])
+    (left,) = fm.export.vtkhdf(run, tmp_path / "a.vtkhdf", t=t)
+    assert left.startswith("forces of contacts (contact of elastic surface face of upper")
+    assert fm.export.vtkhdf(run, tmp_path / "a.vtkhdf", t=t, pressures=[pair]) == ()
     import h5py
 
     with h5py.File(tmp_path / "a.vtkhdf") as file:
