@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 import flexmbd as fm
 from flexmbd import contact
@@ -136,6 +137,78 @@ def test_a_ball_lies_on_a_rope_and_weighs_on_it():
     assert np.count_nonzero(borne) == 1  # by the capsule in the middle
     sag = run.position(rope.frame((0.5, 0.0, 0.0)))[-1, 2] - run.position(rope.frame("a"))[-1, 2]
     assert run.position(ball.frame())[-1, 2] == pytest.approx(sag + 0.025 - 0.05 * G / 1e5, abs=1e-6)
+
+
+def shortened(P, half, radius, E, nu):
+    """m, of a disc's radius under P (N/m) on its two ends: its strain along the axis of loads, summed up.
+
+    In plane strain: of Hertz' pressure on a half space near one end (Johnson 1985, eq. 4.46), of the line load on the
+    other, and of the even tension P / (pi R) that frees the disc's rim.
+    """
+
+    def strain(z):
+        root = np.hypot(half, z)
+        most = 2.0 * P / (np.pi * half)
+        across = -most * ((half**2 + 2.0 * z**2) / root - 2.0 * z) / half + P / (np.pi * radius)
+        along = -most * half / root - 2.0 * P / (np.pi * (2.0 * radius - z)) + P / (np.pi * radius)
+        return (1.0 - nu**2) / E * (along - nu / (1.0 - nu) * across)
+
+    return -quad(strain, 0.0, radius, points=[half, 10.0 * half], epsrel=1e-10)[0]
+
+
+@pytest.mark.parametrize("other", [None, (0.02, 7e10, 0.2)])
+def test_the_law_of_a_cylinder_along_a_line_has_hertz_s_depth_and_slope(other):
+    """Against the strain in plane strain, at the load and near it."""
+    radius, E, nu, length, P = 0.01, 2.1e11, 0.3, 0.04, 5e4
+    given = {} if other is None else dict(zip(("radius_other", "E_other", "nu_other"), other, strict=True))
+    law = contact.PowerLaw.of_cylinder(P * length, length=length, radius=radius, E=E, nu=nu, **given)
+    discs = [(radius, E, nu), *([] if other is None else [other])]
+    give, curvature = sum((1.0 - v**2) / e for _, e, v in discs), sum(1.0 / r for r, *_ in discs)
+
+    def depth(force):
+        half = np.sqrt(4.0 * force * give / (np.pi * curvature))
+        return sum(shortened(force, half, *one) for one in discs)
+
+    assert law.k * depth(P) ** law.p == pytest.approx(P * length, rel=2e-3)
+    slope = (depth(1.01 * P) - depth(0.99 * P)) / (0.02 * P)
+    assert law.p * law.k * depth(P) ** (law.p - 1.0) == pytest.approx(length / slope, rel=2e-3)
+    for factor in (0.1, 10.0):
+        assert law.k * depth(factor * P) ** law.p == pytest.approx(factor * P * length, rel=0.03)
+
+
+def test_a_cable_lies_as_deep_as_hertz_says_on_all_of_its_length():
+    scene = fm.System(gravity=(0.0, 0.0, -G))
+    section = rope_section(radius=5e-3, rho=2000.0, E=1e7)
+    line = fm.ExactBeam({"a": (0.0, 0.0, 0.0), "b": (0.5, 0.0, 0.0)}, {"line": [("a", "b")]}, {"line": section}, 5)
+    scene.add(line, name="line")
+    lift = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), line.frame("a"))
+    lift.position = 5e-3
+    floor, weight = contact.HalfSpace(scene.ground.frame()), section.rho * section.A * G
+    pairs = []
+    for sphere, length in zip(*contact.spheres_along(line, "line", 5e-3), strict=True):
+        law = contact.PowerLaw.of_cylinder(weight * length, length=length, radius=5e-3, E=1e7)
+        pairs += scene.touch(floor, sphere, law)
+    run = scene.simulate(1e-6, about=scene.equilibrium())
+    half = np.sqrt(4.0 * weight * 5e-3 * 0.91e-7 / np.pi)
+    gaps = [one.gap[0] for one in run.contacts(pairs)]
+    assert gaps == pytest.approx([-shortened(weight, half, 5e-3, 1e7, 0.3)] * 6, rel=2e-3)
+
+
+def test_loads_that_press_a_cylinder_flat_are_refused():
+    right = {"length": 0.1, "radius": 0.01, "E": 1e6}
+    contact.PowerLaw.of_cylinder(10.0, **right)
+    for wrong, words in (
+        ({"load": 1e5}, "no small part of its diameter"),
+        ({"load": 0.0}, "load"),
+        ({"length": -1.0}, "length"),
+        ({"radius": 0.0}, "radius"),
+        ({"nu": 0.6}, "nu"),
+        ({"radius_other": -1.0}, "radius_other"),
+        ({"E": "steel"}, "E"),
+    ):
+        given = {"load": 10.0, **right, **wrong}
+        with pytest.raises(SceneError, match=words):
+            contact.PowerLaw.of_cylinder(given.pop("load"), **given)
 
 
 def test_wrong_arguments_are_refused():
