@@ -199,8 +199,8 @@ class PowerLaw(_Impact):
     ) -> PowerLaw:
         """That of a cylinder which lies along a line, as a rope on a floor, near a load (Hertz).
 
-        Its middle comes nearer by P (1 - nu^2) / (pi E) (2 ln(4 R / a) - 1) under P (N/m), half the contact's width being
-        a = sqrt(4 P R* / (pi E*)) (Johnson 1985, eq. 4.45 and 5.58); of two cylinders both give way.  The law has this
+        Its middle comes nearer by P (1 - nu^2) / (pi E) (2 ln(4 R / a) - 1) under P (N/m), half the contact's width
+        being a = sqrt(4 P R* / (pi E*)) (Johnson 1985, eq. 4.45 and 5.58); of two cylinders both give way. It has this
         depth and its slope at the load; at a tenth of it, and at ten times as much, the depth is some 2 % off.
 
         Args:
