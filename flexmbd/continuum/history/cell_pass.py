@@ -23,6 +23,7 @@ from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.point_law import FAULTS, WRITING_FAULTS, PointLaw
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_loop import FORCES, Fields, Kernels, Room, pass_cells
+from flexmbd.continuum.history.lane_pass import lane_pass
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import ConvergenceError, FormulationError
 
@@ -157,6 +158,16 @@ class CellPass:
             given_law=np.zeros(6 + kept),
             made_by_law=np.zeros(each + 37),
         )
+        # many cells are evaluated in blocks
+        self._blocks = lane_pass(
+            self._domain.comm, group.cells, blocks=dofmap.list, width=dofmap.bs, kernels=self._kernels, room=self._room,
+            modules=[None if code is None or code is self._law else code.module for code in self._codes],
+        )  # fmt: skip
+
+    def share(self, threads: int) -> None:
+        """Share the cells of later passes among threads; not collective."""
+        if self._blocks is not None:
+            self._blocks.threads = threads
 
     def run(self, forces: FloatArray) -> None:
         """Evaluate for the trial displacement, and add this rank's internal forces; not collective.
@@ -168,7 +179,13 @@ class CellPass:
             ConvergenceError: at a point Newton's method does not end, or a law returns what is not finite.
             FormulationError: a law returns other shapes than at rest, or raises an error.
         """
-        change = self._pass(self._fields, self._kernels, forces)
+        cells = self._group.cells
+        if self._blocks is not None:
+            cells = self._blocks.run(
+                self._fields, compat.cell_nodes(self._domain), self._domain.geometry.x, forces,
+                sweeps=_SWEEPS[0], tolerance=_LOCAL,
+            )  # fmt: skip
+        change = self._pass(self._fields, self._kernels, forces, cells=cells) if len(cells) else 0.0
         if change != 0.0 and self._law is not None:
             fault = int(change)
             if fault <= WRITING_FAULTS:
@@ -209,10 +226,12 @@ class CellPass:
             kernels = self._kernels._replace(addresses=self._kernels.addresses[:FORCES])
             self._pass(fields, kernels, _NONE)
 
-    def _pass(self, fields: Fields, kernels: Kernels, forces: FloatArray) -> float:
+    def _pass(
+        self, fields: Fields, kernels: Kernels, forces: FloatArray, *, cells: NDArray[np.int32] | None = None
+    ) -> float:
         dofmap = self._unknowns.u.function_space.dofmap
         return float(pass_cells(
-            self._group.cells, compat.cell_nodes(self._domain), self._domain.geometry.x, dofmap.list, dofmap.bs,
+            self._group.cells if cells is None else cells, compat.cell_nodes(self._domain), self._domain.geometry.x, dofmap.list, dofmap.bs,
             fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
         ))  # fmt: skip
 
