@@ -137,14 +137,14 @@ class _Rewriting:
                 raise NotRewrittenError("an array that begins with other values than zeros")
             return f"lanes {node.name}{shape}{' = {{0}}' if node.init is not None else ''};\n"
         value = None if node.init is None else self._expression(node.init)
-        if named == "int":
+        if named == "int" and _given(value).kind != _LANES:  # that of a choice between whole numbers has lanes
             self._kinds[node.name] = _WHOLE
             return f"int {node.name} = {_given(value).text};\n"
         if named == "bool":
             truth = _given(value)
             self._kinds[node.name] = truth.kind
             return f"{'marks' if truth.kind == _MARKS else 'int'} {node.name} = {truth.text};\n"
-        if named != "double":
+        if named not in ("double", "int"):
             raise NotRewrittenError(f"a variable of type {named}")
         if value is not None and value.kind in (_WHOLE, _NUMBER) and node.name not in self._changed:
             self._kinds[node.name] = _NUMBER

@@ -26,7 +26,8 @@ from flexmbd.files.form_compiler import form_compiler
 from flexmbd.files.whole_file import replace_file
 
 _NAME = "tabulate_lanes"
-_OPTIONS = ("-std=gnu17", "-O2", "-w", "-fPIC", "-fno-math-errno", "-ffp-contract=off")
+# GCC makes roots of powers where it has registers for several, which changes digits
+_OPTIONS = ("-std=gnu17", "-O2", "-w", "-fPIC", "-fno-math-errno", "-ffp-contract=off", "-fno-builtin-pow")
 
 # what a processor of x86-64 can do, how a compiler is told, and how many numbers its registers then have
 _WIDE = (

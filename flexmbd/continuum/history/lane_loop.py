@@ -4,7 +4,7 @@ A block's values lie in rows as those of a cell in `cell_loop`, (numbers, lanes)
 last cell, of which nothing more is kept.  The sums of forces are in the order of the cells, so they do not depend on
 the number of lanes; with several threads the forces of cells are kept and summed node by node in that order.
 
-Local unknowns are solved for by whole Newton steps; cells of blocks where these do not end are left to `cell_loop`.
+Local unknowns are solved for by whole Newton steps; cells where these do not end are left to `cell_loop`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class LaneRoom(NamedTuple):
         given: (numbers, lanes) what a kernel takes of them.
         tensor: (numbers, lanes) what it returns.
         sizes: (lanes, 2, n) of the local unknowns, as in `Room`.
-        before: (lanes,) the last change of the local unknowns; 0 where they are solved for.
+        before: (lanes,) the last change of the local unknowns, or what their law says is wrong; 0 where they are
+            solved for.
         one: what work at one cell needs besides.
     """
 
@@ -126,34 +127,28 @@ def _change_lane(kernels, room, lane, begin, slopes, tolerance):  # type: ignore
 
 @kernel
 def _solve_local(kernels, room, fields, begin, sweeps, tolerance):  # type: ignore[no-untyped-def]
-    """Solve for the local unknowns of a block by whole Newton steps; whether they are solved for in all its cells."""
+    """Solve for the local unknowns of a block by whole Newton steps."""
     lanes, points, n = room.row.shape[1], kernels.weights.shape[0], room.one.matrix.shape[0]
     room.sizes[:] = 0.0
     room.before[:] = np.inf
     for _ in range(sweeps):
         _tabulate(kernels, LOCAL, room, points * n * (n + 1))
-        worst = 0.0
+        goes_on = False
         for lane in range(lanes):
-            if room.before[lane] != 0.0:
+            if room.before[lane] > 0.0:  # neither solved for nor NaN
                 _change_lane(kernels, room, lane, begin, fields.slopes[room.cells[lane]], tolerance)
-            if not room.before[lane] <= worst:
-                worst = room.before[lane]
-        if worst == 0.0:
-            return True
-        if not np.isfinite(worst):
-            return False
-    return False
+                goes_on = goes_on or room.before[lane] > 0.0
+        if not goes_on:
+            return
 
 
 @kernel
 def _apply_law(kernels, room, fields, state, begin):  # type: ignore[no-untyped-def]
-    """Let the law make the local unknowns of a block; whether it could."""
+    """Let the law make the local unknowns of a block."""
     _tabulate(kernels, LOCAL, room, 6 * kernels.weights.shape[0])
     for lane in range(room.row.shape[1]):
         slopes = fields.slopes[room.cells[lane]]
-        if law_at_points(kernels, _of_lane(room, lane), state, begin, slopes) != 0.0:
-            return False
-    return True
+        room.before[lane] = law_at_points(kernels, _of_lane(room, lane), state, begin, slopes)
 
 
 @kernel
@@ -168,6 +163,8 @@ def _keep(room, count, first, fields, kernels):  # type: ignore[no-untyped-def]
                 room.tensor[first + i, lane] /= weight
     for lane in range(count):
         cell = room.cells[lane]
+        if room.before[lane] != 0.0:
+            continue
         for i in range(each * points):
             fields.trial[cell, i] = room.tensor[first + i, lane]
 
@@ -177,6 +174,8 @@ def _add(room, count, blocks, width, forces):  # type: ignore[no-untyped-def]
     """Add the forces of a block's cells, cell by cell."""
     for lane in range(count):
         cell = room.cells[lane]
+        if room.before[lane] != 0.0:
+            continue
         for i in range(blocks.shape[1]):
             block = blocks[cell, i]
             for d in range(width):
@@ -197,7 +196,7 @@ def pass_blocks(  # type: ignore[no-untyped-def]
         room: to work in.
         forces: (dofs,) N, to which they are added.
         kept: (k, kernels of forces, dofs of a cell) N, where they are put in the place of it; without rows, not.
-        left: (blocks,) set to 1 where local unknowns were not solved for, and nothing was added or kept.
+        left: (k,) set to 1 where local unknowns were not solved for, and nothing was added or kept.
         sweeps: the most local Newton steps.
     """
     dofs, states, locals_ = width * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
@@ -215,13 +214,13 @@ def pass_blocks(  # type: ignore[no-untyped-def]
                 fields.mean[room.cells[lane]] = mean
         if locals_ > 0:
             if kernels.addresses[LAW] != 0:
-                is_solved = _apply_law(kernels, room, fields, dofs, begin)
+                _apply_law(kernels, room, fields, dofs, begin)
             else:
-                is_solved = _solve_local(kernels, room, fields, begin, sweeps, tolerance)
-            if not is_solved:
-                left[b] = 1
-                continue
+                _solve_local(kernels, room, fields, begin, sweeps, tolerance)
             for lane in range(count):
+                if room.before[lane] != 0.0:
+                    left[lanes * b + lane] = 1
+                    continue
                 for i in range(locals_):
                     fields.local[room.cells[lane], i] = room.row[begin + i, lane]
         for k in range(FORCES, kernels.addresses.shape[0]):

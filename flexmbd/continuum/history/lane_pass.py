@@ -53,7 +53,7 @@ class LanePass:
         self._rooms: list[LaneRoom] = []
         self._kept: FloatArray = np.zeros((0, 1, 1))
         self._starts = self._places = np.zeros(0, dtype=np.int64)
-        self._left = np.zeros(-(-len(cells) // lanes), dtype=np.int64)
+        self._left = np.zeros(len(cells), dtype=np.int64)
 
     def run(
         self, fields: Fields, nodes: Indices, x: FloatArray, forces: FloatArray, *, sweeps: int, tolerance: float
@@ -69,7 +69,6 @@ class LanePass:
         """
         self._left[:] = 0
         self._prepare(nodes.shape[1])
-        count = len(self._left)
 
         def part(first: int, last: int, room: LaneRoom) -> None:
             pass_blocks(
@@ -77,8 +76,8 @@ class LanePass:
                 self._kept, self._left, sweeps, tolerance,
             )  # fmt: skip
 
-        self._share(count, part)
-        rows = np.flatnonzero(np.repeat(self._left, self._lanes)[: len(self._cells)])
+        self._share(-(-len(self._cells) // self._lanes), part)
+        rows = np.flatnonzero(self._left)
         if self.threads > 1:
             self._kept[rows] = 0.0
             self._share(

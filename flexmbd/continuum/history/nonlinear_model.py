@@ -40,6 +40,8 @@ from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
+_MOST_THREADS = 1024  # more than any computer has cores for
+
 
 @dataclass(frozen=True, eq=False)
 class HistorySnapshot:
@@ -56,7 +58,7 @@ class HistorySnapshot:
     viscous_work: float = 0.0
 
 
-@checked("cell_means", error=FormulationError, agree=parallel.told_to_all)
+@checked("cell_means", "threads", error=FormulationError, agree=parallel.told_to_all)
 class NonlinearModel(TrialBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 
@@ -80,6 +82,7 @@ class NonlinearModel(TrialBody):
         interfaces: Sequence[Interface] = (),
         cell_means: bool | None = None,
         surfaces: Surfaces | None = None,
+        threads: int = 1,
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -95,15 +98,18 @@ class NonlinearModel(TrialBody):
                 with elements of degree 1. One mean a cell is too few for those of degree 2.
             surfaces: springs and mass on the surface: {facet group: (formulation, parameters)}, of which
                 `surface_energy` and `surface_kinetic_energy` are taken. Springs reach to the body's axes.
+            threads: among which each rank shares the cells of large bodies; results are the same for any number.
 
         Raises:
-            FormulationError: a form file breaks its contract, or does not fit its parameters, the
+            FormulationError: `threads` is no number of threads; a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; formulations of both references; of the updated one a degree unlike
                 the geometry's, or unknowns besides the displacement.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
                 facets that the surface has not.
         """
+        if not 1 <= threads <= _MOST_THREADS:
+            raise FormulationError(f"threads must be a number from 1 to {_MOST_THREADS}, got {threads!r}")
         forms = discretise(
             mesh,
             formulation,
@@ -114,6 +120,8 @@ class NonlinearModel(TrialBody):
             with_history=True,
         )
         super().__init__(forms, means=degree == 1 if cell_means is None else cell_means)
+        for history in self._histories:
+            history.share(threads)
 
     def vector(self) -> la.Vector:
         """A vector of the space with its ghosts, for scattering; not collective."""

@@ -130,6 +130,10 @@ class History:
         """
         self._pass.run(forces)
 
+    def share(self, threads: int) -> None:
+        """Share the cells of later passes among threads; not collective."""
+        self._pass.share(threads)
+
     def set_step(self, dt: float) -> None:
         """Make the trial a step of that length, s; not collective."""
         if self._is_rate_dependent and float(self._dt.value) != dt:
