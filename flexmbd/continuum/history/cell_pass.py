@@ -142,7 +142,7 @@ class CellPass:
         self.trial: FloatArray = state.flatten()
         self._fields = Fields(unknowns.u.x.array, state, local, slopes, mean, self.trial.reshape(state.shape))
         self._sizes = [dofmap.bs * dofmap.list.shape[1], state.shape[1], local.shape[1], 1]
-        self._kernels = self._tables(weights)
+        self._kernels = self._tables(weights, self._codes)
         row, n = sum(self._sizes), local.shape[1] // len(weights)
         each, kept = (n, state.shape[1] // len(weights)) if self._law is not None else (0, 0)
         n -= each
@@ -168,6 +168,29 @@ class CellPass:
         """Share the cells of later passes among threads; not collective."""
         if self._blocks is not None:
             self._blocks.threads = threads
+
+    def totals(self, terms: Sequence[IntegralTerm]) -> Callable[[], FloatArray] | None:
+        """A function that integrates terms over this rank's cells of the group, means found before, (terms,).
+
+        None where there are few cells, or terms have other rules than the history; collective, compiles. The function
+        is not.
+        """
+        of_cell = self._test_function(basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(len(terms),)))
+        if self._blocks is None or any(rule != self._rule for _, rule in terms):
+            return None
+        density = sum(share_parts([density * of_cell[i] for i, (density, _) in enumerate(terms)]))
+        codes = [self._codes[0], None, None, self._compiled(density, self._rule)]
+        modules = [None if code is None else code.module for code in codes]
+        kernels = self._blocks.in_lanes(self._domain.comm, self._tables(self._kernels.weights, codes), modules)
+        if kernels is None:
+            return None
+        blocks, nodes = self._blocks, compat.cell_nodes(self._domain)
+        self._codes += codes[3:]  # whose constants are renewed
+
+        def found() -> FloatArray:
+            return blocks.totals(self._fields, nodes, self._domain.geometry.x, kernels, count=len(terms))[0]
+
+        return found
 
     def run(self, forces: FloatArray) -> None:
         """Evaluate for the trial displacement, and add this rank's internal forces; not collective.
@@ -231,8 +254,8 @@ class CellPass:
     ) -> float:
         dofmap = self._unknowns.u.function_space.dofmap
         return float(pass_cells(
-            self._group.cells if cells is None else cells, compat.cell_nodes(self._domain), self._domain.geometry.x, dofmap.list, dofmap.bs,
-            fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
+            self._group.cells if cells is None else cells, compat.cell_nodes(self._domain), self._domain.geometry.x,
+            dofmap.list, dofmap.bs, fields, kernels, self._room, forces, _SWEEPS, _LOCAL,
         ))  # fmt: skip
 
     def _mean(self, averaged: ufl.core.expr.Expr | None) -> _CellKernel | None:
@@ -285,15 +308,15 @@ class CellPass:
         reads = [coefficients[position] for position in positions]
         return _CellKernel(address, module, symbols, _values(symbols), reads)
 
-    def _tables(self, weights: FloatArray) -> Kernels:
-        known, count = self._unknowns, len(self._codes)
+    def _tables(self, weights: FloatArray, codes: Sequence[_CellKernel | None]) -> Kernels:
+        known, count = self._unknowns, len(codes)
         begins = np.cumsum([0, *self._sizes])
         places = {
             id(field): k for k, field in enumerate((known.u, known.state, known.local, known.mean)) if field is not None
         }
         addresses, constants = np.zeros((2, count), dtype=np.int64)
         starts, lengths = np.zeros((2, count, len(self._sizes)), dtype=np.int64)
-        for i, code in enumerate(self._codes):
+        for i, code in enumerate(codes):
             if code is None:
                 continue
             addresses[i], constants[i] = code.address, code.constants.ctypes.data

@@ -98,6 +98,16 @@ def _gather(room, nodes, x, blocks, width, fields):  # type: ignore[no-untyped-d
 
 
 @kernel
+def _average(kernels, room, place, fields):  # type: ignore[no-untyped-def]
+    """The means over a block's cells, which stand in their rows at ``place``."""
+    _tabulate(kernels, MEAN, room, 2)
+    for lane in range(room.row.shape[1]):
+        mean = room.tensor[0, lane] / room.tensor[1, lane]
+        room.row[place, lane] = mean
+        fields.mean[room.cells[lane]] = mean
+
+
+@kernel
 def _of_lane(room, lane):  # type: ignore[no-untyped-def]
     """Work at one of the cells."""
     one = room.one
@@ -207,11 +217,7 @@ def pass_blocks(  # type: ignore[no-untyped-def]
             room.cells[lane] = cells[lanes * b + min(lane, count - 1)]
         _gather(room, nodes, x, blocks, width, fields)
         if kernels.addresses[MEAN] != 0:
-            _tabulate(kernels, MEAN, room, 2)
-            for lane in range(lanes):
-                mean = room.tensor[0, lane] / room.tensor[1, lane]
-                room.row[begin + locals_, lane] = mean
-                fields.mean[room.cells[lane]] = mean
+            _average(kernels, room, begin + locals_, fields)
         if locals_ > 0:
             if kernels.addresses[LAW] != 0:
                 _apply_law(kernels, room, fields, dofs, begin)
@@ -233,6 +239,30 @@ def pass_blocks(  # type: ignore[no-untyped-def]
                         kept[lanes * b + lane, k - FORCES, i] = room.tensor[i, lane]
         if states > 0:
             _keep(room, count, dofs, fields, kernels)
+
+
+@entry_kernel
+def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, room, totals):  # type: ignore[no-untyped-def]
+    """What kernels integrate over each cell, of some blocks, with its mean before.
+
+    Args:
+        cells, first, last, nodes, x, blocks, width, fields, room: as in `pass_blocks`.
+        kernels: that of the mean, and in the places of those of forces what integrates.
+        totals: (k, kernels of totals, n) of the group's cells, n numbers of each kernel, which are set.
+    """
+    lanes, begin = room.row.shape[1], width * blocks.shape[1] + fields.state.shape[1]
+    for b in range(first, last):
+        count = min(lanes, cells.shape[0] - lanes * b)
+        for lane in range(lanes):
+            room.cells[lane] = cells[lanes * b + min(lane, count - 1)]
+        _gather(room, nodes, x, blocks, width, fields)
+        if kernels.addresses[MEAN] != 0:
+            _average(kernels, room, begin + fields.local.shape[1], fields)
+        for k in range(totals.shape[1]):
+            _tabulate(kernels, FORCES + k, room, totals.shape[2])
+            for lane in range(count):
+                for i in range(totals.shape[2]):
+                    totals[lanes * b + lane, k, i] = room.tensor[i, lane]
 
 
 @entry_kernel

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.cell_loop import FORCES, LAW, Fields, Kernels, Room
 from flexmbd.continuum.history.lane_library import common_lanes, lane_kernel
-from flexmbd.continuum.history.lane_loop import LaneRoom, pass_blocks, sum_kept
+from flexmbd.continuum.history.lane_loop import LaneRoom, block_totals, pass_blocks, sum_kept
 
 FloatArray = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -88,6 +88,41 @@ class LanePass:
             )
         return self._cells[rows]
 
+    def totals(self, fields: Fields, nodes: Indices, x: FloatArray, kernels: Kernels, *, count: int) -> FloatArray:
+        """Sums over the cells of what some kernels integrate, (kernels, count); not collective.
+
+        Args:
+            fields, nodes, x: as in `run`.
+            kernels: that of the mean, and in the places of those of forces what integrates, for the same lanes.
+            count: numbers of each, the same for all.
+        """
+        self._prepare(nodes.shape[1])
+        found = np.zeros((len(self._cells), len(kernels.addresses) - FORCES, count))
+
+        def part(first: int, last: int, room: LaneRoom) -> None:
+            block_totals(
+                self._cells, first, last, nodes, x, self._blocks, self._width, fields, kernels, room, found
+            )  # fmt: skip
+
+        self._share(-(-len(self._cells) // self._lanes), part)
+        return np.asarray(found.sum(axis=0))
+
+    def in_lanes(self, comm: MPI.Comm, kernels: Kernels, modules: Sequence[Any]) -> Kernels | None:
+        """Further kernels for the lanes of this pass; None where they cannot be had. Collective, compiles.
+
+        Args:
+            comm: of the body.
+            kernels: for one cell.
+            modules: as in `lane_pass`.
+        """
+        if self._lanes == 1:
+            return kernels
+        found = _all_in_lanes(comm, modules, lanes=self._lanes)
+        if found is None:
+            return None
+        self._held = (self._held, found)
+        return _with_addresses(kernels, found)
+
     def _share(self, count: int, task: Callable[[int, int, LaneRoom], None]) -> None:
         """Let each thread do its part of so many things."""
         if self.threads == 1:
@@ -135,18 +170,29 @@ def lane_pass(
     if comm.allreduce(len(cells)) < FEWEST_CELLS:
         return None
     lanes = common_lanes(comm)
+    found = _all_in_lanes(comm, modules, lanes=lanes)
+    if found is None:
+        return LanePass(cells, blocks, width, kernels=kernels, room=room, lanes=1, keep=modules)
+    wide = _with_addresses(kernels, found)
+    return LanePass(cells, blocks, width, kernels=wide, room=room, lanes=lanes, keep=(found, modules))
+
+
+def _with_addresses(kernels: Kernels, found: Sequence[Any]) -> Kernels:
+    """The same with the addresses of those that were found in lanes; the law is that of a point."""
+    addresses = np.array([0 if one is None else one[0] for one in found], dtype=np.int64)
+    addresses[LAW] = kernels.addresses[LAW]
+    return kernels._replace(addresses=addresses)
+
+
+def _all_in_lanes(comm: MPI.Comm, modules: Sequence[Any], *, lanes: int) -> list[Any] | None:
+    """The kernels of FFCx's modules in lanes, None for each that is none; None unless all are had. Collective."""
     found: list[Any] = []
     for turn in (comm.rank == 0, comm.rank != 0):  # the first compiles for all
         if turn:
             found = [None if module is None else lane_kernel(module, lanes=lanes) for module in modules]
         comm.barrier()
     lacks = any(module is not None and one is None for module, one in zip(modules, found, strict=True))
-    if comm.allreduce(lacks, op=MPI.LOR):
-        return LanePass(cells, blocks, width, kernels=kernels, room=room, lanes=1, keep=modules)
-    addresses = np.array([0 if one is None else one[0] for one in found], dtype=np.int64)
-    addresses[LAW] = kernels.addresses[LAW]
-    wide = kernels._replace(addresses=addresses)
-    return LanePass(cells, blocks, width, kernels=wide, room=room, lanes=lanes, keep=(found, modules))
+    return None if comm.allreduce(lacks, op=MPI.LOR) else found
 
 
 def _lane_room(one: Room, lanes: int, nodes: int) -> LaneRoom:

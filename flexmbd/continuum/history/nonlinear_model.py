@@ -321,7 +321,6 @@ class NonlinearModel(TrialBody):
         totals: dict[str, float] = {}
         with self.present_mesh():
             for history in self._histories:
-                history.average()
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
         energies = {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
