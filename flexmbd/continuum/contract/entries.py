@@ -81,6 +81,8 @@ class OptionalEntries:
             that the update is accurate for. Beyond 1 slow loading and implicit steps take smaller ones.
         state_names: (p) dictionary of the number of components of each part of the history by its name, in their
             order, as {"plastic_strain_tensor": 6, "plastic_strain": 1}: what series and pictures ask for.
+        thickness: (p) m, of plane bodies alone, whose displacement has values in the plane of their flat mesh and which
+            move in it; made by `laws.plane_form`.
     """
 
     strain_energy: Entry = field(default=None, metadata={"arguments": 2})
@@ -101,6 +103,7 @@ class OptionalEntries:
     scaled_yield: Entry = field(default=None, metadata={"arguments": 2})
     increment_size: Entry = field(default=None, metadata={"arguments": 3})
     state_names: Entry = field(default=None, metadata={"arguments": 1})
+    thickness: Entry = field(default=None, metadata={"arguments": 1})
 
 
 ON_FACETS = ("surface_energy", "surface_kinetic_energy")

@@ -250,6 +250,10 @@ def _state_names(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
         yield f"names {sum(counts)} components of a history of {n}"
 
 
+def _thickness(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    yield from _expression_faults(ufl.as_ufl(module.thickness(unknown.parameters)), (), "the shape of a scalar")
+
+
 def _shapes(parameters: Any, unknown: TrialSymbols) -> list[tuple[int, ...]]:
     """Of the symbols that parameters become."""
     return [value.shape for value in symbols_of(parameters, unknown.domain)[1].values()]
@@ -295,6 +299,7 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "scaled_yield": _scaled_yield,
     "increment_size": _increment_size,
     "state_names": _state_names,
+    "thickness": _thickness,
 }
 
 

@@ -12,6 +12,7 @@ The mesh itself is moved only while something is assembled.
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property
 
 from mpi4py import MPI
 
@@ -25,6 +26,7 @@ from flexmbd.continuum.contract.entries import is_rate_dependent
 from flexmbd.continuum.finite_elements.cell_group import refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
 from flexmbd.continuum.history.moved_mesh import MovedMesh
+from flexmbd.continuum.history.plane_bodies import plane_axis
 from flexmbd.continuum.history.point_history import History
 from flexmbd.continuum.history.surface_springs import SurfaceSprings
 from flexmbd.continuum.history.trial_errors import (
@@ -48,6 +50,7 @@ class TrialBody(DiscretisedBody):
         displacement: (local dofs including ghosts,) m, of the last accepted step, from the undeformed mesh.
         viscous_forces: of the formulations' dissipation; None where there is none.
         springs: on facets, from the surface to the body's axes; None where there are none.
+        plane_axis: of the mesh, along the normal of a plane body; None of others.
     """
 
     def __init__(self, forms: DiscreteForms, *, means: bool) -> None:
@@ -74,6 +77,7 @@ class TrialBody(DiscretisedBody):
         self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
+        self.plane_axis = plane_axis(self)
         self._sum = fem.Function(self.space).x
         self.check_cells()
 
@@ -97,6 +101,13 @@ class TrialBody(DiscretisedBody):
         """Whether forces depend on the length of the step."""
         return self.is_rate_dependent or self.has_dissipation
 
+    @cached_property
+    def held_dofs(self) -> NDArray[np.int32]:
+        """Owned dofs whose displacement is zero at any time: those of a plane body out of its plane."""
+        if self.plane_axis is None:
+            return np.zeros(0, dtype=np.int32)
+        return np.sort(self.displacement_dofs[: self.layout.n_owned_nodes, self.plane_axis])
+
     @property
     def node_x(self) -> FloatArray:
         """(local nodes including ghosts, 3) m, of the last accepted step, in body axes."""
@@ -116,8 +127,10 @@ class TrialBody(DiscretisedBody):
         """
         if self.has_rotations:
             raise FormulationError(
-                f"{self.groups[0].form_name} has unknowns besides the displacement, which is not possible in a body "
-                "that moves by itself or in a machine; load it slowly (flexmbd.continuum.follow)"
+                f"{self.groups[0].form_name} has unknowns besides the displacement, as rotations, which is not possible in "
+                "a full body that moves by itself or in a machine: reduce it (craig_bampton, or CorotatedInterior with "
+                "condensed_rotations for explicit steps), load it slowly (follow), or, where it moves in its plane, make "
+                "it of a solid's form (plane_form)"
             )
 
     def refuse_surface_energy(self, *, by: str) -> None:
