@@ -1,9 +1,14 @@
-"""Plane bodies: along which axis of the mesh their normal is."""
+"""Plane bodies: along which axis of the mesh their normal is, and the map of flat cells."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+import ufl
+from ufl.core.expr import Expr
+
+from flexmbd.continuum import compat
 from flexmbd.continuum.finite_elements.discrete_forms import DiscretisedBody
 from flexmbd.errors import FormulationError
 from flexmbd.round_off import ROUND_OFF
@@ -32,3 +37,9 @@ def plane_axis(body: DiscretisedBody) -> int | None:
             "anywhere in a machine"
         )
     return axis
+
+
+def inverse_jacobian(domain: Any) -> Expr:
+    """The inverse of the Jacobian of a mesh's cells; of flat ones that from the plane."""
+    ufl_domain = domain.ufl_domain()
+    return ufl.inv(ufl.Jacobian(domain)) if compat.topological_dimension(ufl_domain) == 3 else ufl.JacobianInverse(domain)

@@ -30,6 +30,7 @@ from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
+from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.step_equations import (
     BodyAxes,
     NodalState,
@@ -140,7 +141,10 @@ class ImplicitContinuum:
         self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
-        self._joint = CondensedNewton(body, self._frames, self._prescribed, solver)
+        self._joint = CondensedNewton(
+            body, self._frames, np.union1d(self._prescribed, body.held_dofs).astype(np.int32), solver
+        )
+        self._plane = PlaneMotion(body)
         self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
@@ -151,6 +155,7 @@ class ImplicitContinuum:
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
+        self._plane.begin(R, motion)
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
@@ -390,6 +395,7 @@ class ImplicitContinuum:
 
     def _equations(self, step: TriedStep, motion: FrameMotion) -> StepEquations:
         """The balance at a step's end with the frames as ``motion`` says. Not collective."""
+        self._plane.check(motion)
         bonds, axes = self._bonds, self._axes(motion)
         loads = self._loads.at(step.factors, axes)
         held_accelerations = bonds.accelerations(motion)[~bonds.averaged]
@@ -414,6 +420,8 @@ class ImplicitContinuum:
         moved, steps = guess.reshape(-1, 3).copy(), axes.increment(bonds.positions(motion), bonds.nodes)
         gap = steps - moved[bonds.nodes]
         moved[self._bonded] = steps[~bonds.averaged]
+        guess = guess.copy()
+        guess[self.body.held_dofs] = 0.0
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
         target = moved.reshape(-1)[self._prescribed]
         return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
@@ -442,10 +450,13 @@ class ImplicitContinuum:
         now, bonds, body = self._current_state(), self._bonds, self.body
         a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
         a[self._bonded] = carried[~bonds.averaged]
-        constraints = self._averages.constraints(motion, np.eye(3), displacement=carried)
+        # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
+        R = self._axes(motion).R if self._plane.is_plane else np.eye(3)
+        constraints = self._averages.constraints(motion, R, displacement=carried @ R)
         matrix = self._M.copy()
-        forces = -(internal + self._inertia(a)).reshape(-1, 1)
-        found = self._newton.solve_columns(matrix, forces, constraints)[:, 0]
+        forces = -(internal + self._inertia(a)).reshape(-1, 3) @ R
+        solution = self._newton.solve_columns(matrix, forces.reshape(-1, 1), constraints)[:, 0]
+        found = (solution.reshape(-1, 3) @ R.T).reshape(-1)
         self._newton.discard_factor()
         matrix.destroy()
         vector = body.vector()

@@ -29,6 +29,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
+from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.errors import SceneError
 from flexmbd.given import checked
@@ -82,6 +83,7 @@ class NodalMotion:
         force: (owned nodes, 3) N, what the deformed body exerts on its nodes.
         load: (owned nodes, 3) N, of the applied loads, those on bonded nodes among them.
         loads: the applied loads.
+        plane: of a plane body, in which its nodes are held.
         t: s.
     """
 
@@ -137,6 +139,7 @@ class NodalMotion:
             held = np.array([support.x, support.y, support.z])
             self._moves[np.ix_(nodes[nodes < n], np.flatnonzero(held))] = 0.0
         self._moves[self.bonded] = 0.0
+        self.plane = PlaneMotion(body)
         self._weights: FloatArray = self.masses.copy()
         self._weights[self.bonded] = 0.0
         self.loads = AppliedLoads(body, loads, mass=self.masses)
@@ -194,6 +197,7 @@ class NodalMotion:
             SceneError: the body begins behind a plane.
         """
         self.x = self.mesh.begin(p, R)
+        self.plane.begin(np.asarray(R, dtype=float))
         self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((7, *self.x.shape))
         self._viscous, self._went = np.zeros((2, *self.x.shape))
         self.plane_forces[:] = 0.0
@@ -210,7 +214,7 @@ class NodalMotion:
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
-        self.v *= self._moves
+        self.v = self._held(self.v)
         self._h = h
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
@@ -231,7 +235,7 @@ class NodalMotion:
             self.start(h)
         if self.loads.any:  # which may have jumped since the last step's end
             after = self.loads_at(self.t + _BESIDE * h)
-            jump = (after - self.load) / self.masses[:, None] * self._moves
+            jump = self._held((after - self.load) / self.masses[:, None])
             self.a = self.a + jump / (1.0 + self._damping * self._h / 2)
             self.load = after
         move = h * self.v + h**2 / 2 * self.a
@@ -335,6 +339,7 @@ class NodalMotion:
         self._h, self._limit = float(axes[15]), float(axes[16])
         self._stable.memory = float(axes[17]), float(axes[18])
         self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
+        self.plane.begin(self._R_begun)
         self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
 
     def loads_at(self, t: float) -> FloatArray:
@@ -347,6 +352,10 @@ class NodalMotion:
             turned = self.loads.following(values, self.x @ self._R_begun)
             force += turned @ self._R_begun.T
         return np.asarray(force + self.loads.dead(values, self._R_begun))
+
+    def _held(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (owned nodes, 3) without the components along which nodes are held."""
+        return self.plane.in_plane(vectors * self._moves)
 
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""
@@ -363,7 +372,7 @@ class NodalMotion:
             reach: what an acceleration adds to the places at its end.
             answer: the accelerations that are left of forces per mass, as these add to damping.
         """
-        pull = ((self.force + self.load) / self.masses[:, None] + self._g - self._damping * v) * self._moves
+        pull = self._held((self.force + self.load) / self.masses[:, None] + self._g - self._damping * v)
         free = answer * pull
         m = self._weights[:, None]
         self._met, self._rubbed = np.zeros((2, *self.x.shape))
@@ -372,6 +381,6 @@ class NodalMotion:
             self._met += m * met
             self._rubbed += m * rubbed
             self.plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
-            pull = pull + (met + rubbed) * self._moves
+            pull = pull + self._held(met + rubbed)
         self.a = answer * pull
         return free
