@@ -275,7 +275,7 @@ def _check_spread(
     rotations = layout.rigid_columns(mean, np.eye(3))[dofs[dofs < layout.n_owned], 3:]
     small, middle, large = np.linalg.eigvalsh(comm.allreduce(rotations.T @ rotations))
     if is_plane:
-        if not middle > THIN**2 * large:
+        if count < 2 or not middle > THIN**2 * large:
             raise InterfaceError(
                 f"interface {group.name!r} has {count} nodes, and a frame of a plane body needs two that are apart; take "
                 "an edge of the sheet"

@@ -141,9 +141,8 @@ class ImplicitContinuum:
         self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
-        self._joint = CondensedNewton(
-            body, self._frames, np.union1d(self._prescribed, body.held_dofs).astype(np.int32), solver
-        )
+        self._fixed = np.union1d(self._prescribed, body.held_dofs).astype(np.int32)  # where frames are fixed
+        self._joint = CondensedNewton(body, self._frames, self._fixed, solver)
         self._plane = PlaneMotion(body)
         self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
@@ -221,7 +220,7 @@ class ImplicitContinuum:
             x=now.x,
             apparent_acceleration=apparent_acceleration,
             modes=modes,
-            prescribed=self._prescribed,
+            prescribed=self._fixed,
         )
         self.revert()
         return found

@@ -46,7 +46,7 @@ def linear_equations(
         apparent_acceleration: (local nodes, 3) m/s^2, minus gravity.
         dead_load: (owned dofs,) N, the part of the loads that does not turn with the body, in inertial axes.
         modes: how many vibrations.
-        prescribed: owned dofs that move with the frames.
+        prescribed: owned dofs that move with the frames, or never.
 
     Raises:
         ConvergenceError: on all ranks: the body buckles between its frames, or the eigensolver did not converge.

@@ -23,6 +23,7 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.core.expr import Expr
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
+from ufl.domain import extract_unique_domain
 
 from flexmbd.continuum.contract.entries import OptionalEntries, optional_entries
 from flexmbd.continuum.contract.formulation import load_form, orders
@@ -188,18 +189,26 @@ def _stressed(form: Any, optional: OptionalEntries) -> dict[str, Any]:
         kept = state.ufl_shape[0] - 1
         return ufl.as_vector([state[i] for i in range(kept)]) if kept else None
 
-    def own_z(z: Expr, p: Any) -> dict[str, Expr]:
+    def own_z(u: Expr, p: Any) -> dict[str, Expr]:
+        """A symbol for the solid's own local unknowns, for they hold gradients where they follow the displacement."""
         begin = None if optional.local_unknowns is None else optional.local_unknowns(p.material)
         if begin is None:
             return {}
-        shape = ufl.as_ufl(begin).ufl_shape
-        return {"z": ufl.as_vector([z[1 + i] for i in range(shape[0])]) if shape else z[1]}
+        return {"z": ufl.Constant(extract_unique_domain(u), shape=ufl.as_ufl(begin).ufl_shape)}
 
-    def work(u: Expr, v: Expr, state: Expr, p: Any, z: Expr, step: dict[str, Any]) -> list[Any]:
+    def thickened(value: Expr, u: Expr, z: Expr, own: dict[str, Expr], **options: Any) -> Expr:
+        """With the thickness strain and the solid's own local unknowns out of z."""
+        symbols = {}
+        for symbol in own.values():
+            n = range(*symbol.ufl_shape) if symbol.ufl_shape else None
+            symbols[symbol] = z[1] if n is None else ufl.as_vector([z[1 + i] for i in n])
+        return _thickened(value, u, z[0], symbols, **options)
+
+    def work(u: Expr, v: Expr, state: Expr, p: Any, own: dict[str, Expr], step: dict[str, Any]) -> list[Any]:
         """The solid's, whose gradients are those in the plane."""
         if optional.strain_energy is not None:
             return [(ufl.derivative(term, u, v), rule) for term, rule in optional.strain_energy(u, p.material)]
-        return list(form.residual(u, v, own_state(state, p), p.material, **own_z(z, p), **step))
+        return list(form.residual(u, v, own_state(state, p), p.material, **own, **step))
 
     def state(p: Any) -> Expr:
         own = [] if optional.state is None else optional.state(p.material)
@@ -212,19 +221,22 @@ def _stressed(form: Any, optional: OptionalEntries) -> dict[str, Any]:
         return ufl.as_vector([0.0, *rest])
 
     def residual(u: Expr, v: Expr, state: Expr, p: Any, *, z: Expr, **step: Any) -> list[Any]:
-        return [(p.t * _thickened(term, {u: z[0]}), rule) for term, rule in work(u, v, state, p, z, step)]
+        own = own_z(u, p)
+        return [(p.t * thickened(term, u, z, own), rule) for term, rule in work(u, v, state, p, own, step)]
 
     def local_residual(z: Expr, u: Expr, state: Expr, p: Any, **step: Any) -> Expr:
         v = ufl.TestFunction(u.ufl_function_space())
-        pull = sum(term for term, _ in work(u, v, state, p, z, step))
-        along = _thickened(pull, {u: z[0]}, along_normal=v)
+        own = own_z(u, p)
+        along = thickened(sum(term for term, _ in work(u, v, state, p, own, step)), u, z, own, along_normal=v)
         # over its slope at rest, so that it is of the size of strains
-        begun = sum(term for term, _ in work(u, v, state_at_rest(p), p, local_unknowns(p), step))
-        slope = _thickened(begun, {u: ufl.as_ufl(_STRAIN)}, along_normal=v, at_rest=True) / _STRAIN
-        own = own_z(z, p)
+        begun = sum(term for term, _ in work(u, v, state_at_rest(p), p, own, step))
+        begin = local_unknowns(p)
+        tried = ufl.as_vector([_STRAIN, *(begin[i] for i in range(1, begin.ufl_shape[0]))])
+        slope = thickened(begun, u, tried, own, along_normal=v, at_rest=True) / _STRAIN
         if not own:
             return ufl.as_vector([along / slope])
-        lack = _thickened(form.local_residual(own["z"], u, own_state(state, p), p.material, **step), {u: z[0]})
+        lack = form.local_residual(own["z"], u, own_state(state, p), p.material, **step)
+        lack = thickened(lack, u, z, own)
         return ufl.as_vector([along / slope, *([lack[i] for i in range(lack.ufl_shape[0])] if lack.ufl_shape else [lack])])
 
     state_at_rest = state
@@ -232,12 +244,13 @@ def _stressed(form: Any, optional: OptionalEntries) -> dict[str, Any]:
     def update(u: Expr, state: Expr, p: Any, *, z: Expr, **step: Any) -> Expr:
         if optional.update is None:
             return ufl.as_vector([z[0]])
-        new = optional.update(u, own_state(state, p), p.material, **own_z(z, p), **step)
-        new = _thickened(new, {u: z[0]})
+        own = own_z(u, p)
+        new = thickened(optional.update(u, own_state(state, p), p.material, **own, **step), u, z, own)
         return ufl.as_vector([*(new[i] for i in range(new.ufl_shape[0])), z[0]])
 
     def stress(u: Expr, state: Expr, p: Any, *, z: Expr, **step: Any) -> Expr:
-        return _thickened(form.stress(u, own_state(state, p), p.material, **own_z(z, p), **step), {u: z[0]})
+        own = own_z(u, p)
+        return thickened(form.stress(u, own_state(state, p), p.material, **own, **step), u, z, own)
 
     def energies(u: Expr, state: Expr, p: Any) -> dict[str, Any]:
         strain = state[state.ufl_shape[0] - 1]
@@ -246,7 +259,7 @@ def _stressed(form: Any, optional: OptionalEntries) -> dict[str, Any]:
             parts = {f"elastic {k}" if k else "elastic": term for k, term in enumerate(terms)}
         else:
             parts = optional.energies(u, own_state(state, p), p.material)  # type: ignore[misc]
-        return {name: (p.t * _thickened(term, {u: strain}), rule) for name, (term, rule) in parts.items()}
+        return {name: (p.t * _thickened(term, u, strain, {}), rule) for name, (term, rule) in parts.items()}
 
     found: dict[str, Any] = {
         "state": state, "update": update, "local_unknowns": local_unknowns, "local_residual": local_residual,
@@ -264,41 +277,53 @@ def _stressed(form: Any, optional: OptionalEntries) -> dict[str, Any]:
 
 
 def _thickened(
-    value: Expr, strains: dict[Expr, Expr], *, along_normal: Expr | None = None, at_rest: bool = False
+    value: Expr,
+    u: Expr,
+    strain: Expr,
+    symbols: dict[Expr, Expr],
+    *,
+    along_normal: Expr | None = None,
+    at_rest: bool = False,
 ) -> Expr:
     """An expression with a thickness strain in the gradient of the displacement.
 
     Args:
         value: of the displacement's gradient.
-        strains: the thickness strain, by the displacement.
+        u: displacement.
+        strain: of the thickness.
+        symbols: what is to stand in the place of symbols.
         along_normal: a virtual displacement whose gradient is to be that of a unit of thickness strain.
         at_rest: whether the displacement has no gradient besides.
     """
-    ((u, strain),) = strains.items()
     n = _normal(u)
     gradient = strain * ufl.outer(n, n)
     gradients = {u: gradient if at_rest else ufl.grad(u) + gradient}
     if along_normal is not None:
         gradients[along_normal] = ufl.outer(n, n)
-    return map_expr_dag(_Gradients(gradients), expand_derivatives(apply_algebra_lowering(value)))
+    return map_expr_dag(_Replaced(gradients, symbols), expand_derivatives(apply_algebra_lowering(value)))
 
 
-class _Gradients(MultiFunction):  # type: ignore[misc]
-    """Puts others in the place of some gradients."""
+class _Replaced(MultiFunction):  # type: ignore[misc]
+    """Puts others in the place of some gradients and symbols."""
 
-    def __init__(self, gradients: dict[Expr, Expr]) -> None:
+    def __init__(self, gradients: dict[Expr, Expr], symbols: dict[Expr, Expr]) -> None:
         super().__init__()
-        self._gradients = gradients
+        self._gradients, self._symbols = gradients, symbols
 
     expr = MultiFunction.reuse_if_untouched
 
     def grad(self, node: Expr) -> Expr:
+        """That of a function, whose operands were not looked at."""
         return self._gradients.get(node.ufl_operands[0], node)
+
+    def constant(self, node: Expr) -> Expr:
+        """A symbol, or a parameter."""
+        return self._symbols.get(node, node)
 
 
 def _normal(u: Expr) -> Expr:
     """The unit normal of the cells."""
-    jacobian = ufl.Jacobian(u.ufl_function_space().ufl_domain())
+    jacobian = ufl.Jacobian(extract_unique_domain(u))
     first, second = (ufl.as_vector([jacobian[i, k] for i in range(3)]) for k in (0, 1))
     n = ufl.cross(first, second)
     return n / ufl.sqrt(ufl.dot(n, n))
