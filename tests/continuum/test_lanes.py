@@ -12,7 +12,7 @@ import ufl
 from von_mises_law import STATE, STEEL, Metal, von_mises
 
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitRun, NonlinearModel, law_form, load_form
+from flexmbd.continuum import ExplicitRun, NonlinearModel, law_form, load_form, plane_form
 from flexmbd.continuum.history import lane_library, lane_pass
 from flexmbd.continuum.history.lane_code import NotRewrittenError, lane_code
 from flexmbd.errors import FormulationError
@@ -50,7 +50,7 @@ def choosing():
     vars(module).update({name: value for name, value in vars(j2).items() if name[:2] not in ("__", "lo")})
 
     def update(u, state, p, *, mean=None):
-        x, d = ufl.SpatialCoordinate(u.ufl_domain()), ufl.div(u)
+        x, d = ufl.SpatialCoordinate(u.ufl_function_space().ufl_domain()), ufl.div(u)
         hard, right, wide = ufl.gt(p.E, 1e11), ufl.lt(x[0], 0.4), ufl.ge(d, 1e-3)
         return ufl.as_vector([
             ufl.conditional(hard, d, -d),
@@ -73,6 +73,7 @@ def metal(form, **more):
     return form.Parameters(**METAL, **more)
 
 
+PLANE = plane_form(j2, plane_strain=False)
 CASES = {
     "finite strain": (hencky, metal(hencky, hardening=hencky.LinearHardening(2e9)), "hexahedron"),
     "a local unknown": (j2, metal(j2, hardening=j2.VoceHardening(0.1e9, 200.0)), "hexahedron"),
@@ -84,6 +85,9 @@ CASES = {
     ),
     "Newton steps that run away": (running_away(), metal(j2), "hexahedron"),
     "choices": (choosing(), metal(j2), "hexahedron"),
+    "plane stress": (
+        PLANE, PLANE.Parameters(metal(j2, hardening=j2.VoceHardening(0.1e9, 200.0)), 0.01), "quadrilateral"
+    ),
     "no history": (neo_hookean, neo_hookean.Parameters(1e6, 0.4, 1000.0), "tetrahedron"),
 }
 
@@ -98,8 +102,11 @@ def built(form, parameters, cell, *, lanes, threads=1, monkeypatch):
     monkeypatch.setattr(lane_pass, "FEWEST_CELLS", 500 if lanes else 10**9)
     if lanes:
         monkeypatch.setattr(lane_pass, "common_lanes", lambda comm: lanes)
-    divisions = (11, 7, 7) if cell == "hexahedron" else (5, 5, 5)
-    mesh = meshes.block(1.0, 0.5, 0.5, divisions=divisions, cell=cell, comm=MPI.COMM_SELF)
+    if cell == "quadrilateral":
+        mesh = meshes.sheet(1.0, 0.5, divisions=(33, 17), comm=MPI.COMM_SELF)
+    else:
+        divisions = (11, 7, 7) if cell == "hexahedron" else (5, 5, 5)
+        mesh = meshes.block(1.0, 0.5, 0.5, divisions=divisions, cell=cell, comm=MPI.COMM_SELF)
     body = NonlinearModel(mesh, form, parameters, degree=1, threads=threads)
     assert (body._histories[0]._pass._blocks is not None) == (lanes > 0)
     return body
@@ -109,6 +116,7 @@ def stepped(body):
     """Forces, history and local unknowns of two steps that bend it."""
     x, u = body.layout.node_x, np.zeros(body.layout.n_local)
     u[body.displacement_dofs] = 1e-2 * np.column_stack([x[:, 0] * x[:, 2] + x[:, 1], x[:, 1] ** 2, -x[:, 0] ** 2])
+    u[body.held_dofs] = 0.0
     (history,) = body._histories
     found = []
     for part in (0.6, 0.3):
