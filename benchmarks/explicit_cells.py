@@ -41,6 +41,7 @@ class Case:
 
     @property
     def history(self) -> Any:
+        """Of the body's one group."""
         return self.motion.body._histories[0]
 
     def evaluate(self, blocks: Any) -> np.ndarray[Any, Any]:

@@ -227,7 +227,7 @@ def test_a_frame_that_leaves_the_plane_is_refused():
 
 
 def test_what_cannot_be_plane_is_refused():
-    with pytest.raises(FormulationError, match="updated_lagrangian refers to the updated configuration.*plane_strain=True"):
+    with pytest.raises(FormulationError, match=r"lagrangian refers to the updated.*plane_strain=True"):
         plane_form(updated_lagrangian, plane_strain=False)
     with pytest.raises(FormulationError, match="plate_mitc has no cells of a solid"):
         plane_form(plate_mitc, plane_strain=True)
@@ -239,7 +239,7 @@ def test_what_cannot_be_plane_is_refused():
     for t in (0.0, -1.0, float("nan"), "1", True):
         with pytest.raises(ValueError, match="thickness t"):
             made.Parameters(RUBBER, t)
-    with pytest.raises(ValueError, match="material must be the Parameters of .*st_venant_kirchhoff"):
+    with pytest.raises(ValueError, match=r"the Parameters of .*st_venant_kirchhoff"):
         made.Parameters(steel(), T)
     tube = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
     with pytest.raises(FormulationError, match="has no hexahedron"):

@@ -277,8 +277,8 @@ def _check_spread(
     if is_plane:
         if count < 2 or not middle > THIN**2 * large:
             raise InterfaceError(
-                f"interface {group.name!r} has {count} nodes, and a frame of a plane body needs two that are apart; take "
-                "an edge of the sheet"
+                f"interface {group.name!r} has {count} nodes, and a frame of a plane body needs two that are apart; "
+                "take an edge of the sheet"
             )
         return
     if not small > THIN**2 * large:

@@ -175,7 +175,8 @@ class CellPass:
         None where there are few cells, or terms have other rules than the history; collective, compiles. The function
         is not.
         """
-        of_cell = self._test_function(basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(len(terms),)))
+        cell = self._domain.topology.cell_name()
+        of_cell = self._test_function(basix.ufl.element("DG", cell, 0, shape=(len(terms),)))
         if self._blocks is None or any(rule != self._rule for _, rule in terms):
             return None
         density = sum(share_parts([density * of_cell[i] for i, (density, _) in enumerate(terms)]))

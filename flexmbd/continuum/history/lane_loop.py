@@ -200,14 +200,20 @@ def pass_blocks(  # type: ignore[no-untyped-def]
 
     Args:
         cells: (k,) the group's.
-        first, last: blocks, the last one not included.
-        nodes, x, blocks, width, fields, tolerance: as in `cell_loop.pass_cells`.
+        first: block.
+        last: block behind.
+        nodes: (all cells, n) of the geometry.
+        x: (nodes, 3) m.
+        blocks: (all cells, m) of the unknowns' dofs.
+        width: dofs of a block.
+        fields: what is read and written.
         kernels: of blocks; the law is that of a point.
         room: to work in.
         forces: (dofs,) N, to which they are added.
         kept: (k, kernels of forces, dofs of a cell) N, where they are put in the place of it; without rows, not.
         left: (k,) set to 1 where local unknowns were not solved for, and nothing was added or kept.
         sweeps: the most local Newton steps.
+        tolerance: change of the local unknowns over their sizes at which they end.
     """
     dofs, states, locals_ = width * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
     lanes, begin = room.row.shape[1], dofs + states
@@ -246,8 +252,16 @@ def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, r
     """What kernels integrate over each cell, of some blocks, with its mean before.
 
     Args:
-        cells, first, last, nodes, x, blocks, width, fields, room: as in `pass_blocks`.
+        cells: (k,) the group's.
+        first: block.
+        last: block behind.
+        nodes: (all cells, n) of the geometry.
+        x: (nodes, 3) m.
+        blocks: (all cells, m) of the unknowns' dofs.
+        width: dofs of a block.
+        fields: what is read and written.
         kernels: that of the mean, and in the places of those of forces what integrates.
+        room: to work in.
         totals: (k, kernels of totals, n) of the group's cells, n numbers of each kernel, which are set.
     """
     lanes, begin = room.row.shape[1], width * blocks.shape[1] + fields.state.shape[1]
@@ -270,9 +284,10 @@ def sum_kept(first, last, starts, places, kept, width, forces):  # type: ignore[
     """Add the kept forces of cells, of some nodes.
 
     Args:
-        first, last: nodes, the last one not included.
+        first: node.
+        last: node behind.
         starts: (nodes + 1,) where each node's places begin.
-        places: of each node, its cells in order: their rows of ``kept`` times the nodes of a cell, plus its place there.
+        places: of each node, its cells in order: their rows of ``kept`` times the nodes of a cell, plus its place.
         kept: as in `pass_blocks`.
         width: dofs of a node.
         forces: (dofs,) N.

@@ -52,7 +52,8 @@ class LanePass:
         self.threads = 1
         self._rooms: list[LaneRoom] = []
         self._kept: FloatArray = np.zeros((0, 1, 1))
-        self._starts = self._places = np.zeros(0, dtype=np.int64)
+        self._starts: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._places: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._left = np.zeros(len(cells), dtype=np.int64)
 
     def run(
@@ -61,8 +62,12 @@ class LanePass:
         """Evaluate, and add the internal forces; not collective.
 
         Args:
-            fields, nodes, x, forces, tolerance: as in `cell_loop.pass_cells`.
+            fields: what is read and written.
+            nodes: (all cells, n) of the geometry.
+            x: (nodes, 3) m.
+            forces: (dofs,) N, to which they are added.
             sweeps: the most local Newton steps.
+            tolerance: change of the local unknowns over their sizes at which they end.
 
         Returns:
             The cells whose local unknowns were not solved for, and of which nothing was added or kept.
@@ -92,7 +97,9 @@ class LanePass:
         """Sums over the cells of what some kernels integrate, (kernels, count); not collective.
 
         Args:
-            fields, nodes, x: as in `run`.
+            fields: what is read.
+            nodes: (all cells, n) of the geometry.
+            x: (nodes, 3) m.
             kernels: that of the mean, and in the places of those of forces what integrates, for the same lanes.
             count: numbers of each, the same for all.
         """
@@ -197,7 +204,7 @@ def _all_in_lanes(comm: MPI.Comm, modules: Sequence[Any], *, lanes: int) -> list
 
 def _lane_room(one: Room, lanes: int, nodes: int) -> LaneRoom:
     rows = len(one.row)
-    apart = Room(*(part.copy() for part in one))
+    apart = Room._make(part.copy() for part in one)
     return LaneRoom(
         cells=np.zeros(lanes, dtype=np.int64),
         coordinates=np.zeros((3 * nodes, lanes)),

@@ -101,8 +101,8 @@ class NonlinearModel(TrialBody):
             threads: among which each rank shares the cells of large bodies; results are the same for any number.
 
         Raises:
-            FormulationError: `threads` is no number of threads; a form file breaks its contract, or does not fit its parameters, the
-                cell or the degree; formulations of both references; of the updated one a degree unlike
+            FormulationError: `threads` is no number of threads; a form file breaks its contract, or does not fit its
+                parameters, the cell or the degree; formulations of both references; of the updated one a degree unlike
                 the geometry's, or unknowns besides the displacement.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on

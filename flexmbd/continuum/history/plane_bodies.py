@@ -15,10 +15,11 @@ from flexmbd.round_off import ROUND_OFF
 
 
 def plane_axis(body: DiscretisedBody) -> int | None:
-    """The axis of the mesh, 0 to 2, along the normal of a plane body; None of others. Collective.
+    """The axis of the mesh (0, 1, 2) along the normal of a plane body; None of others. Collective.
 
     Raises:
-        FormulationError: on all ranks: the mesh lies in no plane of two axes, or only some of its formulations are plane.
+        FormulationError: on all ranks: the mesh lies in no plane of two axes, or some of its formulations alone are
+            plane.
     """
     are_plane = {group.optional.thickness is not None for group in body.groups}
     if not any(are_plane):
@@ -33,13 +34,13 @@ def plane_axis(body: DiscretisedBody) -> int | None:
     if extents[axis] > ROUND_OFF * max(abs(low).max(), abs(high).max()):
         raise FormulationError(
             f"{body.form_name} is plane, and the mesh lies in no plane along two axes: it reaches over "
-            f"({', '.join(f'{extent:.4g}' for extent in extents)}) m. Mesh it in the plane z = const; its frames place it "
-            "anywhere in a machine"
+            f"({', '.join(f'{extent:.4g}' for extent in extents)}) m. Mesh it in the plane z = const; its frames place "
+            "it anywhere in a machine"
         )
     return axis
 
 
 def inverse_jacobian(domain: Any) -> Expr:
     """The inverse of the Jacobian of a mesh's cells; of flat ones that from the plane."""
-    ufl_domain = domain.ufl_domain()
-    return ufl.inv(ufl.Jacobian(domain)) if compat.topological_dimension(ufl_domain) == 3 else ufl.JacobianInverse(domain)
+    is_solid = compat.topological_dimension(domain.ufl_domain()) == 3
+    return ufl.inv(ufl.Jacobian(domain)) if is_solid else ufl.JacobianInverse(domain)

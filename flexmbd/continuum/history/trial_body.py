@@ -127,10 +127,10 @@ class TrialBody(DiscretisedBody):
         """
         if self.has_rotations:
             raise FormulationError(
-                f"{self.groups[0].form_name} has unknowns besides the displacement, as rotations, which is not possible in "
-                "a full body that moves by itself or in a machine: reduce it (craig_bampton, or CorotatedInterior with "
-                "condensed_rotations for explicit steps), load it slowly (follow), or, where it moves in its plane, make "
-                "it of a solid's form (plane_form)"
+                f"{self.groups[0].form_name} has unknowns besides the displacement, as rotations, which is not "
+                "possible in a full body that moves by itself or in a machine: reduce it (craig_bampton, or "
+                "CorotatedInterior with condensed_rotations for explicit steps), load it slowly (follow), or, where it "
+                "moves in its plane, make it of a solid's form (plane_form)"
             )
 
     def refuse_surface_energy(self, *, by: str) -> None:

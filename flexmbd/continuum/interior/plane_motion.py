@@ -72,6 +72,6 @@ class PlaneMotion:
             normal = ", ".join(f"{x:.3g}" for x in self.normal)
             raise SceneError(
                 f"frame {self._names[int(np.argmax(found))]!r} {does} the plane of its plane body, whose normal is "
-                f"({normal}): joints must hold it there (Revolute or Planar about that normal, Prismatic in the plane); what "
-                "moves in space is to be of solid cells"
+                f"({normal}): joints must hold it there (Revolute or Planar about that normal, Prismatic in the "
+                "plane); what moves in space is to be of solid cells"
             )

@@ -25,7 +25,7 @@ from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 from ufl.domain import extract_unique_domain
 
-from flexmbd.continuum.contract.entries import OptionalEntries, optional_entries
+from flexmbd.continuum.contract.entries import OptionalEntries, is_rate_dependent, optional_entries
 from flexmbd.continuum.contract.formulation import load_form, orders
 from flexmbd.continuum.finite_elements.cell_group import form_name
 from flexmbd.errors import FormulationError
@@ -50,7 +50,8 @@ def plane_form(formulation: str | Path | ModuleType, *, plane_strain: bool) -> M
 
     Raises:
         FormulationError: the solid has unknowns besides the displacement, gyroscopic forces or terms on facets; in
-            plane stress it refers to the updated configuration, has a compiled law, or a dissipation.
+            plane stress it refers to the updated configuration, has a compiled law or a dissipation, or depends on
+            rates.
     """
     form: Any = load_form(formulation)
     optional, name = optional_entries(form), form_name(form)
@@ -71,7 +72,7 @@ def plane_form(formulation: str | Path | ModuleType, *, plane_strain: bool) -> M
         "kinetic_energy": lambda v, p: _thick(form.kinetic_energy(v, p.material), p),
         "reference": lambda: PlaneReference(trial, reference),
         "thickness": lambda p: p.t,
-        **(_strained(form, optional) if plane_strain else _stressed(form, optional)),
+        **(_strained(form, optional) if plane_strain else _PlaneStress(form, optional).entries()),
     })  # fmt: skip
     if optional.scaled_yield is not None:
         scaled: Callable[..., Any] = optional.scaled_yield
@@ -133,6 +134,7 @@ def _check(form: Any, optional: OptionalEntries, name: str, *, plane_strain: boo
             "refers to the updated configuration": form.REFERENCE == "UPDATED",
             "has a compiled law": optional.point_law is not None,
             "has a dissipation": optional.dissipation is not None,
+            "depends on rates": is_rate_dependent(form),
         }
     faults = [fault for fault, is_so in what.items() if is_so]
     if faults:
@@ -182,98 +184,115 @@ def _of_material(function: Callable[..., Any], place: int, *, has_terms: bool) -
     return taking
 
 
-def _stressed(form: Any, optional: OptionalEntries) -> dict[str, Any]:
-    """The functions of plane stress; the thickness strain is the first local unknown and the last of the history."""
+@dataclasses.dataclass(frozen=True)
+class _PlaneStress:
+    """The functions of plane stress; the thickness strain is the first local unknown and the last of the history.
 
-    def own_state(state: Expr, p: Any) -> Expr | None:
-        kept = state.ufl_shape[0] - 1
-        return ufl.as_vector([state[i] for i in range(kept)]) if kept else None
+    Attributes:
+        form: of the solid.
+        optional: its optional functions.
+    """
 
-    def own_z(u: Expr, p: Any) -> dict[str, Expr]:
-        """A symbol for the solid's own local unknowns, for they hold gradients where they follow the displacement."""
-        begin = None if optional.local_unknowns is None else optional.local_unknowns(p.material)
-        if begin is None:
-            return {}
-        return {"z": ufl.Constant(extract_unique_domain(u), shape=ufl.as_ufl(begin).ufl_shape)}
+    form: Any
+    optional: OptionalEntries
 
-    def thickened(value: Expr, u: Expr, z: Expr, own: dict[str, Expr], **options: Any) -> Expr:
-        """With the thickness strain and the solid's own local unknowns out of z."""
-        symbols = {}
-        for symbol in own.values():
-            n = range(*symbol.ufl_shape) if symbol.ufl_shape else None
-            symbols[symbol] = z[1] if n is None else ufl.as_vector([z[1 + i] for i in n])
-        return _thickened(value, u, z[0], symbols, **options)
+    def entries(self) -> dict[str, Any]:
+        """By name."""
+        names = ["state", "update", "local_unknowns", "local_residual", "residual", "stress"]
+        if self.optional.energies is not None or self.optional.strain_energy is not None:
+            names.append("energies")
+        if self.optional.state is None or self.optional.state_names is not None:
+            names.append("state_names")
+        found = {name: getattr(self, name) for name in names}
+        # what keeps no history of its own never yields
+        return found if self.optional.state is not None else {**found, "scaled_yield": lambda p, factor: p}
 
-    def work(u: Expr, v: Expr, state: Expr, p: Any, own: dict[str, Expr], step: dict[str, Any]) -> list[Any]:
-        """The solid's, whose gradients are those in the plane."""
-        if optional.strain_energy is not None:
-            return [(ufl.derivative(term, u, v), rule) for term, rule in optional.strain_energy(u, p.material)]
-        return list(form.residual(u, v, own_state(state, p), p.material, **own, **step))
-
-    def state(p: Any) -> Expr:
-        own = [] if optional.state is None else optional.state(p.material)
+    def state(self, p: Any) -> Expr:
+        own = [] if self.optional.state is None else self.optional.state(p.material)
         return ufl.as_vector([*own, 0.0])
 
-    def local_unknowns(p: Any) -> Expr:
-        begin = None if optional.local_unknowns is None else optional.local_unknowns(p.material)
-        own = ufl.as_ufl(begin) if begin is not None else None
-        rest = [] if own is None else [own[i] for i in range(own.ufl_shape[0])] if own.ufl_shape else [own]
-        return ufl.as_vector([0.0, *rest])
+    def state_names(self, p: Any) -> dict[str, int]:
+        own = {} if self.optional.state_names is None else self.optional.state_names(p.material)
+        return {**own, "thickness_strain": 1}
 
-    def residual(u: Expr, v: Expr, state: Expr, p: Any, *, z: Expr, **step: Any) -> list[Any]:
-        own = own_z(u, p)
-        return [(p.t * thickened(term, u, z, own), rule) for term, rule in work(u, v, state, p, own, step)]
+    def local_unknowns(self, p: Any) -> Expr:
+        return ufl.as_vector([0.0, *_listed(self._own_begin(p))])
 
-    def local_residual(z: Expr, u: Expr, state: Expr, p: Any, **step: Any) -> Expr:
-        v = ufl.TestFunction(u.ufl_function_space())
-        own = own_z(u, p)
-        along = thickened(sum(term for term, _ in work(u, v, state, p, own, step)), u, z, own, along_normal=v)
+    def residual(self, u: Expr, v: Expr, state: Expr, p: Any, *, z: Expr) -> list[Any]:
+        own = self._own_z(u, p)
+        return [(p.t * _solid(term, u, z, own), rule) for term, rule in self._work(u, v, state, p, own)]
+
+    def local_residual(self, z: Expr, u: Expr, state: Expr, p: Any) -> Expr:
+        v, own = ufl.TestFunction(u.ufl_function_space()), self._own_z(u, p)
+        pull, pull_at_rest = (
+            sum(term for term, _ in self._work(u, v, history, p, own)) for history in (state, self.state(p))
+        )
+        along = _solid(pull, u, z, own, along_normal=v)
         # over its slope at rest, so that it is of the size of strains
-        begun = sum(term for term, _ in work(u, v, state_at_rest(p), p, own, step))
-        begin = local_unknowns(p)
-        tried = ufl.as_vector([_STRAIN, *(begin[i] for i in range(1, begin.ufl_shape[0]))])
-        slope = thickened(begun, u, tried, own, along_normal=v, at_rest=True) / _STRAIN
-        if not own:
-            return ufl.as_vector([along / slope])
-        lack = form.local_residual(own["z"], u, own_state(state, p), p.material, **step)
-        lack = thickened(lack, u, z, own)
-        return ufl.as_vector([along / slope, *([lack[i] for i in range(lack.ufl_shape[0])] if lack.ufl_shape else [lack])])
+        tried = ufl.as_vector([_STRAIN, *_listed(self._own_begin(p))])
+        slope = _solid(pull_at_rest, u, tried, own, along_normal=v, at_rest=True) / _STRAIN
+        lack = None
+        if own:
+            lack = _solid(self.form.local_residual(own["z"], u, _own_state(state), p.material), u, z, own)
+        return ufl.as_vector([along / slope, *_listed(lack)])
 
-    state_at_rest = state
-
-    def update(u: Expr, state: Expr, p: Any, *, z: Expr, **step: Any) -> Expr:
-        if optional.update is None:
+    def update(self, u: Expr, state: Expr, p: Any, *, z: Expr) -> Expr:
+        if self.optional.update is None:
             return ufl.as_vector([z[0]])
-        own = own_z(u, p)
-        new = thickened(optional.update(u, own_state(state, p), p.material, **own, **step), u, z, own)
-        return ufl.as_vector([*(new[i] for i in range(new.ufl_shape[0])), z[0]])
+        own = self._own_z(u, p)
+        new = _solid(self.optional.update(u, _own_state(state), p.material, **own), u, z, own)
+        return ufl.as_vector([*_listed(new), z[0]])
 
-    def stress(u: Expr, state: Expr, p: Any, *, z: Expr, **step: Any) -> Expr:
-        own = own_z(u, p)
-        return thickened(form.stress(u, own_state(state, p), p.material, **own, **step), u, z, own)
+    def stress(self, u: Expr, state: Expr, p: Any, *, z: Expr) -> Expr:
+        own = self._own_z(u, p)
+        return _solid(self.form.stress(u, _own_state(state), p.material, **own), u, z, own)
 
-    def energies(u: Expr, state: Expr, p: Any) -> dict[str, Any]:
+    def energies(self, u: Expr, state: Expr, p: Any) -> dict[str, Any]:
         strain = state[state.ufl_shape[0] - 1]
-        if optional.strain_energy is not None:
-            terms = optional.strain_energy(u, p.material)
+        if self.optional.strain_energy is not None:
+            terms = self.optional.strain_energy(u, p.material)
             parts = {f"elastic {k}" if k else "elastic": term for k, term in enumerate(terms)}
         else:
-            parts = optional.energies(u, own_state(state, p), p.material)  # type: ignore[misc]
+            parts = self.optional.energies(u, _own_state(state), p.material)  # type: ignore[misc]
         return {name: (p.t * _thickened(term, u, strain, {}), rule) for name, (term, rule) in parts.items()}
 
-    found: dict[str, Any] = {
-        "state": state, "update": update, "local_unknowns": local_unknowns, "local_residual": local_residual,
-        "residual": residual, "stress": stress,
-    }  # fmt: skip
-    if optional.energies is not None or optional.strain_energy is not None:
-        found["energies"] = energies
-    if optional.state is None:
-        found["scaled_yield"] = lambda p, factor: p  # it never yields
-        found["state_names"] = lambda p: {"thickness_strain": 1}
-    elif optional.state_names is not None:
-        names: Callable[..., Any] = optional.state_names
-        found["state_names"] = lambda p: {**names(p.material), "thickness_strain": 1}
-    return found
+    def _own_begin(self, p: Any) -> Expr | None:
+        """What the solid's own local unknowns begin with."""
+        begin = None if self.optional.local_unknowns is None else self.optional.local_unknowns(p.material)
+        return None if begin is None else ufl.as_ufl(begin)
+
+    def _own_z(self, u: Expr, p: Any) -> dict[str, Expr]:
+        """A symbol for the solid's own local unknowns, for they hold gradients where they follow the displacement."""
+        begin = self._own_begin(p)
+        return {} if begin is None else {"z": ufl.Constant(extract_unique_domain(u), shape=begin.ufl_shape)}
+
+    def _work(self, u: Expr, v: Expr, state: Expr, p: Any, own: dict[str, Expr]) -> list[Any]:
+        """The solid's, whose gradients are those in the plane."""
+        if self.optional.strain_energy is not None:
+            return [(ufl.derivative(term, u, v), rule) for term, rule in self.optional.strain_energy(u, p.material)]
+        return list(self.form.residual(u, v, _own_state(state), p.material, **own))
+
+
+def _own_state(state: Expr) -> Expr | None:
+    """The solid's history; None where it has none."""
+    kept = state.ufl_shape[0] - 1
+    return ufl.as_vector([state[i] for i in range(kept)]) if kept else None
+
+
+def _listed(value: Expr | None) -> list[Expr]:
+    """The components of a scalar or vector; none of nothing."""
+    if value is None:
+        return []
+    return [value[i] for i in range(value.ufl_shape[0])] if value.ufl_shape else [value]
+
+
+def _solid(value: Expr, u: Expr, z: Expr, own: dict[str, Expr], **options: Any) -> Expr:
+    """An expression of the solid with the thickness strain and its own local unknowns out of z."""
+    symbols = {}
+    for symbol in own.values():
+        parts = [z[1 + i] for i in range(*(symbol.ufl_shape or (1,)))]
+        symbols[symbol] = ufl.as_vector(parts) if symbol.ufl_shape else parts[0]
+    return _thickened(value, u, z[0], symbols, **options)
 
 
 def _thickened(
