@@ -105,7 +105,7 @@ def _parameters_of(form: Any, name: str) -> type:
     """Of a plane form: the solid's, and a thickness."""
 
     @dataclasses.dataclass(frozen=True)
-    class Parameters:
+    class PlaneParameters:
         """The solid's parameters, and the thickness t, m, t > 0."""
 
         material: Any
@@ -118,7 +118,7 @@ def _parameters_of(form: Any, name: str) -> type:
                 raise ValueError(f"thickness t must be positive and finite (m), got {self.t!r}")
             object.__setattr__(self, "t", float(self.t))
 
-    return Parameters
+    return PlaneParameters
 
 
 def _check(form: Any, optional: OptionalEntries, name: str, *, plane_strain: bool) -> None:
