@@ -258,3 +258,41 @@ def test_forms_with_rotations_are_told_what_there_is():
     body = NonlinearModel(mesh, forms.plane_stress, p, degree=2, interfaces=[Interface("x_min")])
     with pytest.raises(FormulationError, match=r"follow\).*craig_bampton.*condensed_rotations.*plane_form"):
         ImplicitContinuum(body)
+
+
+@pytest.mark.parametrize("interior", [ExplicitContinuum, ImplicitContinuum])
+def test_a_ball_beside_the_plane_pushes_the_body_in_it_alone(interior):
+    """The part of the push out of the plane is the guide's; the ball feels the whole, and energy is kept."""
+    body = strip(svk, RUBBER, strain=True, divisions=(20, 4), ends=("x_min",))
+    scene = fm.System(gravity=(0.0, 0.0, 0.0))
+    part = {"x_min": fm.RigidBody(0.1, (1e-4, 1e-4, 1e-4))}
+    sheet = scene.add(fm.ContinuumBody(interior(body, rigid_parts=part)), name="sheet")
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(), sheet.frame("x_min"))
+    ball = scene.add(fm.RigidBody(0.05, (1e-5, 1e-5, 1e-5)), name="ball")
+    free = scene.connect(fm.joint.Free(), scene.ground.frame(p=(0.9, 0.12, 0.008)), ball.frame())
+    free.velocity = (0.0, -2.0, 0.0, 0.0, 0.0, 0.0)
+    scene.touch(fm.contact.Nodes(sheet, "y_max", name="hit"), fm.contact.Sphere(ball.frame(), 0.021), fm.contact.Hard())
+    explicit = interior is ExplicitContinuum
+    run = scene.simulate(0.003, integrator=fm.CentralDifference() if explicit else fm.GeneralizedAlpha())
+    x = body.displacement.reshape(-1, 3)
+    assert not x[:, 2].any()
+    assert abs(x[:, 1]).max() > 1e-4
+    push = run.outer_forces(sheet)["hit"]
+    assert push[:, 2].min() < 0.3 * push[:, 1].min() < 0.0
+    total = run.energy().total + sum(run.energies(sheet).values())
+    assert abs(total - 0.1).max() < 0.02 * 0.1  # in halves of a step, while they touch
+
+
+def test_edges_of_plane_bodies_are_touched_by_no_nodes():
+    scene = fm.System(gravity=(0.0, 0.0, 0.0))
+    part = {"x_min": fm.RigidBody(0.1, (1e-4, 1e-4, 1e-4))}
+    sheets = []
+    for name in ("low", "high"):
+        body = strip(svk, RUBBER, ends=("x_min",))
+        sheets.append(scene.add(fm.ContinuumBody(ExplicitContinuum(body, rigid_parts=part)), name=name))
+        place = scene.ground.frame(p=(0.0, 0.3 * len(sheets), 0.0))
+        scene.connect(fm.joint.Fixed(), place, sheets[-1].frame("x_min"))
+    low, high = sheets
+    scene.touch(fm.contact.Nodes(high, "y_min"), fm.contact.SurfaceFacets(low, "y_max"), fm.contact.Hard())
+    with pytest.raises(SceneError, match="'y_max' is of edges of a plane body"):
+        scene.simulate(1e-4, integrator=fm.CentralDifference())

@@ -26,7 +26,8 @@ from flexmbd.continuum.contract.results import keywords, solved
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved
-from flexmbd.continuum.history.cell_pass import EXPLICIT, IMPLICIT, CellForms, CellPass, LawCall, Unknowns
+from flexmbd.continuum.history.cell_kernels import CellForms, LawCall, Unknowns
+from flexmbd.continuum.history.cell_pass import EXPLICIT, IMPLICIT, CellPass
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import FormulationError
 

@@ -45,10 +45,12 @@ class PlaneMotion:
         self.normal = R[:, self._axis].copy()
         if motion is None:
             return
-        self._tilted = np.einsum("kba,b->ka", motion.R, self.normal)
-        self._height = motion.p @ self.normal
-        speed = abs(motion.v @ self.normal) + self._size * np.linalg.norm(np.cross(motion.w, self.normal), axis=1)
-        along = np.linalg.norm(motion.v, axis=1) + self._size * np.linalg.norm(motion.w, axis=1)
+        k = len(self._names)  # frames of shapes that touch the body follow, and move as they like
+        v, w = motion.v[:k], motion.w[:k]
+        self._tilted = np.einsum("kba,b->ka", motion.R[:k], self.normal)
+        self._height = motion.p[:k] @ self.normal
+        speed = abs(v @ self.normal) + self._size * np.linalg.norm(np.cross(w, self.normal), axis=1)
+        along = np.linalg.norm(v, axis=1) + self._size * np.linalg.norm(w, axis=1)
         self._refuse(speed > SIX_DIGITS * along, "begins to move out of")
 
     def check(self, motion: FrameMotion) -> None:
@@ -59,8 +61,9 @@ class PlaneMotion:
         """
         if self._axis is None:
             return
-        tilt = np.linalg.norm(np.einsum("kba,b->ka", motion.R, self.normal) - self._tilted, axis=1)
-        height = abs(motion.p @ self.normal - self._height)
+        k = len(self._names)
+        tilt = np.linalg.norm(np.einsum("kba,b->ka", motion.R[:k], self.normal) - self._tilted, axis=1)
+        height = abs(motion.p[:k] @ self.normal - self._height)
         self._refuse(tilt + height / self._size > SIX_DIGITS, "leaves")
 
     def in_plane(self, vectors: FloatArray) -> FloatArray:
