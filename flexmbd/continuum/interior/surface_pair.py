@@ -79,7 +79,7 @@ class SurfacePair:
         if facets.body.mesh.dim < 3:
             raise SceneError(
                 f"contact {given.name!r}: surface {surfaces[FACETS]!r} is of edges of a plane body, which have no "
-                "plane of their own; let its nodes touch facets of a solid, or shapes, or make it of a layer of solid cells"
+                "plane of their own; let its nodes touch facets of a solid, or shapes, or take a layer of solid cells"
             )
         check_same_ranks(nodes.body, facets.body, what=f"contact {given.name!r}")
         self.given, self._motions, self._comm = given, (nodes, facets), nodes.body.comm
