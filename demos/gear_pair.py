@@ -16,13 +16,14 @@
 # on the unreduced mesh, node by node, at some angles. Then the pair turns in a machine, where its flanks touch each
 # other as elastic surfaces.
 #
-# `./run python demos/gear_pair.py`; the picture goes to `out_gear_pair`. `--short` takes fewer angles, `--film` makes a
-# film.
+# `./run python demos/gear_pair.py`; the pictures, one of the pressure on the flanks, go to `out_gear_pair`. `--short`
+# takes fewer angles, `--film` makes films, of both gears and of the pressure.
 
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -129,7 +130,8 @@ began = time.process_time()
 model = gear_model(comm, ALONG)
 size = 1.001 * np.sqrt(WIDTH * length / ALONG)
 flanks = [Patch(f"flank_{k % TEETH}", size=size, facets=lambda x, k=k: is_on_flank(x, k)) for k in BEARING]
-gear = craig_bampton(model, modes=10, frame="hub", contact=flanks, geometric_stiffness=False, keep=Keep(surface=True))
+kept = Keep(surface=True, modes=True)  # for pictures, and where the patches are on the surface
+gear = craig_bampton(model, modes=10, frame="hub", contact=flanks, geometric_stiffness=False, keep=kept)
 assert gear.contact is not None
 seconds = time.process_time() - began
 say(f"gear: {model.K.getSize()[0]} degrees of freedom, reduced to {gear.n_modes} modes and")
@@ -306,9 +308,14 @@ if root:
     say(f"its transmission error is off the static one by {np.median(off):.2f} per cent in the median")
     say()
 
-# ## Picture
+# ## Pictures
+#
+# One is of the pressure on the driver's flanks, the driven gear left out; dents and bends are enlarged.
 
 if root:
+    seen: dict[str, Any] = {"pressures": pairs, "hide": [driven], "view": (1.0, 0.6, 0.5), "amplification": 200.0}
+    seen["zoom"] = (PITCH, 0.0, 0.5 * WIDTH), 3.0 * MODULE
+    run.show(path=out / "pressure.png", t=0.5 * TIME, size=(960, 720), **seen)
     figure = Figure(figsize=(7.0, 5.6), layout="constrained")
     above, below = figure.subplots(2, 1)
     for (torque, found), colour in zip(errors.items(), ("tab:blue", "tab:green", "tab:red"), strict=True):
@@ -323,10 +330,11 @@ if root:
     above.legend(frameon=False, ncols=4, loc="upper right", title="circles: on the unreduced mesh")
     below.set(xlabel="harmonic of the mesh frequency", ylabel="amplitude, um", xticks=np.arange(1, 11))
     figure.savefig(out / "gear_pair.png", dpi=120)
-    say(f"in {out}: gear_pair.png")
+    say(f"in {out}: gear_pair.png, pressure.png")
     if FILM:
         run.animate(out / "gear_pair.gif", fps=15, size=(480, 360), view=(0.0, 0.0, 1.0), amplification=200.0)
-        say(f"in {out}: gear_pair.gif")
+        run.animate(out / "pressure.gif", fps=15, size=(480, 360), **seen)
+        say(f"in {out}: gear_pair.gif, pressure.gif")
 
     assert abs(once_more / errors[TORQUES[0]][0] - 1.0) < 0.02
     # where teeth come in and go off a line of nodes more or less counts

@@ -36,6 +36,11 @@ class Capabilities:
         floating: whether a body whose frame floats on the mean axis is carried as it is.
         nodes: whether the displacements at the mesh's nodes are carried, where the record has them.
         stress: whether stress modes are carried, where the record has them.
+        unknowns: whether the further unknowns of the modes are carried, as electric potentials.
+        nonlinear: whether the strain energy of large displacements is carried.
+        loads: whether the named loads are carried, rises of temperature among them.
+        heat: whether the stress that these rises have of themselves is carried.
+        contact: whether the contact patches are carried, with their flexibility beside the modes.
     """
 
     interfaces: int | None = None
@@ -49,6 +54,11 @@ class Capabilities:
     floating: bool = True
     nodes: bool = False
     stress: bool = False
+    unknowns: bool = False
+    nonlinear: bool = False
+    loads: bool = False
+    heat: bool = False
+    contact: bool = False
 
 
 def check_body(body: object) -> None:
@@ -113,14 +123,18 @@ def _losses_of_extras(body: ReducedBody, capabilities: Capabilities) -> list[str
         losses.append("the inertia of large motions: the file holds the body near its undeformed place")
     if not capabilities.stiffening and (body.stretch is not None or body.geometric is not None):
         losses.append("stiffening by load and by spinning")
-    if body.nonlinear is not None:
+    if not capabilities.nonlinear and body.nonlinear is not None:
         losses.append("the strain energy of large displacements: the body in the file is linear")
     if not capabilities.nodes and body.modes is not None:
         losses.append("the modes at the mesh's nodes")
     if not capabilities.stress and body.stress is not None:
         losses.append("the stress modes")
-    if body.loads is not None:
+    if not capabilities.unknowns and body.unknowns is not None:
+        losses.append("the further unknowns of the modes at the mesh's nodes")
+    if not capabilities.loads and body.loads is not None:
         losses.append(f"the named loads ({', '.join(body.loads.names)})")
-    if body.contact is not None:
+    if not capabilities.heat and body.heat is not None:
+        losses.append(f"the stress of rises of temperature ({', '.join(body.heat.names)})")
+    if not capabilities.contact and body.contact is not None:
         losses.append(f"the contact patches ({', '.join(body.contact.names)}) and their flexibility beside the modes")
     return losses

@@ -18,8 +18,9 @@ from flexmbd.given import checked
 from flexmbd.record.reduced_body import ReducedBody
 
 CAPABILITIES = Capabilities(
-    nodal_interfaces=True, gyroscopic=True, ports=True, stiffening=True, nodes=True, stress=True
-)
+    nodal_interfaces=True, gyroscopic=True, ports=True, stiffening=True, nodes=True, stress=True, unknowns=True,
+    nonlinear=True, loads=True, heat=True, contact=True,
+)  # fmt: skip
 
 
 @checked_writer

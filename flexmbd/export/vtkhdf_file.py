@@ -8,7 +8,7 @@ that all share the triangles.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,10 @@ from flexmbd.errors import ExportError
 from flexmbd.export.loss import Capabilities, check_body, checked_writer
 from flexmbd.files.whole_file import first_line, part_file, refuse_no_room
 from flexmbd.given import checked
+from flexmbd.multibody.contact.contact import Contact
+from flexmbd.multibody.contact.hard_contact import Hard, HardContact
+from flexmbd.multibody.contact.hard_group import HardGroup
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.interiors.observed import InteriorMesh
 from flexmbd.record.groups import FloatArray, IntArray
 from flexmbd.record.reduced_body import ReducedBody
@@ -27,6 +31,7 @@ from flexmbd.run.recording import BodyRecording
 from flexmbd.run.trajectory import Trajectory
 from flexmbd.visual.drawn_scene import drawn_scene
 from flexmbd.visual.part import Part, placed
+from flexmbd.visual.pressure_skin import PressureSkin
 
 if TYPE_CHECKING:
     import h5py
@@ -35,6 +40,7 @@ CAPABILITIES = Capabilities(interfaces=0, rotations=False, damping=False, large_
 
 # VTK's numbers of kinds of cells, and how many points each has.
 _POINT, _TRIANGLE = 1, 5
+_PRESSURE = "contact_pressure"
 # Points of as many instants as are written at once: HDF5 takes longer for a few than to place them.
 _BLOCK = 1 << 18
 # Bytes of all but arrays of numbers in the file, and more.
@@ -83,7 +89,9 @@ def vtkhdf_modes(body: ReducedBody, path: str | Path, *, lossy: bool = False) ->
 
 
 @checked(error=ExportError)
-def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> tuple[str, ...]:
+def vtkhdf(
+    run: Trajectory, path: str | Path, *, t: ArrayLike | None = None, pressures: Sequence[SurfaceContact] = ()
+) -> tuple[str, ...]:
     """Write a machine's motion for ParaView: its bodies as in a film. Not collective; the root writes.
 
     One mesh in the inertial frame, with the vector ``displacement`` (m, in inertial axes: of the deformation, without
@@ -91,18 +99,21 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
     dataset ``/bodies``, which holds their names.  Bodies are there by their shapes or surfaces, others by sticks and
     balls, the ground by its shape.  Bodies with history are there as they were recorded, linear between
     the instants, with their scalar fields (``von_mises`` in Pa, ``plastic_strain``, ...; not a number on other bodies).
+    Of ``pressures`` reduced bodies have the field ``contact_pressure`` (Pa), even over each patch.
 
     Args:
         run: of any machine.
         path: destination.
         t: (k,) s, ascending instants; by default those of the recording, or without one those of the steps.
+        pressures: contacts of elastic surfaces, as of ``Trajectory.animate``.
 
     Returns:
-        The parts that are not in the file, a phrase each: bodies that are shown by symbols alone.
+        The parts that are not in the file, a phrase each: bodies that are shown by symbols alone, forces of contacts.
 
     Raises:
         ExportError: the instants do not ascend, the machine has no body, or the destination cannot be written.
-        SceneError: an instant outside the trajectory.
+        SceneError: an instant outside the trajectory, or what is no contact of elastic surfaces.
+        PictureError: a record does not say where the facets of its patches are.
     """
     own = run.recordings[0].t if run.recordings else run.t
     instants = np.atleast_1d(own if t is None else np.asarray(t, dtype=np.float64))
@@ -110,7 +121,8 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         raise ExportError("t must be instants that ascend, each once")
     frames = [part for one in run.recordings if one.body is not None for part in one.body.parts]
     shown = {name: body for name, body in run.bodies.items() if not any(body is part for part in frames)}
-    scene = drawn_scene(run, instants, notes=[""] * len(instants))
+    pressed = (lambda t: run.contact_pressures(pressures, t=t)) if len(pressures) else None
+    scene = drawn_scene(run, instants, notes=[""] * len(instants), pressures=pressed)
     parts = [part for part in (*scene.parts, *scene.fixed) if part.label in {*shown, run.scene.parts.ground.name}]
     skins: list[_Skin | _RecordedSkin] = [_Skin(part.label, part) for part in parts]
     skins += [_RecordedSkin.of(one, instants) for one in run.recordings]
@@ -122,7 +134,27 @@ def vtkhdf(run: Trajectory, path: str | Path, *, t: ArrayLike | None = None) -> 
         points = len(instants) * sum(skin.size for skin in skins)
         size = points * (36 + 4 * len({name for skin in skins for name in skin.fields}))
         _write(path, lambda file: _fill(file, skins, instants), size=size)
-    return (f"bodies shown by symbols, for want of a shape or a surface: {', '.join(bare)}",) if bare else ()
+    return (*_without_surface(bare), *_without_forces(run, pressures))
+
+
+def _without_surface(bare: Sequence[str]) -> list[str]:
+    return [f"bodies shown by symbols, for want of a shape or a surface: {', '.join(bare)}"] if bare else []
+
+
+def _without_forces(run: Trajectory, pressures: Sequence[SurfaceContact]) -> list[str]:
+    """What the file does not have of contacts."""
+    kinds = (Contact, HardContact, HardGroup, SurfaceContact)
+    met = [one for one in run.scene.index.forces if isinstance(one, kinds)]
+    left = [one for one in met if not any(one is given for given in pressures)]
+    phrases = []
+    if left:
+        more = f" and {len(left) - 1} more" if len(left) > 1 else ""
+        elastic = any(isinstance(one, SurfaceContact) for one in left)
+        remedy = "; pressures= has those of elastic surfaces" if elastic else ""
+        phrases.append(f"forces of contacts ({left[0].what}{more}){remedy}")
+    if any(isinstance(one.law, Hard) and one.law.mu > 0.0 for one in pressures):
+        phrases.append("friction of elastic surfaces")
+    return phrases
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +163,11 @@ class _Skin:
 
     name: str
     part: Part
-    fields = ()
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The pressure, of a body that has one."""
+        return (_PRESSURE,) if isinstance(self.part, PressureSkin) else ()
 
     @property
     def triangle(self) -> IntArray:
@@ -148,8 +184,8 @@ class _Skin:
         return placed(self.part, k)[0], self.part.displacement(k) @ self.part.pose[k, :3, :3].T
 
     def value(self, field: str, k: int) -> FloatArray:
-        """(v,) a field at instant k; it has none."""
-        raise ExportError(f"body {self.name!r} has no field {field!r}")
+        """(v,) its field at instant k."""
+        return self.part.at(k)[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ Light: every machine loads it with its runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.multibody.bodies.body import Body, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.energy import Energy
+from flexmbd.multibody.results.surface_series import AnySeries
 from flexmbd.run.stats import Stats
 
 FloatArray = NDArray[np.float64]
@@ -55,6 +57,9 @@ class Run(Protocol):
 
     def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
         """Of the interior of a body with history, over time."""
+
+    def contacts(self, touching: Sequence[AnyContact], /) -> tuple[AnySeries, ...]:
+        """What contacts do over time."""
 
 
 @dataclass(frozen=True)

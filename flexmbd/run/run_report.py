@@ -21,7 +21,9 @@ from flexmbd.integrate.explicit.tableau import Pair
 from flexmbd.integrate.protocol import Integrator
 from flexmbd.integrate.radau.radau_iia import RadauIIA
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
+from flexmbd.multibody.results.surface_series import SurfaceSeries
 from flexmbd.report import Cell, Content, Line, Listing, Paragraph, Report, ReportSection, ReportTable, diagram
 from flexmbd.run.asked import Asked, Repeatable, Run, Rung
 from flexmbd.run.stats import Stats
@@ -33,6 +35,7 @@ _STEPS = (2.0, 1.0, 0.5)  # of a fixed step
 _FINE, _FINE_STEP = 1e-3, 0.25  # of the finest run
 _LEAST, _MOST = 1e-13, 0.5  # rtol
 _COMPARED = 20  # times
+_MOST_LINES = 8  # of a diagram of contacts
 _METHODS: tuple[Integrator, ...] = (
     ExplicitRungeKutta(Pair.DORMAND_PRINCE_5), ExplicitRungeKutta(Pair.DORMAND_PRINCE_8), RadauIIA(),
     GeneralizedAlpha(), EnergyMomentum(), CentralDifference(),
@@ -68,6 +71,7 @@ def run_report(run: Run, repetition: Repeatable | None) -> Report:
         ReportSection("The run", [_cost(run.stats)]),
         ReportSection("Errors", _ladders(run, asked)),
         ReportSection("Energies", _energies(run)),
+        *_contact_sections(run),
         ReportSection("What is computed, and what is skipped", [Listing(asked.explained)]),
     ]
     return Report("Run", "", summary, sections, {"scene": run.scene.digest()})
@@ -257,3 +261,34 @@ def _energies(series: Run) -> list[Content]:
         diagram("energies", "Energies over time", lines, x="t in s", y="J", scales=("linear", "linear")),
         *beside,
     ]
+
+
+def _contact_sections(run: Run) -> list[ReportSection]:
+    """One of the contacts of elastic surfaces, or none where there are none."""
+    pairs = [one for one in run.scene.index.forces if isinstance(one, SurfaceContact)]
+    series = [one for one in run.contacts(pairs) if isinstance(one, SurfaceSeries)]
+    if not series:
+        return []
+    rows, forces = [], []
+    for pair, one in zip(pairs, series, strict=True):
+        force = one.normal_force.sum(axis=1)
+        bears = (one.normal_force > 0.0).sum(axis=1)
+        k = int(force.argmax())
+        pressures = [float(part.max()) if part.size else np.nan for part in (one.pressure, one.other_pressure)]
+        rows.append((pair.what, float(force[k]), float(run.t[k]), *pressures, int(bears.max())))
+        forces.append((float(force[k]), pair.what, force))
+    most = sorted(forces, key=lambda one: -one[0])[:_MOST_LINES]
+    headings = (
+        "contact", "largest force [N]", "at [s]", "largest pressure [Pa]", "on the other surface [Pa]",
+        "patches that bear, at most",
+    )  # fmt: skip
+    lines = [Line(what, run.t, force, is_marked=False) for _, what, force in most]
+    contents: list[Content] = [
+        Paragraph(
+            "Normal forces are sums over the patches of a surface, at the ends of steps. A pressure is the force on a "
+            "patch over its area; how it is spread within a patch is not known."
+        ),
+        ReportTable("contacts", "Contacts of elastic surfaces", headings, tuple(rows)),
+        diagram("contacts", "Normal forces over time", lines, x="t in s", y="N", scales=("linear", "linear")),
+    ]
+    return [ReportSection("Elastic surfaces that touch", contents)]

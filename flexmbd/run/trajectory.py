@@ -16,6 +16,7 @@ from flexmbd.files.tree_file import is_kind
 from flexmbd.given import checked, is_number, refuse_other
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import WithStates
@@ -38,8 +39,8 @@ from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
 from flexmbd.run.sampling import ControllerSamples, with_samples
 from flexmbd.run.series.columns import table_columns, table_times, tabulate
+from flexmbd.run.series.contact_pressures import ContactPressures
 from flexmbd.run.series.departure import Departure
-from flexmbd.run.series.force_series import ForceSeries
 from flexmbd.run.stats import Stats
 from flexmbd.run.stream_file import STREAM, load_stream
 
@@ -55,7 +56,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(ForceSeries):
+class Trajectory(ContactPressures):
     """Time series of a machine; arrays run over the accepted steps, start included.
 
     It can be pickled and deep-copied.  A copy answers for the copied bodies and joints, not for the first ones: take
@@ -307,12 +308,17 @@ class Trajectory(ForceSeries):
         view: ArrayLike | None = None,
         frames: bool = False,
         contacts: Sequence[AnyContact] = (),
+        pressures: Sequence[SurfaceContact] = (),
+        hide: Sequence[Body] = (),
+        zoom: tuple[ArrayLike, float] | None = None,
         progress: bool = False,
     ) -> Path:
         """Film the machine off-screen to .mp4 or .gif; bodies with history as they were recorded.
 
-        ``contacts``, as ``System.touch`` gave them, have arrows of their forces.  See ``flexmbd.visual.animate`` for
-        the other arguments and the errors.
+        ``contacts``, as ``System.touch`` gave them, have arrows of their forces.  ``pressures``, of these the contacts
+        of elastic surfaces, colour their reduced bodies, whose records keep surface and nodes.  ``hide`` are bodies
+        that are left out, ``zoom=(place, radius)`` is a ball (m) that fills the height.  See ``flexmbd.visual.animate``
+        for the other arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -330,10 +336,13 @@ class Trajectory(ForceSeries):
             view=view,
             frames=frames,
             forces=self._forces_of(contacts),
+            pressures=self._pressures_of(pressures),
+            hide=hide,
+            zoom=zoom,
             progress=progress,
         )
 
-    @checked("models", "looks", "frames", "contacts")
+    @checked("models", "looks", "frames", "contacts", "pressures", "hide")
     def show(
         self,
         *,
@@ -346,10 +355,14 @@ class Trajectory(ForceSeries):
         view: ArrayLike | None = None,
         frames: bool = False,
         contacts: Sequence[AnyContact] = (),
+        pressures: Sequence[SurfaceContact] = (),
+        hide: Sequence[Body] = (),
+        zoom: tuple[ArrayLike, float] | None = None,
     ) -> Path | None:
         """Show the machine in a window or a notebook, over all times or at ``t`` (s); or write it to ``path``, a .png.
 
-        ``contacts`` as of ``animate``.  See ``flexmbd.visual.show`` for the other arguments and the errors.
+        ``contacts``, ``pressures``, ``hide``, ``zoom`` as of ``animate``.  See ``flexmbd.visual.show`` for the other
+        arguments and the errors.
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
@@ -365,12 +378,18 @@ class Trajectory(ForceSeries):
             view=view,
             frames=frames,
             forces=self._forces_of(contacts),
+            pressures=self._pressures_of(pressures),
+            hide=hide,
+            zoom=zoom,
         )
 
-    def to_pyvista(self, t: float, *, amplification: float = 1.0) -> Any:
+    @checked("pressures", error=PictureError)
+    def to_pyvista(
+        self, t: float, *, amplification: float = 1.0, pressures: Sequence[SurfaceContact] = ()
+    ) -> Any:
         """The scene of a picture at ``t`` (s) as a pyvista.MultiBlock, a block a body and joint (m). Not collective.
 
-        Displacements (m) and the fields of recorded bodies are point data.
+        Displacements (m), the fields of recorded bodies, and pressures (Pa) as of ``animate`` are point data.
 
         Raises:
             SceneError: a time outside the trajectory.
@@ -378,7 +397,13 @@ class Trajectory(ForceSeries):
         """
         import flexmbd.visual as visual  # pyvista loads only here
 
-        return visual.machine_meshes(self, t, amplification=amplification, recordings=self.recordings)
+        return visual.machine_meshes(
+            self,
+            t,
+            amplification=amplification,
+            recordings=self.recordings,
+            pressures=self._pressures_of(pressures),
+        )
 
     @checked("model")
     def stress(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
-from flexmbd.given import checked, is_number, numbers
+from flexmbd.given import checked, is_number, numbers, shown
 from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
@@ -19,12 +19,16 @@ from flexmbd.visual.force_arrows import ForceArrows, ForcesAt, forces_at
 from flexmbd.visual.library import load
 from flexmbd.visual.palette import GROUND, body_colours
 from flexmbd.visual.part import Part, RigidPart, placed, reach
+from flexmbd.visual.pressure_skin import PressuresAt, pressure_skins
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look, look_of, recorded_skin, refuse_unknown
 from flexmbd.visual.sketch import skeleton, stick_radius, symbols
 from flexmbd.visual.skin import skins
 
 FloatArray = NDArray[np.float64]
+
+#: A place (3,) m and a radius (m).
+Zoom: TypeAlias = tuple[ArrayLike, float]
 
 # From bare steel: what is not stressed.
 BARE = "#b9c2cc"
@@ -48,6 +52,7 @@ class DrawnScene:
         gravity: (3,) m/s^2.
         notes: what is written in the picture of each instant.
         eye: the natural (towards, up), each (3,); None: by ``viewing_axes``.
+        zoom: a ball that fills the picture's height in the place of all that moves: its middle (3,) and radius, m.
     """
 
     parts: tuple[Part, ...]
@@ -57,6 +62,7 @@ class DrawnScene:
     gravity: FloatArray
     notes: tuple[str, ...]
     eye: tuple[FloatArray, FloatArray] | None = None
+    zoom: tuple[FloatArray, float] | None = None
 
     def camera(self, aspect: float, view: FloatArray | None = None) -> Camera:
         """A camera that sees all that moves at all instants, from a direction ``view`` (3,) or the natural one."""
@@ -66,7 +72,13 @@ class DrawnScene:
             towards, up = viewing_axes(self.places, self.gravity, view)
         corners = [reach(part) for part in (self.parts or self.fixed)]
         points = np.concatenate([self.places, *corners])
-        return frame_all(points, towards, up, aspect=aspect, above=_ABOVE, below=_BELOW)
+        whole = frame_all(points, towards, up, aspect=aspect, above=_ABOVE, below=_BELOW)
+        if self.zoom is None:
+            return whole
+        focus, radius = self.zoom
+        # so far away that all stands before it
+        distance = whole.distance + float(np.linalg.norm(whole.focus - focus))
+        return replace(whole, focus=focus, half_height=radius, distance=distance)
 
     @property
     def quantities(self) -> tuple[tuple[str, str], ...]:
@@ -111,6 +123,9 @@ def drawn_scene(
     looks: Mapping[ContinuumBody, Look] | None = None,
     frames: bool = False,
     forces: ForcesAt | None = None,
+    pressures: PressuresAt | None = None,
+    hide: Sequence[Body] = (),
+    zoom: Zoom | None = None,
 ) -> DrawnScene:
     """The surfaces of a machine at ``times`` (nt,) s.  Collective over the communicators of ``models``, if any.
 
@@ -127,6 +142,9 @@ def drawn_scene(
         looks: how these are shown.
         frames: whether the axes of all frames are drawn.
         forces: drawn as arrows, the largest over all times a quarter of the scene's extent; None: none.
+        pressures: by which reduced bodies are coloured, in the place of their displacement or shape; None: none.
+        hide: bodies that are left out, as those that stand before what is to be seen.
+        zoom: a place (3,) m and a radius (m): the picture's height shows this ball; None: all that moves.
 
     Raises:
         PictureError: a bad choice.
@@ -134,9 +152,17 @@ def drawn_scene(
     refuse_bad_look(amplification=amplification)
     acting = None if forces is None else forces_at(forces, times)
     refuse_unknown(looks or {}, recordings)
+    hidden, closer = _names_of(motion, hide), _checked_zoom(zoom)
     bones = skeleton(motion, times)
     colours = dict(zip(motion.bodies, body_colours(len(motion.bodies)), strict=True))
-    parts: list[Part] = [*skins(motion, times, models or {}, amplification=amplification)]
+    coloured = models or {}
+    pressed = (
+        []
+        if pressures is None
+        else pressure_skins(motion, times, pressures, amplification=amplification, coloured=coloured)
+    )
+    beside = [body for part in pressed for body in part.covers]
+    parts: list[Part] = [*skins(motion, times, coloured, amplification=amplification, beside=beside), *pressed]
     for one in recordings:
         parts.append(recorded_skin(one, times, look_of(looks or {}, one), amplification=amplification))
     valued = [body for part in parts for body in part.covers]
@@ -150,16 +176,19 @@ def drawn_scene(
         raise PictureError(
             f"with amplification {amplification:g} the machine exceeds the range of floating-point numbers"
         )
-    shown = [body for part in parts for body in part.covers]
-    parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=shown, frames=frames)
+    covered = [body for part in parts for body in part.covers]
+    parts += symbols(motion, bones, stick_radius(places), colours=colours, shown=covered, frames=frames)
     if acting is not None:
         parts += _arrows(*acting, places)
-    notes = _with_reasons(notes, [name for name, body in motion.bodies.items() if _lacks_surface(body, shown)])
+    sticks = [name for name, body in motion.bodies.items() if name not in hidden and _lacks_surface(body, covered)]
+    notes = _with_reasons(notes, sticks)
     bare = {body.name for body in valued}
     legend = {name: BARE if name in bare else _own_colour(motion, name) or colours[name] for name in motion.bodies}
-    return DrawnScene(
-        tuple(parts), _fixed(motion, len(times)), legend, bones.places, motion.scene.plan.gravity, tuple(notes)
-    )
+    if hidden:
+        parts = [part for part in parts if part.label not in hidden]
+        legend = {name: colour for name, colour in legend.items() if name not in hidden}
+    gravity, fixed = motion.scene.plan.gravity, _fixed(motion, len(times))
+    return DrawnScene(tuple(parts), fixed, legend, bones.places, gravity, tuple(notes), zoom=closer)
 
 
 def _arrows(tails: FloatArray, forces: FloatArray, places: FloatArray) -> list[Part]:
@@ -169,8 +198,37 @@ def _arrows(tails: FloatArray, forces: FloatArray, places: FloatArray) -> list[P
     return [arrows] if arrows.largest > 0.0 else []
 
 
-def _lacks_surface(body: Body, shown: Sequence[Body]) -> bool:
-    return isinstance(body, FlexibleBody) and not any(body is other for other in shown)
+def _checked_zoom(zoom: Zoom | None) -> tuple[FloatArray, float] | None:
+    """A place (3,) m and a radius (m).
+
+    Raises:
+        PictureError: it is none.
+    """
+    if zoom is None:
+        return None
+    pair = tuple(zoom) if isinstance(zoom, list | tuple) else ()
+    place = numbers(pair[0]) if len(pair) == 2 else np.zeros(0)
+    if not (place.shape == (3,) and np.isfinite(place).all() and is_number(pair[1]) and pair[1] > 0.0):
+        raise PictureError(
+            f"zoom is a place (3,) and a positive radius, in m, as ((0.1, 0, 0), 0.02), got {shown(zoom)}"
+        )
+    return place, float(pair[1])
+
+
+def _names_of(motion: RecordedMotion, bodies: Sequence[Body]) -> set[str]:
+    """The names of bodies of a machine.
+
+    Raises:
+        PictureError: one is of another machine.
+    """
+    for body in bodies:
+        if not any(body is other for other in motion.bodies.values()):
+            raise PictureError(f"what is to be hidden is no body of this machine: {shown(body)}")
+    return {body.name for body in bodies}
+
+
+def _lacks_surface(body: Body, covered: Sequence[Body]) -> bool:
+    return isinstance(body, FlexibleBody) and not any(body is other for other in covered)
 
 
 def _with_reasons(notes: Sequence[str], bodies: Sequence[str]) -> list[str]:
@@ -192,16 +250,25 @@ def portrait(
 
 @checked("motion", "recordings", error=PictureError)
 def machine_meshes(
-    motion: RecordedMotion, t: float, *, amplification: float = 1.0, recordings: Sequence[FieldSeries] = ()
+    motion: RecordedMotion,
+    t: float,
+    *,
+    amplification: float = 1.0,
+    recordings: Sequence[FieldSeries] = (),
+    pressures: PressuresAt | None = None,
 ) -> Any:
     """The scene of a picture at ``t`` (s) as a pyvista.MultiBlock; see ``DrawnScene.to_pyvista``. Not collective.
+
+    ``pressures`` as of ``show``.
 
     Raises:
         SceneError: a time outside the motion.
         PictureError: pyvista is not installed.
     """
     times = np.atleast_1d(numbers(t))
-    return drawn_scene(motion, times, notes=[""], amplification=amplification, recordings=recordings).to_pyvista()
+    return drawn_scene(
+        motion, times, notes=[""], amplification=amplification, recordings=recordings, pressures=pressures
+    ).to_pyvista()
 
 
 def _own_colour(motion: RecordedMotion, name: str) -> str | None:

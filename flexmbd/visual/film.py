@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.given import checked
-from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
+from flexmbd.visual.drawn_scene import DrawnScene, Zoom, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.force_arrows import ForcesAt
 from flexmbd.visual.library import load, require
+from flexmbd.visual.pressure_skin import PressuresAt
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
 from flexmbd.visual.scales import readable
@@ -33,7 +34,7 @@ _MOST_PICTURES = 10**6  # of films, each kept in a file
 _SHORT, _SLOWED = 3.0, 8.0
 
 
-@checked(but=("path", "size", "amplification", "view", "forces"), error=PictureError)
+@checked(but=("path", "size", "amplification", "view", "forces", "pressures", "zoom"), error=PictureError)
 def animate(
     trajectory: RecordedMotion,
     path: str | Path,
@@ -49,6 +50,9 @@ def animate(
     view: ArrayLike | None = None,
     frames: bool = False,
     forces: ForcesAt | None = None,
+    pressures: PressuresAt | None = None,
+    hide: Sequence[Body] = (),
+    zoom: Zoom | None = None,
     progress: bool = False,
 ) -> Path:
     """Film the machine.
@@ -78,6 +82,10 @@ def animate(
         frames: whether the axes of all frames are drawn: x red, y green, z blue.
         forces: drawn as arrows, the largest over all times a quarter of the scene's extent: a function of times (k,) s
             that gives places (k, n, 3) m and forces (k, n, 3) N; ``Trajectory.animate`` gives those of ``contacts``.
+        pressures: of contacts, by which reduced bodies are coloured in place of their displacement: a function of times
+            (k,) s that gives (k, patches) Pa by body; ``Trajectory.animate`` makes it of contacts of elastic surfaces.
+        hide: bodies that are left out, as those that stand before what is to be seen.
+        zoom: a place (3,) m and a radius (m): the picture's height shows this ball; by default all that moves.
         progress: show a progress bar.
 
     Returns:
@@ -105,6 +113,9 @@ def animate(
         looks=looks,
         frames=frames,
         forces=forces,
+        pressures=pressures,
+        hide=hide,
+        zoom=zoom,
     )
     if trajectory.team.is_root:
         write_film(scene, target, fps=fps, size=size, view=eye, progress=progress)

@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.errors import PictureError
 from flexmbd.given import checked, is_number
-from flexmbd.multibody.bodies.body import FlexibleBody
+from flexmbd.multibody.bodies.body import Body, FlexibleBody
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.record.stress_field import StressModel
 from flexmbd.visual.destination import checked_path, write
-from flexmbd.visual.drawn_scene import DrawnScene, checked_view, drawn_scene, refuse_bad_look
+from flexmbd.visual.drawn_scene import DrawnScene, Zoom, checked_view, drawn_scene, refuse_bad_look
 from flexmbd.visual.force_arrows import ForcesAt
 from flexmbd.visual.library import load, require
+from flexmbd.visual.pressure_skin import PressuresAt
 from flexmbd.visual.recorded_motion import RecordedMotion
 from flexmbd.visual.recorded_skin import FieldSeries, Look
 from flexmbd.visual.scales import readable
@@ -35,7 +36,7 @@ SUFFIXES = (".png",)
 _INSTANTS = 121  # that a slider runs over
 
 
-@checked("motion", "models", "recordings", "looks", "frames", error=PictureError)
+@checked("motion", "models", "recordings", "looks", "frames", "hide", error=PictureError)
 def show(
     motion: RecordedMotion,
     *,
@@ -49,6 +50,9 @@ def show(
     view: ArrayLike | None = None,
     frames: bool = False,
     forces: ForcesAt | None = None,
+    pressures: PressuresAt | None = None,
+    hide: Sequence[Body] = (),
+    zoom: Zoom | None = None,
 ) -> Path | None:
     """Show a machine: in a window or a notebook, to be turned by the mouse, or in a file.
 
@@ -67,6 +71,9 @@ def show(
         view: (3,) direction from the scene to the camera, instead of the natural one.
         frames: whether the axes of all frames are drawn: x red, y green, z blue.
         forces: drawn as arrows, as of ``animate``; ``Trajectory.show`` gives those of ``contacts``.
+        pressures: as of ``animate``.
+        hide: as of ``animate``.
+        zoom: as of ``animate``.
 
     Returns:
         The path, where one is given.
@@ -98,6 +105,9 @@ def show(
         looks=looks,
         frames=frames,
         forces=forces,
+        pressures=pressures,
+        hide=hide,
+        zoom=zoom,
     )
     if not motion.team.is_root:
         return target

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -120,8 +120,9 @@ def skins(
     models: Mapping[FlexibleBody, StressModel],
     *,
     amplification: float,
+    beside: Collection[Body] = (),
 ) -> list[DisplacementSkin | StressSkin]:
-    """Surfaces of the bodies that have one and no shape, at ``times`` (nt,) s.
+    """Surfaces of the bodies that have one and no shape, at ``times`` (nt,) s; none of ``beside``.
 
     What is amplified is the deformation beyond the rigid motion that follows the interfaces, so
     that bodies stay where joints hold them.
@@ -130,6 +131,8 @@ def skins(
     """
     found: list[DisplacementSkin | StressSkin] = []
     for name, body in motion.bodies.items():
+        if any(body is other for other in beside):
+            continue
         record = body.reduced()
         surface = surface_of(body)
         model = next((m for b, m in models.items() if b is body), None)

@@ -27,6 +27,7 @@ def row(one):
         *(said(getattr(capabilities, name)) for name in ("rotations", "nodal_interfaces", "damping", "gyroscopic")),
         *(said(getattr(capabilities, name)) for name in ("ports", "large_motion", "stiffening")),
         *(said(getattr(capabilities, name)) for name in ("floating", "nodes", "stress")),
+        *(said(getattr(capabilities, name)) for name in ("unknowns", "nonlinear", "loads", "heat", "contact")),
         "-" if one.read is None else f"{one.digits} digits",
     ]
     return f"| {' | '.join(cells)} |"

@@ -6,6 +6,7 @@ one contact patch, and the dent under the ball is Hertz', in the place of what a
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from functools import cache
 
@@ -28,6 +29,9 @@ BALL = 0.01  # m, radius
 MASS = 4.0 / 3.0 * np.pi * BALL**3 * RHO
 SPEED = 0.3  # m/s
 PLANE = E / (1.0 - NU**2)
+#: How many patches would cover the top along x and y, nearly square.
+ROWS = (31, 3)
+PATCH = float(np.sqrt(SIZES[0] / ROWS[0] * SIZES[1] / ROWS[1])) * 1.0001  # m
 HERTZ = 4.0 / 3.0 * 0.5 * PLANE * BALL**0.5  # N/m^1.5, ball and beam of one steel
 #: Of a square of side 1 on a half space: mean displacement of an even load, times the modulus over the force.
 SQUARE = (4.0 * np.log(1.0 + 2.0**0.5) - 4.0 / 3.0 * (2.0**0.5 - 1.0)) / np.pi
@@ -35,11 +39,13 @@ SQUARE = (4.0 * np.log(1.0 + 2.0**0.5) - 4.0 / 3.0 * (2.0**0.5 - 1.0)) / np.pi
 
 @dataclass(frozen=True)
 class Struck:
-    """Force over time (s, N), and the ball's speed away from the beam afterwards (m/s)."""
+    """Force over time (s, N), the ball's speed away from the beam afterwards (m/s), steps and their processor time."""
 
     t: np.ndarray
     force: np.ndarray
     rebound: float
+    steps: int
+    seconds: float
 
     @property
     def impulse(self) -> float:
@@ -47,41 +53,52 @@ class Struck:
         return float(np.trapezoid(self.force, self.t))
 
 
+@dataclass(frozen=True)
+class Beam:
+    """Along x about its middle; the ball strikes the middle of z = max.
+
+    Attributes:
+        clamped: at its ends, or free.
+        fine: how many cells a patch has along each of its sides.
+        deep: how many cells lie through the beam.
+    """
+
+    clamped: bool
+    fine: int = 1
+    deep: int = 2
+
+
 @cache
-def model(*, clamped: bool) -> ContinuumModel:
-    """Along x about its middle, three cells across and two through it; the ball strikes z = max."""
-    mesh = meshes.block(*SIZES, divisions=(31, 3, 2), comm=MPI.COMM_SELF)
-    ends = [Interface("x_min"), Interface("x_max")] if clamped else []
+def model(beam: Beam) -> ContinuumModel:
+    """The mesh's, of bricks of degree 2."""
+    divisions = (ROWS[0] * beam.fine, ROWS[1] * beam.fine, beam.deep)
+    mesh = meshes.block(*SIZES, divisions=divisions, comm=MPI.COMM_SELF)
+    ends = [Interface("x_min"), Interface("x_max")] if beam.clamped else []
     steel = solid_linear.Parameters(E=E, nu=NU, rho=RHO)
     return ContinuumModel(mesh, solid_linear, steel, degree=2, interfaces=ends)
 
 
-def record(modes: int, *, clamped: bool) -> fm.ReducedBody:
-    """Patches of one cell each on the top, near the middle."""
-    low, high = (end(model(clamped=clamped).node_x, axis=0) for end in (np.min, np.max))
-    middle, top, near = 0.5 * (low[0] + high[0]), high[2] - 1e-9, 1.51 * SIZES[0] / 31
+def record(beam: Beam, modes: int) -> fm.ReducedBody:
+    """With three by three patches on the top, near the middle."""
+    low, high = (end(model(beam).node_x, axis=0) for end in (np.min, np.max))
+    middle, top, near = 0.5 * (low[0] + high[0]), high[2] - 1e-9, 1.51 * SIZES[0] / ROWS[0]
     spot = Patch("top", size=PATCH, facets=lambda x: (x[2] > top) & (abs(x[0] - middle) < near))
-    frame = "x_min" if clamped else None
+    frame = "x_min" if beam.clamped else None
     return craig_bampton(
-        model(clamped=clamped), modes=modes, frame=frame, geometric_stiffness=False, contact=[spot],
-        keep=Keep(modes=True),
-    )  # fmt: skip
+        model(beam), modes=modes, frame=frame, geometric_stiffness=False, contact=[spot], keep=Keep(modes=True)
+    )
 
 
-#: m, so that a patch is one cell, nearly square.
-PATCH = float(np.sqrt(SIZES[0] / 31 * SIZES[1] / 3)) * 1.0001
-
-
-def unreduced(*, clamped: bool, end: float) -> Struck:
+def unreduced(beam: Beam, *, end: float) -> Struck:
     """Central differences of all nodes."""
-    body = model(clamped=clamped)
+    body = model(beam)
     pointers, columns, values = body.K.getValuesCSR()
     size, x = body.K.getSize()[0], body.node_x
     K = scipy.sparse.csr_array((values, columns, pointers), (size, size))
     pointers, columns, values = body.M.getValuesCSR()
     mass = np.asarray(scipy.sparse.csr_array((values, columns, pointers), (size, size)).sum(axis=1)).ravel()
-    spot, free = _spot(x), np.ones(size)
-    if clamped:
+    spot, free = _spot(x, beam.fine), np.ones(size)
+    if beam.clamped:
         ends = (x[:, 0] < x[:, 0].min() + 1e-9) | (x[:, 0] > x[:, 0].max() - 1e-9)
         free = np.repeat(~ends, 3).astype(float)
     highest = scipy.sparse.linalg.eigsh(
@@ -91,7 +108,7 @@ def unreduced(*, clamped: bool, end: float) -> Struck:
     h = 0.9 * 2.0 / np.sqrt(highest)
     u, v, place, speed = np.zeros(size), np.zeros(size), 0.0, SPEED
     own = SQUARE / (PATCH * PLANE)  # m/N, of the patch on a half space
-    times, forces = [], []
+    times, forces, began = [], [], time.process_time()
     for step in range(int(np.ceil(end / h))):
         force = _force(place + u @ spot, own)  # the ball comes along -z
         times.append(step * h)
@@ -100,18 +117,21 @@ def unreduced(*, clamped: bool, end: float) -> Struck:
         speed -= h * force / MASS
         u += h * v
         place += h * speed
-    return Struck(np.array(times), np.array(forces), -speed)
+    return Struck(np.array(times), np.array(forces), -speed, len(times), time.process_time() - began)
 
 
-def _spot(x: np.ndarray) -> np.ndarray:
-    """(3 n,) nodal shares of an even load along z on the facet in the middle of the top: Simpson's rule."""
+def _spot(x: np.ndarray, fine: int) -> np.ndarray:
+    """(3 n,) nodal shares of an even load along z on the patch in the middle of the top: Simpson's rule."""
     middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
-    half = np.array([SIZES[0] / 62, SIZES[1] / 6])
+    half = np.array([SIZES[0] / ROWS[0], SIZES[1] / ROWS[1]]) / 2.0
     away = (x[:, :2] - middle[:2]) / half
     on = (x[:, 2] > x[:, 2].max() - 1e-9) & (abs(away) < 1.0 + 1e-6).all(axis=1)
-    weights = np.where(abs(away) < 0.5, 4.0, 1.0).prod(axis=1) / 36.0
+    rule = np.zeros(2 * fine + 1)
+    for cell in range(fine):
+        rule[2 * cell : 2 * cell + 3] += np.array([1.0, 4.0, 1.0]) / (6.0 * fine)
+    along = np.rint((away[on] + 1.0) * fine).astype(int)
     shares = np.zeros((len(x), 3))
-    shares[on, 2] = weights[on]
+    shares[on, 2] = rule[along].prod(axis=1)
     return shares.ravel()
 
 

@@ -33,6 +33,9 @@ class SurfaceSeries:
         force: (nt, p, 3) N on the patch; the shape gets the opposite.
         point: (nt, p, 3) m, the patch's centroid.
         area: (p,) m^2.
+        other_normal_force: (nt, p') N on the patches of the other elastic surface, in their order: the normal forces,
+            by the weights with which it feels them; p' = 0 where a rigid shape is touched.
+        other_area: (p',) m^2.
     """
 
     gap: FloatArray
@@ -40,6 +43,8 @@ class SurfaceSeries:
     force: FloatArray
     point: FloatArray
     area: FloatArray
+    other_normal_force: FloatArray
+    other_area: FloatArray
 
     @property
     def normal_force(self) -> FloatArray:
@@ -50,6 +55,11 @@ class SurfaceSeries:
     def pressure(self) -> FloatArray:
         """(nt, p) Pa, the same over the patches' areas."""
         return self.normal_force / self.area
+
+    @property
+    def other_pressure(self) -> FloatArray:
+        """(nt, p') Pa on the patches of the other elastic surface."""
+        return self.other_normal_force / self.other_area
 
     @property
     def friction(self) -> FloatArray:
@@ -73,11 +83,12 @@ def surface_rows(
     if rows is None or not rows.elements:
         raise SceneError(f"{contact.what} is not in this trajectory's scene")
     area = contact.area
-    w = np.zeros(len(contact.other.patches) if isinstance(contact.other, ElasticSurface) else 0)
+    other = contact.other.area if isinstance(contact.other, ElasticSurface) else np.zeros(0)
+    w, pressed = np.zeros(len(other)), np.zeros((len(x), len(other)))
     out = np.zeros((len(x), len(area), at.N_PATCH))
-    at.surface_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, w, out)
+    at.surface_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, w, out, pressed)
     gap, normal, force, point = np.split(out, [at.NORMAL, at.FORCE, at.POINT], axis=2)
-    return SurfaceSeries(gap[:, :, 0], normal, force, point, area)
+    return SurfaceSeries(gap[:, :, 0], normal, force, point, area, pressed, other)
 
 
 def tell_overlapping_surfaces(scene: CompiledScene, x: FloatArray, team: Team) -> None:

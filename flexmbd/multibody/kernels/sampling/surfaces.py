@@ -25,10 +25,11 @@ GAP, NORMAL, FORCE, POINT, N_PATCH = 0, 1, 4, 7, 10
 
 
 @entry_kernel
-def surface_series(plan, work, i, x, v, a, w, out):
+def surface_series(plan, work, i, x, v, a, w, out, others_force):
     """out[k, j] of patch j of the surface in row i of ``plan.elements`` at x[k], v[k]; out (nt, p, N_PATCH).
 
-    ``w``: scratch, as many as the patches of the other surface.
+    ``w``: scratch, as many as the patches of the other surface.  ``others_force`` (nt, p_other), zeros: the normal
+    forces on these, by the weights with which they feel the patches (N).
     """
     row = plan.elements[i]
     f, g = row[at.EL_F], row[at.EL_G]
@@ -39,6 +40,7 @@ def surface_series(plan, work, i, x, v, a, w, out):
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
     points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
     others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], a[k])
         d, R, _, _ = relative_rates(plan, work, f, g)
@@ -68,6 +70,9 @@ def surface_series(plan, work, i, x, v, a, w, out):
             pull = rotate(R_F, load3(points[c], sl.PULL))
             store3(out[k, j], NORMAL, scale3(1.0 / math.sqrt(dot3(pull, pull)), pull))
             store3(out[k, j], FORCE, rotate(R_F, load3(points[c], sl.PULLED)))
+            pressed = dot3(load3(out[k, j], NORMAL), load3(out[k, j], FORCE))
+            for e in range(size):
+                others_force[k, e] += weights[c, e] * pressed
 
 
 @entry_kernel
