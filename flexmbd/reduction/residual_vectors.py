@@ -32,7 +32,9 @@ def residual_vectors(
         The modes, eigenvalues by the Rayleigh-Ritz method, ascending.
     """
     model, comm = statics.model, statics.model.comm
-    energies = total(comm, np.einsum("ij,ij->j", held, multiply(model.K, held)))
+    stiff = multiply(model.K, held)
+    energies = total(comm, np.einsum("ij,ij->j", held, stiff))
+    energies += statics.cancelled_energies(forces, forces=stiff)
     known = inner(comm, fixed.shapes, forces) / fixed.eigenvalues[:, None]
     rest = np.asfortranarray(held - fixed.shapes @ known)
     shapes = independent_shapes(model, rest, whole=energies)

@@ -17,6 +17,7 @@ from flexmbd.continuum import (
     ImplicitContinuum,
     Interface,
     NonlinearModel,
+    clamped_dofs,
     equilibrium_path,
     follow,
     law_form,
@@ -32,9 +33,10 @@ from flexmbd.forms import (
     solid_micropolar,
     solid_mixed,
     solid_orthotropic,
+    st_venant_kirchhoff,
     updated_lagrangian,
 )
-from flexmbd.reduction import TemperatureRise, craig_bampton
+from flexmbd.reduction import TemperatureRise, craig_bampton, load_vectors
 
 COMM = MPI.COMM_WORLD
 ALPHA, E, YIELD = 1.2e-5, 2e11, 2e8
@@ -254,8 +256,31 @@ def test_rises_that_are_none_are_refused():
     for values in ("warm", np.nan, np.ones(2), None):
         with pytest.raises(FlexmbdError, match="a temperature is one finite number"):
             body.set_temperature(values)
-    with pytest.raises(FlexmbdError, match="a temperature is neither"):
-        equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, loads=[Heating(1.0, lambda t: t)])
+    with pytest.raises(FlexmbdError, match="loads do not change"):
+        equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, loads=[Heating(1.0)])
+
+
+@pytest.mark.mpi
+def test_a_clamped_strip_that_is_heated_buckles_and_bends_by_the_root_of_what_is_beyond():
+    """Euler's strain (2 pi / L)^2 i^2 of the clamped strip; beyond it the length of the half waves is what is left."""
+    length, thick = 0.2, 0.002
+    mesh = meshes.block(length, 0.004, thick, divisions=(32, 1, 1))
+    material = st_venant_kirchhoff.Parameters(E=E, nu=0.0, rho=7800.0, alpha=ALPHA)
+    body = NonlinearModel(mesh, st_venant_kirchhoff, material, degree=2, heated=True)
+    held = np.union1d(
+        clamped_dofs(body, ["x_min", "x_max"]), prescribed_dofs(body, {"y_min": "y", "y_max": "y"})
+    ).astype(np.int32)
+    critical = (2.0 * np.pi / length) ** 2 * thick**2 / 12.0 / ALPHA
+    loads = [Heating(critical, lambda t: t)]
+    path = equilibrium_path(body, fm.Continuation(to=1.2), prescribed=held, loads=loads)
+    (met,) = [one for one in path.critical if one.t < 1.1]
+    assert met.t == pytest.approx(1.0, rel=2e-3)
+    bent = equilibrium_path(body, fm.Continuation(to=1.5), prescribed=held, loads=loads, about=met)
+    sag = largest(body.comm, body.displacement[body.displacement_dofs[:, 2]])
+    wave = 2.0 * length / np.pi * np.sqrt(ALPHA * critical * (1.5 - met.t))
+    assert sag == pytest.approx(wave, rel=0.01)
+    assert bent.points[-1].unstable == 0
+    assert body.temperature.x.array == pytest.approx(1.5 * critical, rel=1e-12)
 
 
 def _warmer(x):
@@ -278,11 +303,33 @@ def test_values_at_nodes_are_those_of_the_function():
     assert largest(COMM, found[0] - found[1]) < 1e-9 * largest(COMM, found[1])
 
 
+@pytest.mark.mpi
+def test_plane_strain_that_is_heated_is_a_slice_of_what_cannot_lengthen():
+    """Free in the plane it widens by (1 + nu) alpha dT, and is pressed along the normal by E alpha dT."""
+    mesh = meshes.sheet(0.2, 0.1, divisions=(4, 2))
+    slab = forms.plane_stress.Parameters(E=E, nu=0.3, rho=7800.0, t=0.01, plane_strain=True, alpha=ALPHA)
+    model = ContinuumModel(mesh, forms.plane_stress, slab, degree=2, interfaces=[Interface("x_min")])
+    force = load_vectors(model, [TemperatureRise("heat", 80.0)])[:, 0]
+    x = model.node_x[: model.n_owned_nodes]
+    free, held = model.K.createVecs()
+    free.array[model.displacement_dofs[: model.n_owned_nodes]] = 1.3 * ALPHA * 80.0 * x
+    model.K.mult(free, held)
+    assert largest(COMM, held.array - force) < 1e-9 * largest(COMM, force)
+    # the same expansion slowly, and the stress that is left
+    body = NonlinearModel(mesh, forms.plane_stress, slab, degree=2, heated=True)
+    still = np.setdiff1d(np.arange(body.n_owned), body.displacement_dofs[: body.layout.n_owned_nodes, :2].ravel())
+    held = np.union1d(still, prescribed_dofs(body, {"x_min": "x", "y_min": "y"})).astype(np.int32)
+    follow(body, [1.0], prescribed=held, loads=[Heating(80.0, lambda t: t)])
+    stress = np.concatenate([part.reshape(-1, 9) for part in body.stress()])
+    wanted = np.zeros(9)
+    wanted[8] = -E * ALPHA * 80.0
+    assert largest(COMM, stress - wanted) < 5e-3 * E * ALPHA * 80.0
+    assert stress[:, 8] == pytest.approx(wanted[8], rel=5e-3)
+
+
 def test_forms_say_how_they_expand_in_one_way():
     """Each shipped form with an expansion is at rest at dT = 0, and is checked by the contract."""
     for name in ("solid_linear", "solid_orthotropic", "plane_stress", "neo_hookean", "j2_plasticity", "plate_mitc"):
         form = getattr(forms, name)
         named = optional_entries(form)
         assert (named.thermal_stretch is None) != (named.thermal_strain is None), name
-    with pytest.raises(ValueError, match="plane strain takes no alpha"):
-        forms.plane_stress.Parameters(E=E, nu=0.3, rho=1.0, t=0.1, plane_strain=True, alpha=1e-5)

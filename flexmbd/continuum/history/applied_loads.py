@@ -109,6 +109,10 @@ class AppliedLoads:
         if self.any_heat:
             self._body.set_temperature(np.asarray(sum(values[k] * rise for k, rise in self._rises.items())))
 
+    def heat_factors(self, values: FloatArray) -> FloatArray:
+        """(temperatures,) of all factors those of temperatures; not collective."""
+        return values[list(self._rises)]
+
     def size_of_heat(self, values: FloatArray) -> float:
         """N, 2-norm of the forces that would hold what expands in shape; zero without temperatures. Collective."""
         if not self.any_heat:
@@ -267,6 +271,11 @@ class TrialLoads:
     def heat(self) -> None:
         """Bring the body to the temperature that goes with them; not collective."""
         self.loads.heat(self.values)
+
+    @property
+    def rise(self) -> FloatArray:
+        """(temperatures,) their factors."""
+        return self.loads.heat_factors(self.values)
 
     def force(self, increment: FloatArray) -> FloatArray:
         """(owned dofs,) N, at a displacement (local dofs,) m. Collective."""

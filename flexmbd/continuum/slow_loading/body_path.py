@@ -146,13 +146,7 @@ def equilibrium_path(
         PathWarning: the path is closed, turned back, or was broken off, before the factor that was asked for.
     """
     _refuse_rates(body)
-    applied = AppliedLoads(body, loads)
-    if applied.any_heat:
-        raise SceneError(
-            "a path is followed by what forces and given displacements change, and a temperature is neither: heat the "
-            "body by follow, or find where it buckles by linear_buckling or prestressed"
-        )
-    whole = SlowLoads(body, prescribed, displacement, load, applied)
+    whole = SlowLoads(body, prescribed, displacement, load, AppliedLoads(body, loads))
     _refuse_unheld(body, prescribed)
     begin = reached if about is None else about.t
     bounds, sign = bounds_of(path, begin=begin), path.side * float(np.sign(path.to - begin))
@@ -197,7 +191,7 @@ class _GrowingPath:
         self.keep(first.point, first.spectrum.unstable)
         closes = False
         for stretch in follow(self.space, first, bounds, locate=crossings):
-            self.critical += [_critical_point(self._body, one, self.space.typical) for one in stretch.met]
+            self.critical += [self._critical_point(one) for one in stretch.met]
             self.keep(stretch.after.point, stretch.after.spectrum.unstable)
             self._body.restore(self.last)
             closes = stretch.closes
@@ -205,6 +199,14 @@ class _GrowingPath:
                 accepted(stretch.after.point.factor)
         factors, met = ([one.t for one in some] for some in (self.points, self.critical))
         return self.path(found_end(factors, met, bounds, closes=closes))
+
+    def _critical_point(self, one: PathCrossing[BodyPoint]) -> BodyCriticalPoint:
+        """With the state that the body would have there."""
+        state = self.space.remembered(one.point, one.point.factor).state
+        tangent = np.append(one.tangent.xi, one.tangent.factor)
+        return BodyCriticalPoint(
+            one.point.factor, one.kind, one.mode, tangent, one.unstable, state, self.space.typical
+        )
 
     def path(self, end: PathEnd) -> BodyPath:
         return BodyPath(tuple(self.points), tuple(self.critical), end, self.space.solver.factorisations)
@@ -266,12 +268,3 @@ def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
             "the body can move as a whole, so that its equilibria are not isolated: give prescribed= dofs that hold it "
             "(prescribed_dofs, clamped_dofs)"
         )
-
-
-def _critical_point(body: NonlinearModel, one: PathCrossing[BodyPoint], typical: float) -> BodyCriticalPoint:
-    """With the state that the body would have there."""
-    point = one.point
-    body.restore(point.before)
-    body.commit(point.increment, dt=0.0)
-    tangent = np.append(one.tangent.xi, one.tangent.factor)
-    return BodyCriticalPoint(point.factor, one.kind, one.mode, tangent, one.unstable, body.snapshot(), typical)

@@ -179,8 +179,7 @@ class BodyPathSpace:
         Raises:
             ConvergenceError: a history is not finite.
         """
-        self._stand(here.before)
-        self._body.commit(here.increment, dt=0.0)
+        self._loads.accept(here.before, here.increment, factor)
         accepted = replace(here, factor=factor, after=self._body.snapshot())
         if self._factored is here:
             self._factored = accepted
@@ -191,7 +190,8 @@ class BodyPathSpace:
         rest: FloatArray = np.zeros(self._body.layout.n_local)
 
         def loads(factor: float) -> FloatArray:
-            return np.concatenate([self._loads.outer(factor).force(rest), self._loads.given(factor)])
+            outer = self._loads.outer(factor)
+            return np.concatenate([outer.force(rest), self._loads.given(factor), outer.rise])
 
         if self._body.comm.allreduce(bool(here.response.any()), op=MPI.LOR):
             return True
@@ -219,9 +219,10 @@ class BodyPathSpace:
         return self._body.norm(self._load_slope(increment, factor)) * self.width
 
     def _load_slope(self, increment: FloatArray, factor: float) -> FloatArray:
-        """(owned dofs,) N, of the loads by the factor."""
+        """(owned dofs,) N, of the loads by the factor, and of what the temperature takes from the internal forces."""
         low, high = (
-            self._loads.outer(factor + side * LOAD_DIFFERENCE * self.width).force(increment) for side in (-1.0, 1.0)
+            self._loads.net_load(self._loads.outer(factor + side * LOAD_DIFFERENCE * self.width), increment)
+            for side in (-1.0, 1.0)
         )
         return np.asarray((high - low) / (2.0 * LOAD_DIFFERENCE * self.width))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum import parallel
 from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads
 from flexmbd.continuum.history.displacement_newton import Balance
-from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 from flexmbd.errors import FormulationError
 from flexmbd.given import numbers
 
@@ -80,6 +80,24 @@ class SlowLoads:
         least = max(least, outer.loads.size_of_heat(outer.values))
         size = max(least, self.body.norm(external), self.body.norm(residual[self.prescribed]))
         return Balance(residual, size if size > 0.0 else self.body.norm(internal))
+
+    def net_load(self, outer: TrialLoads, increment: FloatArray) -> FloatArray:
+        """(owned dofs,) N, less the internal forces where a temperature changes those. Collective."""
+        force = outer.force(increment)
+        if not self.applied.any_heat:
+            return force
+        outer.heat()
+        return np.asarray(force - self.body.force(increment))
+
+    def accept(self, before: HistorySnapshot, increment: FloatArray, t: float) -> None:
+        """Let the body take a step, at the temperature of a load parameter. Collective.
+
+        Raises:
+            ConvergenceError: a history is not finite.
+        """
+        self.body.restore(before)
+        self.outer(t).heat()
+        self.body.commit(increment, dt=0.0)
 
     def tangent(
         self, outer: TrialLoads, increment: FloatArray, *, dt: float = 0.0, predicted: bool = False

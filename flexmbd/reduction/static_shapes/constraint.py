@@ -61,6 +61,14 @@ class Constraint:
         small = self.multipliers(lacks, resultant=resultant)
         return np.asfortranarray(displacement + self.responses @ small)
 
+    def energies(self, reactions: FloatArray) -> FloatArray:
+        """(k,) twice the strain energies that reactions C^T lam (rows, k) would cause, averages free. Collective."""
+        c = self.columns.shape[1]
+        gram = inner(self.comm, self.columns, self.columns)
+        lam = np.linalg.solve(gram, inner(self.comm, self.columns, reactions))
+        flexibility = symmetric(inner(self.comm, self.columns, self.responses[:, :c]))
+        return np.asarray(np.einsum("ck,cd,dk->k", lam, flexibility, lam))
+
 
 def constrain(
     comm: MPI.Comm,

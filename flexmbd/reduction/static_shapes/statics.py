@@ -225,6 +225,19 @@ class Statics:
         u[self.mask] = self.solve(np.asfortranarray(loads[self.mask]))
         return u
 
+    def cancelled_energies(self, loads: FloatArray, *, forces: FloatArray) -> FloatArray:
+        """(k,) twice the strain energies of what the reactions of averages take off a response. Collective.
+
+        Where a load acts on an averaged interface alone that is all of it, and `held_response` its round-off.
+
+        Args:
+            loads: (owned dofs, k), N.
+            forces: K times `held_response` to them.
+        """
+        if self._constraint is None:
+            return np.zeros(loads.shape[1])
+        return self._constraint.energies((forces - loads)[self.mask])
+
     def static_response(self, loads: FloatArray, *, held: FloatArray | None = None) -> FloatArray:
         """Solve K u = f for a block of loads: body held at its frame, all else free. Collective.
 
