@@ -19,7 +19,7 @@ from flexmbd.multibody.interiors.observed import InteriorMesh
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_QUANTITIES = {"von_mises": ("von Mises stress", "Pa")}
+_QUANTITIES = {"von_mises": ("von Mises stress", "Pa"), "contact_pressure": ("contact pressure", "Pa")}
 
 
 @checked(error=PictureError)

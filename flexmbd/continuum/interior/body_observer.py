@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nodal_fields import NodalFields
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.contact_field import CONTACT_PRESSURE, PushedNodes, contact_pressure
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 
 FloatArray = NDArray[np.float64]
@@ -33,7 +34,12 @@ class BodyObserver:
         return InteriorMesh(nodes.number, nodes.x, nodes.triangle)
 
     def fields(
-        self, pose: tuple[FloatArray, FloatArray], R: FloatArray, *, nodal: tuple[FloatArray, FloatArray, FloatArray]
+        self,
+        pose: tuple[FloatArray, FloatArray],
+        R: FloatArray,
+        *,
+        nodal: tuple[FloatArray, FloatArray, FloatArray],
+        pushed: PushedNodes | None = None,
     ) -> InteriorFields:
         """Fields at the last accepted step. Collective.
 
@@ -41,9 +47,14 @@ class BodyObserver:
             pose: (3,) m and (3, 3), the body axes as the frames carry them.
             R: (3, 3), from the axes that the mesh is stepped in to inertial ones.
             nodal: position, velocity and acceleration (owned nodes at least, 3), in inertial axes.
+            pushed: the owned nodes by contacts; None: nothing is touched.
         """
         x, v, a = (self._memory.gather_nodes(part) for part in nodal)
         values, largest, row = self._fields.evaluate(R)
+        if pushed is not None:
+            touches, force = self._memory.gather_nodes(pushed.columns).T
+            nodes = self._fields.nodes
+            values[CONTACT_PRESSURE] = contact_pressure(PushedNodes(touches, force), nodes.x, nodes.triangle)
         return InteriorFields(*pose, x, v, a, values, largest, row)
 
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -183,7 +183,8 @@ class ExplicitContinuum:
         nodes, v, a = self.motion, self.motion.v.copy(), self.motion.a.copy()
         own = self._bonds.own
         v[self._nodes], a[self._nodes] = self._bonds.velocities(motion)[own], self._bonds.accelerations(motion)[own]
-        return self._observer.fields(self._bonds.pose(motion), nodes.mesh.R, nodal=(nodes.x, v, a))
+        pose, nodal = self._bonds.pose(motion), (nodes.x, v, a)
+        return self._observer.fields(pose, nodes.mesh.R, nodal=nodal, pushed=nodes.pushed())
 
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
         """See `ObservedInterior`. Collective."""

@@ -383,7 +383,8 @@ class ImplicitContinuum:
     def observe(self, motion: FrameMotion) -> InteriorFields:
         """See `ObservedInterior`. Collective."""
         now, pose = self._current_state(), self._bonds.pose(motion)
-        return self._observer.fields(pose, pose[1], nodal=(now.x, now.v, now.a))
+        pushed = self._contacts.pushed()
+        return self._observer.fields(pose, pose[1], nodal=(now.x, now.v, now.a), pushed=pushed)
 
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
         """See `ObservedInterior`. Collective."""

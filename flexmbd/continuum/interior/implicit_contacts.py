@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.contact_field import PushedNodes
 from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 from flexmbd.multibody.interiors.touching_interior import Obstacle
@@ -197,6 +198,16 @@ class ImplicitContacts:
         for nodes, state in zip(self._nodes, self._now, strict=True):
             out[nodes] += state.force
         return out
+
+    def pushed(self) -> PushedNodes | None:
+        """The owned nodes in the accepted state; None where nothing is touched."""
+        if not self._nodes:
+            return None
+        touches, force = np.zeros((2, self._body.layout.n_owned_nodes))
+        for nodes, state in zip(self._nodes, self._now, strict=True):
+            touches[nodes] = 1.0
+            force[nodes] += np.linalg.norm(state.met, axis=1)
+        return PushedNodes(touches, force)
 
     def wrenches(self) -> FloatArray:
         """(m, 6) on the shapes' frames in the accepted state: this rank's part."""

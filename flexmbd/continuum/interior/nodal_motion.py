@@ -30,6 +30,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
+from flexmbd.continuum.interior.contact_field import PushedNodes
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
@@ -481,6 +482,16 @@ class NodalMotion:
     def _held(self, vectors: FloatArray, nodes: Any = slice(None)) -> FloatArray:
         """Vectors (nodes, 3) of owned nodes, or of these, without the components along which they are held."""
         return self.plane.in_plane(vectors * self._moves[nodes])
+
+    def pushed(self) -> PushedNodes | None:
+        """The owned nodes, by planes, shapes and other bodies; None where nothing is touched."""
+        surfaces = [*(shape.nodes for shape in self.shapes.contacts), *(pair.nodes(side) for pair, side in self.pairs)]
+        if not (surfaces or self.planes):
+            return None
+        touches = np.full(len(self.x), float(bool(self.planes)))  # a plane is met by all nodes
+        for nodes in surfaces:
+            touches[nodes] = 1.0
+        return PushedNodes(touches, np.linalg.norm(self._met, axis=1))
 
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""

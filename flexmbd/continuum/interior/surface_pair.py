@@ -24,6 +24,7 @@ from flexmbd.multibody.interiors.touching_interior import FacingSurface
 from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 # As of `shape_contacts`: steps for which the stable one is to hold.
 _AHEAD = 20.0
@@ -108,6 +109,10 @@ class SurfacePair:
         nodes, facets = self._motions
         found = self._surface.find(nodes.x[self._nodes], self._gathered(facets.x))
         refuse_inside(self._comm, self.given.name, -found.depth[~found.beside], size=nodes.size)
+
+    def nodes(self, side: int) -> IntArray:
+        """(n,) owned nodes of a body on the surface that touches."""
+        return self._nodes if side == NODES else self._surface.own[self._owned]
 
     def plan(self, side: int) -> None:
         """A body is to step from where it is."""
