@@ -165,6 +165,7 @@ BY_WORDS: dict[str, Callable[[World], Any]] = {
     "Elastic | Nodes | Touching": lambda w: contact.Sphere(w.bob.frame(), 0.1),
     "Elastic | Nodes | SurfaceFacets | Touching": lambda w: contact.Sphere(w.bob.frame(), 0.1),
     "AnyContact | Sequence[AnyContact]": lambda w: [],
+    "SurfaceContact | Sequence[SurfaceContact]": lambda w: [],
     "Touching | Nodes": lambda w: contact.Sphere(w.bob.frame(), 0.1),
     "Touching | Nodes | SurfaceFacets": lambda w: contact.Sphere(w.bob.frame(), 0.1),
     "NormalLaw": lambda w: contact.PowerLaw(k=1.0),
