@@ -118,6 +118,14 @@ class FieldConditions:
             whole -= np.outer(values, total(comm, mean @ whole))
         return whole
 
+    def condense(self, comm: MPI.Comm, forces: FloatArray, *, first: int) -> None:
+        """Take out of forces (owned dofs,), which are changed, what is held, and add up what floats. Collective."""
+        for group in self.floating:
+            whole = float(total(comm, forces[group.dofs].sum()[None])[0])
+            if 0 <= group.leader - first < len(forces):
+                forces[group.leader - first] = whole
+        forces[self.held] = 0.0
+
     def free(self, comm: MPI.Comm, block: FloatArray, *, first: int) -> FloatArray:
         """The way back from `completed` (owned dofs, k): what follows is zero, and what is pinned. Collective."""
         whole = np.array(block, order="F")
