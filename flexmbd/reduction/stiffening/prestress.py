@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -68,8 +69,9 @@ def prestressed(
         model: at rest, with the interface `frame`; at least one of its interfaces is rigid.
         frame: the interface that is held and carries the body frame.
         loads: distributed loads, each with its size in Pa, N/m^2, ... ; a pressure keeps the normal of the
-            undeformed surface; electrodes are in short circuit, what floats has no charge. A temperature (`TemperatureRise`) with its dimensionless size heats the body, also in
-            the stiffness and the stress of the model that is made.
+            undeformed surface. A temperature (`TemperatureRise`) with its dimensionless size heats the body, also in
+            the stiffness and the stress of the model that is made. Electrodes are in short circuit, and those that
+            float without charge.
         forces: of other rigid interfaces by their names: (6,) force (N) on the frame's origin and moment (N m),
             along the mesh's axes.
         angular_velocity: (3,) rad/s of the body about the frame's origin, along the mesh's axes; the centrifugal
