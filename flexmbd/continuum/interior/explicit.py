@@ -190,6 +190,10 @@ class ExplicitContinuum:
         """See `ObservedInterior`. Collective."""
         return self._observer.locate(point)
 
+    def port_states(self) -> Mapping[str, FloatArray]:
+        """See `PortedInterior`."""
+        return self._body.port_states()
+
     def outer_forces(self) -> Mapping[str, FloatArray]:
         """See `ObservedInterior`. Collective."""
         return self.motion.outer_forces()
