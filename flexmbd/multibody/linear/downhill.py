@@ -14,6 +14,7 @@ from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
+from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.round_off import of_solver
@@ -85,7 +86,8 @@ class _DownhillProblem:
         if self.leaves and step.unstable and size <= SETTLED:
             aside = step.softest * (_LEAVE / step_size(self.sizes, step.softest))
             return Correction(replace(step, along=aside), _LEAVE)
-        return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP)))
+        share = passing(self.scene, self.work, at.x, step.along).share
+        return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP), share))
 
     def moved(self, here: _DownhillPlace, correction: Correction[_Step], *, close: bool) -> _DownhillPlace:
         """Where a step leads.

@@ -20,6 +20,7 @@ from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes
 from flexmbd.multibody.linear.derivatives import DERIVING
 from flexmbd.multibody.linear.downhill import most_lacking, stable_below
 from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
 from flexmbd.multibody.linear.sparse_equilibrium import stable_equilibrium
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
@@ -226,7 +227,8 @@ class _RestWithStates:
         """Newton's own step, cut to no more than ``_STEP`` of places; states have no largest step."""
         step = _full_newton_step(self.scene, here)
         longest = step_size(self.sizes, np.where(self.scene.state_mask, 0.0, step))
-        return Correction(step, step_size(self.sizes, step), share=min(1.0, _STEP / max(longest, _STEP)))
+        share = min(1.0, _STEP / max(longest, _STEP), passing(self.scene, self.work, here.x, step).share)
+        return Correction(step, step_size(self.sizes, step), share=share)
 
     def moved(self, here: ForceBalance, correction: Correction[FloatArray], *, close: bool) -> ForceBalance:
         states, change = self.scene.state_mask, correction.share * correction.change

@@ -12,7 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.elements.contact_wrench import ROUGH_CONTACT
+from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.elements.hard_element import (
     FRICTION,
@@ -23,7 +23,7 @@ from flexmbd.multibody.kernels.elements.hard_element import (
 )
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
-from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, stores
+from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, of_surfaces, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
 FloatArray = NDArray[np.float64]
@@ -173,6 +173,11 @@ def _has_springs(plan: Plan) -> bool:
 def rough_contacts(plan: Plan) -> IntArray:
     """(k,) rows of ``Plan.elements`` of contacts with friction."""
     return np.flatnonzero(are_of(plan, ROUGH_CONTACT))
+
+
+def passable_contacts(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.elements`` of contacts by a law and of elastic surfaces, which a step might pass through."""
+    return np.flatnonzero(are_of(plan, CONTACT) | are_of(plan, ROUGH_CONTACT) | of_surfaces(plan))
 
 
 def slid_ways(plan: Plan) -> IntArray:

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import corrected
 from flexmbd.continuation.space import ALIKE, APART, PathDirection, unit
+from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
+from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes
 from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness, spectrum
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
@@ -201,6 +203,9 @@ class MachineSpace:
             ConvergenceError: Newton's method does not converge.
             SceneError: as ``balance``, or the loops do not close.
         """
+        through = passing(self.scene, self.work, start.x, step.xi)
+        if through.share < 1.0:
+            raise ConvergenceError(f"the step passes through what touches: {through.told}")
         x, factor, strained = start.x, start.factor, self.strains.at(start.x)
         still = self.still(start)
 
