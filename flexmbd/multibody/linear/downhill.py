@@ -216,5 +216,7 @@ def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray)
         except np.linalg.LinAlgError:  # its symmetric part alone shows that nothing is idle
             step = -np.linalg.lstsq(stiffness, here.lacking, rcond=None)[0]
     else:
-        step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
+        # what nothing resists goes as far as the machine is large, and no step is longer
+        farthest = np.abs(pull) * np.abs((Vz @ shapes) / search.sizes[:, None]).max(axis=0)
+        step = -shapes @ (pull / np.maximum(np.abs(rates), np.maximum(np.where(idle, farthest, floor), 1e-300)))
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])

@@ -19,8 +19,8 @@ from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics
 from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, other_modes_of
 
-#: Columns: the share of the step, and the gap (m) before it.
-SHARE, GAP, N_PASSING = 0, 1, 2
+#: Columns: the share of the step, that at which it may touch, and the gap (m) before it.
+SHARE, TOUCH, GAP, N_PASSING = 0, 1, 2, 3
 
 
 @kernel
@@ -30,22 +30,22 @@ def _room(way, gap):
 
 
 @kernel
-def _share(data, o, way, gap, n, speed, beside):
-    """Of a step by ``speed`` (m) of a point, and of its shape by ``beside`` at most.
+def _shares(data, o, way, gap, n, speed, beside):
+    """Of a step by ``speed`` (m) of a point, and of its shape by ``beside`` at most: what is allowed, where it touches.
 
     The distance from a convex shape is a convex function along a straight line: it falls by no more than at first.
     """
     nearer = beside - dot3(n, speed)
-    if not nearer > 0.0 or way == math.inf:
-        return math.inf
+    if not nearer > 0.0:
+        return math.inf, math.inf
     if data[o] == PROFILE or data[o] == TRIANGLES:
         nearer = beside + math.sqrt(dot3(speed, speed))
-    return _room(way, gap) / nearer
+    return math.inf if way == math.inf else _room(way, gap) / nearer, max(gap, 0.0) / nearer
 
 
 @kernel
 def _of_patches(plan, work, row, x, step, out):
-    """Write the share and the gap of a surface's patch that allows least."""
+    """Write the shares and the gap of a surface's patch that allows least."""
     t, p, n = sl.table_of(plan, row)
     t_other, size, n_other = sl.other_of(plan, row)
     qx, qv, _ = modes_of(plan, row)
@@ -68,19 +68,20 @@ def _of_patches(plan, work, row, x, step, out):
         if not felt:  # beside the other surface, or so far away that none of its patches feels it
             gap, normal = distance(plan.data, o, add3(d, arm))
             gap -= radius
-        share = math.inf
-        if felt or gap > 0.0:
-            share = _share(plan.data, o, way, gap, normal, speed, beside)
+            if not gap > 0.0:
+                continue
+        share, touch = _shares(plan.data, o, way, gap, normal, speed, beside)
         nearer = beside - dot3(normal, speed)
-        if size > 0 and nearer > 0.0 and (felt or gap > 0.0):  # behind its patches nothing feels it
+        if size > 0 and nearer > 0.0:  # further behind its patches nothing feels it
             share = min(share, _room(plan.data[t_other + sl.SUPPORT], gap) / nearer)
+        out[TOUCH] = min(out[TOUCH], touch)
         if share < out[SHARE]:
             out[SHARE], out[GAP] = share, gap
 
 
 @entry_kernel
 def passing_shares(plan, work, elements, x, step, out):
-    """out[k] of contact ``elements[k]`` (rows of ``plan.elements``): the share of a step (nv,) that it allows, its gap.
+    """out[k] of contact ``elements[k]`` (rows of ``plan.elements``): shares of a step (nv,), and its gap.
 
     Infinite where nothing is passed, as by what goes away, or before a half space, which has no far side.  Half of the
     way to the middle of what is met is allowed from outside, and half of what is left of it from inside.
@@ -88,7 +89,7 @@ def passing_shares(plan, work, elements, x, step, out):
     forward_kinematics(plan, work, x, step, step)
     for k in range(elements.shape[0]):
         row = plan.elements[elements[k]]
-        out[k, SHARE], out[k, GAP] = math.inf, 0.0
+        out[k, SHARE], out[k, TOUCH], out[k, GAP] = math.inf, math.inf, 0.0
         if is_of_surface(row[at.EL_KIND]):
             _of_patches(plan, work, row, x, step, out[k])
             continue
@@ -97,4 +98,5 @@ def passing_shares(plan, work, elements, x, step, out):
         _, place, speed = centre_motion(plan, o, d, R, rate, spin)
         gap, n = distance(plan.data, o, place)
         out[k, GAP] = gap - plan.data[o + RADIUS]
-        out[k, SHARE] = _share(plan.data, o, way_to_middle(plan.data, o), out[k, GAP], n, speed, 0.0)
+        way = way_to_middle(plan.data, o)
+        out[k, SHARE], out[k, TOUCH] = _shares(plan.data, o, way, out[k, GAP], n, speed, 0.0)

@@ -21,7 +21,7 @@ from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
-from flexmbd.multibody.linear.passing import passing
+from flexmbd.multibody.linear.passing import passing_on_the_way
 from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes
 from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness, spectrum
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
@@ -203,7 +203,7 @@ class MachineSpace:
             ConvergenceError: Newton's method does not converge.
             SceneError: as ``balance``, or the loops do not close.
         """
-        through = passing(self.scene, self.work, start.x, step.xi)
+        through = passing_on_the_way(self.scene, self.work, start.x, step.xi, self.size)
         if through.share < 1.0:
             raise ConvergenceError(f"the step passes through what touches: {through.told}")
         x, factor, strained = start.x, start.factor, self.strains.at(start.x)
