@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate
+from flexmbd.multibody.kernels.algebra.so3 import add3, cross3, dot3, rotate, scale3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -21,6 +21,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.surface_loads import modes_of, o
 
 #: Columns: the share of the step, that at which it may touch, and the gap (m) before it.
 SHARE, TOUCH, GAP, N_PASSING = 0, 1, 2, 3
+_HALVINGS = 50
 
 
 @kernel
@@ -30,7 +31,18 @@ def _room(way, gap):
 
 
 @kernel
-def _shares(data, o, way, gap, n, speed, beside):
+def _on_one_side(data, o, place, n, speed, share):
+    """As much of a share as leaves a point inside on the side it is pushed out of along n, not past an edge's middle."""
+    for _ in range(_HALVINGS):
+        far, normal = distance(data, o, add3(place, scale3(share, speed)))
+        if not far < 0.0 or dot3(n, normal) > 0.5:
+            break
+        share *= 0.5
+    return share
+
+
+@kernel
+def _shares(data, o, way, gap, place, n, speed, beside):
     """Of a step by ``speed`` (m) of a point, and of its shape by ``beside`` at most: what is allowed, where it touches.
 
     The distance from a convex shape is a convex function along a straight line: it falls by no more than at first.
@@ -40,7 +52,12 @@ def _shares(data, o, way, gap, n, speed, beside):
         return math.inf, math.inf
     if data[o] == PROFILE or data[o] == TRIANGLES:
         nearer = beside + math.sqrt(dot3(speed, speed))
-    return math.inf if way == math.inf else _room(way, gap) / nearer, max(gap, 0.0) / nearer
+    share = math.inf if way == math.inf else _room(way, gap) / nearer
+    if gap < 0.0 and way < math.inf:
+        whole = min(share, 1.0)
+        kept = _on_one_side(data, o, place, n, speed, whole)
+        share = share if kept == whole else 0.5 * kept
+    return share, max(gap, 0.0) / nearer
 
 
 @kernel
@@ -61,7 +78,7 @@ def _of_patches(plan, work, row, x, step, out):
         beside = farthest(plan.data, t_other, n_other, step[rv : rv + n_other])
     for i in range(p):
         arm = rotate(R, displaced(plan.data, p, n, t, i, x[qx : qx + n]))
-        gap, normal, _ = place_point(plan, row, d, arm, weights[0], others)
+        gap, normal, foot = place_point(plan, row, d, arm, weights[0], others)
         by_mode = by_modes(plan.data, sl.displacements(p, n, t, i), n, step[qv : qv + n])
         speed = add3(add3(rate, cross3(spin, arm)), rotate(R, by_mode))
         felt = gap < math.inf
@@ -70,7 +87,7 @@ def _of_patches(plan, work, row, x, step, out):
             gap -= radius
             if not gap > 0.0:
                 continue
-        share, touch = _shares(plan.data, o, way, gap, normal, speed, beside)
+        share, touch = _shares(plan.data, o, way, gap, foot, normal, speed, beside)
         nearer = beside - dot3(normal, speed)
         if size > 0 and nearer > 0.0:  # further behind its patches nothing feels it
             share = min(share, _room(plan.data[t_other + sl.SUPPORT], gap) / nearer)
@@ -99,4 +116,4 @@ def passing_shares(plan, work, elements, x, step, out):
         gap, n = distance(plan.data, o, place)
         out[k, GAP] = gap - plan.data[o + RADIUS]
         way = way_to_middle(plan.data, o)
-        out[k, SHARE], out[k, TOUCH] = _shares(plan.data, o, way, out[k, GAP], n, speed, 0.0)
+        out[k, SHARE], out[k, TOUCH] = _shares(plan.data, o, way, out[k, GAP], place, n, speed, 0.0)

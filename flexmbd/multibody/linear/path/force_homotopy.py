@@ -22,7 +22,7 @@ from flexmbd.continuation.station import station
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, step_size
-from flexmbd.multibody.linear.downhill import newton_cut
+from flexmbd.multibody.linear.downhill import HinderedError, newton_cut
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
 from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
@@ -128,12 +128,19 @@ def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool
 
 
 def _to_touch(space: MachineSpace, goal: MachinePoint, open_: FloatArray) -> Settled | None:
-    """The equilibrium on what forces that nothing resists, yet, press the machine against; None without any."""
+    """The equilibrium on what forces that nothing resists, yet, press the machine against; None without any.
+
+    Raises:
+        HinderedError: it is pressed through that.
+    """
     falls = space.against(goal, open_)
     if not passing(space.scene, space.work, goal.x, falls.xi).meets:
         return None
-    found = until(lambda: _by_cut_steps(space, goal, stays_stable=False))
-    if found is None:
+    try:
+        found = _by_cut_steps(space, goal, stays_stable=False)
+    except HinderedError:
+        raise
+    except (ConvergenceError, SceneError, np.linalg.LinAlgError):
         return None
     return _balanced(space, goal, Settled(found, space.spectrum(found), True, False))
 
