@@ -7,9 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface
+from flexmbd.multibody.contact.shapes import Sphere
+from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.reading.force_tables import element_numbers, passable_contacts
-from flexmbd.multibody.kernels.sampling.passing import GAP, N_PASSING, SHARE, TOUCH, passing_shares
+from flexmbd.multibody.kernels.elements.table import of_surfaces
+from flexmbd.multibody.kernels.reading.force_tables import contacts_by_law, element_numbers, touched_shape
+from flexmbd.multibody.kernels.sampling.passing import (
+    GAP,
+    N_PASSING,
+    SHARE,
+    TOUCH,
+    passing_shares,
+    point_shares,
+    step_between_frames,
+)
 from flexmbd.multibody.linear.balance import moved, step_size
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -48,16 +60,22 @@ def passing(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -
     Half of the way to the middle of what is met is allowed from outside, half of what is left of it from inside; so
     that no gap closes and opens again on the other side, and what is pressed in is not pushed through.
     """
-    rows = passable_contacts(scene.plan)
-    if not len(rows) or not np.isfinite(step).all():
+    if not _may_touch(scene) or not np.isfinite(step).all():
         return Passing()
+    rows, step = contacts_by_law(scene.plan), np.ascontiguousarray(step)
     found = np.zeros((len(rows), N_PASSING))
-    passing_shares(scene.plan, work, rows, x, np.ascontiguousarray(step), found)
+    passing_shares(scene.plan, work, rows, x, step, found)
+    names = [scene.element_names[k] for k in element_numbers(scene.plan, [*rows])]
+    for contact in _surfaces(scene):
+        of_points = _of_surface(scene, work, contact, x, step)
+        found = np.vstack([found, of_points])
+        names += [contact.what] * len(of_points)
+    if not len(found):
+        return Passing()
     least, meets = int(np.argmin(found[:, SHARE])), bool((found[:, TOUCH] < np.inf).any())
     if not found[least, SHARE] < np.inf:
         return Passing(meets=meets)
-    name = scene.element_names[element_numbers(scene.plan, [int(rows[least])])[0]]
-    return Passing(float(found[least, SHARE]), name, float(found[least, GAP]), meets)
+    return Passing(float(found[least, SHARE]), names[least], float(found[least, GAP]), meets)
 
 
 def passing_on_the_way(
@@ -69,7 +87,7 @@ def passing_on_the_way(
         SceneError: on the way the loops do not close.
     """
     size = step_size(sizes, step)
-    if not len(passable_contacts(scene.plan)) or not np.isfinite(size):
+    if not _may_touch(scene) or not np.isfinite(size):
         return Passing()
     pieces, found = min(max(1, int(np.ceil(min(size / _PIECE, _PIECES)))), _PIECES), Passing()
     for k in range(pieces):
@@ -78,3 +96,40 @@ def passing_on_the_way(
         if found.share < 1.0:
             return replace(found, share=(k + found.share) / pieces)
     return replace(found, share=np.inf)
+
+
+def _may_touch(scene: CompiledScene) -> bool:
+    return len(contacts_by_law(scene.plan)) > 0 or bool(of_surfaces(scene.plan).any())
+
+
+def _surfaces(scene: CompiledScene) -> list[SurfaceContact]:
+    if not of_surfaces(scene.plan).any():
+        return []
+    return [one for one in scene.index.forces if isinstance(one, SurfaceContact)]
+
+
+def _of_surface(
+    scene: CompiledScene, work: Work, contact: SurfaceContact, x: FloatArray, step: FloatArray
+) -> FloatArray:
+    """(p, N_PASSING) of the patches of a surface, or of the sphere that touches one, which may meet the shape."""
+    row, motion = scene.index.forces[contact].elements.start, np.zeros(18)
+    step_between_frames(scene.plan, work, row, x, step, motion)
+    d, R, rate, spin = motion[:3], motion[3:12].reshape(3, 3), motion[12:15], motion[15:]
+    arms, by_modes = np.zeros((1, 3)), np.zeros((1, 3))
+    if not isinstance(contact.surface, Sphere):
+        modes, phi = scene.index.modes[contact.surface.body], contact.surface.displacements
+        arms, by_modes = contact.surface.points + phi @ x[modes.x], phi @ step[modes.v]
+    places = d + arms @ R.T
+    speeds = rate + np.cross(spin, arms @ R.T) + by_modes @ R.T
+    beside, depth = 0.0, np.inf
+    o, radius = touched_shape(scene.plan, row)
+    found = np.zeros((len(places), N_PASSING))
+    other = contact.other
+    if isinstance(other, ElasticSurface):  # its patches feel what is near them; what it is bent by is small beside that
+        beside = float(np.linalg.norm(other.displacements @ step[scene.index.modes[other.body].v], axis=1).max())
+        depth = other.felt
+    point_shares(scene.plan.data, o, radius, depth, places, speeds, beside, found)
+    if isinstance(other, ElasticSurface):
+        nearest = np.linalg.norm(places[:, None] - other.points, axis=2).min(axis=1)
+        found = found[(nearest < depth + radius) | (found[:, GAP] > 0.0)]
+    return found

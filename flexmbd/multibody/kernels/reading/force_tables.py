@@ -23,7 +23,8 @@ from flexmbd.multibody.kernels.elements.hard_element import (
 )
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
-from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, of_surfaces, stores
+from flexmbd.multibody.kernels.elements.surface_layout import POINT_RADIUS, SHAPE
+from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
 FloatArray = NDArray[np.float64]
@@ -175,9 +176,18 @@ def rough_contacts(plan: Plan) -> IntArray:
     return np.flatnonzero(are_of(plan, ROUGH_CONTACT))
 
 
-def passable_contacts(plan: Plan) -> IntArray:
-    """(k,) rows of ``Plan.elements`` of contacts by a law and of elastic surfaces, which a step might pass through."""
-    return np.flatnonzero(are_of(plan, CONTACT) | are_of(plan, ROUGH_CONTACT) | of_surfaces(plan))
+def contacts_by_law(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.elements`` of contacts with a law, not of those of elastic surfaces."""
+    return np.flatnonzero(are_of(plan, CONTACT) | are_of(plan, ROUGH_CONTACT))
+
+
+def touched_shape(plan: Plan, row: int) -> tuple[int, float]:
+    """Where in ``Plan.data`` the shape is that the elastic surface in this row of the elements touches; the points' radius.
+
+    The radius (m) is 0 but of a sphere that is its only point.
+    """
+    o = int(plan.elements[row, at.EL_DATA])
+    return o + SHAPE, float(plan.data[o + POINT_RADIUS])
 
 
 def slid_ways(plan: Plan) -> IntArray:
