@@ -29,6 +29,7 @@ IntArray = NDArray[np.int64]
 
 # Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
 _SUPPORT = 1.75
+_EDGE = 0.45 * np.pi  # rad, between the normals of neighbours: beyond it there is an edge between them
 
 _tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float, bytes], SharedNumbers]] = WeakKeyDictionary()
 
@@ -135,6 +136,25 @@ class ElasticSurface:
         return np.einsum("pab,pbn->pan", group.axes[rows], group.phi[rows])
 
     @property
+    def normals(self) -> FloatArray:
+        """(p, 3) mean outward normals of its patches, in the body's axes."""
+        return self._group.axes[self.patches, :, 0]
+
+    @cached_property
+    def behind(self) -> FloatArray:
+        """(p,) m, about how far a patch's centroid lies behind a curved surface, by how its neighbours' normals turn.
+
+        Of an arc of the width w and radius r that is w^2 / (24 r).
+        """
+        x, n = self._group.x[self.patches], self.normals
+        far = np.linalg.norm(x[:, None] - x, axis=2)
+        turn = np.arccos(np.clip(n @ n.T, -1.0, 1.0))
+        width = np.sqrt(self.area)
+        near = (far > 0.0) & (far < 2.0 * np.maximum(width[:, None], width)) & (turn < _EDGE)
+        curvature = np.divide(turn, far, out=np.zeros_like(far), where=near).max(axis=1, initial=0.0)
+        return np.asarray(curvature * self.area / 24.0)
+
+    @property
     def felt(self) -> float:
         """m, how far from a patch's centroid it is felt by what touches between the patches."""
         return float(_SUPPORT * np.sqrt(self.area.max()))
@@ -175,8 +195,7 @@ class ElasticSurface:
     @property
     def is_plane(self) -> bool:
         """Whether the normals of all patches are one."""
-        normals = self._group.axes[self.patches, :, 0]
-        return bool(np.abs(normals - normals[0]).max() < SEVEN_DIGITS)
+        return bool(np.abs(self.normals - self.normals[0]).max() < SEVEN_DIGITS)
 
     @property
     def patch_radius(self) -> float:

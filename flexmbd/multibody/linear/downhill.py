@@ -15,7 +15,7 @@ from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
-from flexmbd.multibody.linear.passing import Passing, passing
+from flexmbd.multibody.linear.passing import Passing, may_touch, passing
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.round_off import of_solver
@@ -167,7 +167,7 @@ def newton_cut(
     *,
     stays_stable: bool,
 ) -> ForceBalance:
-    """The equilibrium to which few of Newton's steps lead, cut as in ``stable_below``.
+    """The equilibrium to which few of Newton's steps lead, more where bodies may touch, cut as in ``stable_below``.
 
     Args:
         scene: as of ``stable_below``, like those that follow.
@@ -183,7 +183,8 @@ def newton_cut(
         SceneError: as ``balance``.
     """
     search = _DownhillProblem(scene, work, strains, sizes, leaves=False, stays_stable=stays_stable)
-    found = newton(search, search.begin(start), most=_FEW, close=SETTLED)
+    most = _ITERATIONS if may_touch(scene) else _FEW  # each goes to what lies on the way, or a part of a turn
+    found = newton(search, search.begin(start), most=most, close=SETTLED)
     if not found.is_solution:
         _refuse_hindered(search, found.place)
         raise ConvergenceError("Newton's steps lead to no equilibrium")

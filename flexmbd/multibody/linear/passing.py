@@ -60,14 +60,14 @@ def passing(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -
     Half of the way to the middle of what is met is allowed from outside, half of what is left of it from inside; so
     that no gap closes and opens again on the other side, and what is pressed in is not pushed through.
     """
-    if not _may_touch(scene) or not np.isfinite(step).all():
+    if not may_touch(scene) or not np.isfinite(step).all():
         return Passing()
     rows, step = contacts_by_law(scene.plan), np.ascontiguousarray(step)
     found = np.zeros((len(rows), N_PASSING))
     passing_shares(scene.plan, work, rows, x, step, found)
     names = [scene.element_names[k] for k in element_numbers(scene.plan, [*rows])]
-    for contact in _surfaces(scene):
-        of_points = _of_surface(scene, work, contact, x, step)
+    for contact in surfaces_that_touch(scene):
+        of_points = touching_points(scene, work, contact, x, step)
         found = np.vstack([found, of_points])
         names += [contact.what] * len(of_points)
     if not len(found):
@@ -87,7 +87,7 @@ def passing_on_the_way(
         SceneError: on the way the loops do not close.
     """
     size = step_size(sizes, step)
-    if not _may_touch(scene) or not np.isfinite(size):
+    if not may_touch(scene) or not np.isfinite(size):
         return Passing()
     pieces, found = min(max(1, int(np.ceil(min(size / _PIECE, _PIECES)))), _PIECES), Passing()
     for k in range(pieces):
@@ -98,20 +98,25 @@ def passing_on_the_way(
     return replace(found, share=np.inf)
 
 
-def _may_touch(scene: CompiledScene) -> bool:
+def may_touch(scene: CompiledScene) -> bool:
+    """Whether there are contacts by a law, or of elastic surfaces."""
     return len(contacts_by_law(scene.plan)) > 0 or bool(of_surfaces(scene.plan).any())
 
 
-def _surfaces(scene: CompiledScene) -> list[SurfaceContact]:
+def surfaces_that_touch(scene: CompiledScene) -> list[SurfaceContact]:
+    """The contacts of elastic surfaces."""
     if not of_surfaces(scene.plan).any():
         return []
     return [one for one in scene.index.forces if isinstance(one, SurfaceContact)]
 
 
-def _of_surface(
+def touching_points(
     scene: CompiledScene, work: Work, contact: SurfaceContact, x: FloatArray, step: FloatArray
 ) -> FloatArray:
-    """(p, N_PASSING) of the patches of a surface, or of the sphere that touches one, which may meet the shape."""
+    """(p, N_PASSING) of the patches of a surface, or of the sphere that touches one: shares of a step (nv,), and gaps.
+
+    Infinite of what is behind another elastic surface, out of reach of its patches.
+    """
     row, motion = scene.index.forces[contact].elements.start, np.zeros(18)
     step_between_frames(scene.plan, work, row, x, step, motion)
     d, R, rate, spin = motion[:3], motion[3:12].reshape(3, 3), motion[12:15], motion[15:]
@@ -123,13 +128,12 @@ def _of_surface(
     speeds = rate + np.cross(spin, arms @ R.T) + by_modes @ R.T
     beside, depth = 0.0, np.inf
     o, radius = touched_shape(scene.plan, row)
-    found = np.zeros((len(places), N_PASSING))
-    other = contact.other
+    found, other = np.zeros((len(places), N_PASSING)), contact.other
     if isinstance(other, ElasticSurface):  # its patches feel what is near them; what it is bent by is small beside that
         beside = float(np.linalg.norm(other.displacements @ step[scene.index.modes[other.body].v], axis=1).max())
         depth = other.felt
     point_shares(scene.plan.data, o, radius, depth, places, speeds, beside, found)
     if isinstance(other, ElasticSurface):
         nearest = np.linalg.norm(places[:, None] - other.points, axis=2).min(axis=1)
-        found = found[(nearest < depth + radius) | (found[:, GAP] > 0.0)]
+        found[(nearest >= depth + radius) & ~(found[:, GAP] > 0.0)] = np.inf
     return found
