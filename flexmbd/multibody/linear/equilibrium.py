@@ -18,8 +18,9 @@ from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.reading.force_tables import element_numbers, rough_contacts
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.derivatives import DERIVING
-from flexmbd.multibody.linear.downhill import most_lacking, stable_below
+from flexmbd.multibody.linear.downhill import HinderedError, most_lacking, stable_below
 from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
 from flexmbd.multibody.linear.sparse_equilibrium import stable_equilibrium
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
@@ -112,6 +113,8 @@ def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> 
             # as where a symmetric body turns freely: out of balance its stiffness shows no motion that nothing resists
             try:
                 there = stable_below(scene, work, here, strains, sizes)
+            except HinderedError:
+                raise
             except SceneError:
                 raise reason from reason.__cause__
             after = spectrum(scene, there)
@@ -225,8 +228,20 @@ class _RestWithStates:
     def correction(self, here: ForceBalance) -> Correction[FloatArray]:
         """Newton's own step, cut to no more than ``_STEP`` of places; states have no largest step."""
         step = _full_newton_step(self.scene, here)
+        step = step + self._falls(here, step)
         longest = step_size(self.sizes, np.where(self.scene.state_mask, 0.0, step))
-        return Correction(step, step_size(self.sizes, step), share=min(1.0, _STEP / max(longest, _STEP)))
+        share = min(1.0, _STEP / max(longest, _STEP), passing(self.scene, self.work, here.x, step).share)
+        return Correction(step, step_size(self.sizes, step), share=share)
+
+    def _falls(self, here: ForceBalance, step: FloatArray) -> FloatArray:
+        """(nv,) as far as the machine is large, along forces that nothing resists, to what it may meet there."""
+        left = here.lacking + here.by.Vz.T @ _slopes(self.scene, here) @ step
+        falls = np.where(_beyond(self.scene, self.work, here, left) > 0.0, -left / np.diag(here.mass), 0.0)
+        along = here.by.Vz @ falls
+        if not along.any():
+            return along
+        along = along / step_size(self.sizes, along)
+        return along if passing(self.scene, self.work, here.x, along).meets else np.zeros_like(along)
 
     def moved(self, here: ForceBalance, correction: Correction[FloatArray], *, close: bool) -> ForceBalance:
         states, change = self.scene.state_mask, correction.share * correction.change
@@ -252,15 +267,19 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
 
 def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> None:
     """Raise SceneError where a force stays that neither a place nor a state resists, so that Newton leaves it alone."""
-    z, bodies = here.by.z, ~scene.state_mask[here.by.z]
-    at_play = np.abs(here.by.Vz).T @ (forces_at_play(scene, work, here) / coordinate_sizes(scene))
-    beyond = (np.abs(here.lacking) - STEADY * at_play)[bodies]
-    if len(beyond) and beyond.max() > 0.0:
-        worst = int(np.flatnonzero(bodies)[np.argmax(beyond)])
+    z, beyond = here.by.z, _beyond(scene, work, here, here.lacking)
+    if beyond.max(initial=0.0) > 0.0:
+        worst = int(np.argmax(beyond))
         raise SceneError(
             f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, "
             f"N m, or modal) stays unbalanced, for neither a place nor a state resists it{_rubs(scene)}"
         )
+
+
+def _beyond(scene: CompiledScene, work: Work, here: ForceBalance, left: FloatArray) -> FloatArray:
+    """(nz,) by how much forces (nz,) are more than round-off; of states nothing."""
+    at_play = np.abs(here.by.Vz).T @ (forces_at_play(scene, work, here) / coordinate_sizes(scene))
+    return np.where(scene.state_mask[here.by.z], 0.0, np.abs(left) - STEADY * at_play)
 
 
 def _rubs(scene: CompiledScene) -> str:
@@ -275,13 +294,18 @@ def _rubs(scene: CompiledScene) -> str:
     )
 
 
-def _full_newton_step(scene: CompiledScene, here: ForceBalance) -> FloatArray:
-    """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them."""
+def _slopes(scene: CompiledScene, here: ForceBalance) -> FloatArray:
+    """(nv, nv) derivatives of the forces by places and, in the columns of states, by these."""
     slopes, states = here.of.stiffness.copy(), scene.state_mask
     slopes[:, states] = here.of.damping[:, states]
+    return slopes
+
+
+def _full_newton_step(scene: CompiledScene, here: ForceBalance) -> FloatArray:
+    """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them."""
     size = coordinate_sizes(scene)
     Vz = here.by.Vz
-    matrix = Vz.T @ slopes @ Vz * size[here.by.z]
+    matrix = Vz.T @ _slopes(scene, here) @ Vz * size[here.by.z]
     rows = np.abs(matrix).max(axis=1, initial=0.0)
     rows[rows == 0.0] = 1.0
     found = np.linalg.lstsq(matrix / rows[:, None], here.lacking / rows, rcond=None)[0]

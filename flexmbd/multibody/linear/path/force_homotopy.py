@@ -22,8 +22,9 @@ from flexmbd.continuation.station import station
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.linear.balance import ForceBalance, step_size
-from flexmbd.multibody.linear.downhill import newton_cut
+from flexmbd.multibody.linear.downhill import HinderedError, newton_cut
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
+from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness
@@ -83,7 +84,7 @@ def forces_let_go(
     step, before = space.newton_step(goal, space.along_factor(1.0)), space.spectrum(goal)
     open_ = _unresolved(space, goal, step) if np.any(space.at_play) else np.zeros(len(start.by.z))
     if open_.any():
-        return _along_the_path(space, goal, before, open_)
+        return _to_touch(space, goal, open_) or _along_the_path(space, goal, before, open_)
     if space.largest(step) <= SETTLED:
         x, _ = space.moved(start.x, 1.0, step)
         there = space.at(x, 1.0)
@@ -124,6 +125,24 @@ def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool
     """The equilibrium to which cut steps lead, as ``newton_cut``."""
     found = newton_cut(space.scene, space.work, goal.at, space.strains, space.size, stays_stable=stays_stable)
     return MachinePoint(found.x, 1.0, found, goal.slopes, 0)
+
+
+def _to_touch(space: MachineSpace, goal: MachinePoint, open_: FloatArray) -> Settled | None:
+    """The equilibrium on what forces that nothing resists, yet, press the machine against; None without any.
+
+    Raises:
+        HinderedError: it is pressed through that.
+    """
+    falls = space.against(goal, open_)
+    if not passing(space.scene, space.work, goal.x, falls.xi).meets:
+        return None
+    try:
+        found = _by_cut_steps(space, goal, stays_stable=False)
+    except HinderedError:
+        raise
+    except (ConvergenceError, SceneError, np.linalg.LinAlgError):
+        return None
+    return _balanced(space, goal, Settled(found, space.spectrum(found), True, False))
 
 
 def _along_the_path(
