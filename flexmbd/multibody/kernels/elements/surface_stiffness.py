@@ -12,12 +12,13 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.contact.complementarity import forward
+from flexmbd.multibody.kernels.base.lanes import LANES, lanes, less_product, padded, put_lanes, spread
+from flexmbd.multibody.kernels.contact.cholesky import forward_rows
 from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_friction import direction_of, motions_place, rough_stiffness
 from flexmbd.multibody.kernels.elements.surface_points import push_modes, push_other_modes, weighted_row
-from flexmbd.multibody.kernels.elements.surface_residual import times_matrix
+from flexmbd.multibody.kernels.elements.surface_residual import write_couples
 
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -28,27 +29,33 @@ def _unit(c):
 
 
 @kernel
-def write_row(plan, work, row, R, k, count, direction, pull, push, out):
+def _turned(V, k, own):
+    """What a unit force on near patch k, in the body's axes, changes the couple of all residuals by."""
+    return (
+        V[sl.COUPLE, k] * own[0] + V[sl.COUPLE + 1, k] * own[1] + V[sl.COUPLE + 2, k] * own[2],
+        V[sl.COUPLE + 3, k] * own[0] + V[sl.COUPLE + 4, k] * own[1] + V[sl.COUPLE + 5, k] * own[2],
+        V[sl.COUPLE + 6, k] * own[0] + V[sl.COUPLE + 7, k] * own[1] + V[sl.COUPLE + 8, k] * own[2],
+    )
+
+
+@kernel
+def write_row(plan, work, row, R, k, direction, pull, push, out):
     """Write what moves near patch k along a direction, at fixed forces, by a motion and by the modes.
 
     A unit of force along it pulls the body and pushes the other surface along two others (F's axes).
     """
     t, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
     own = rotate_back(R, direction)
-    turned = cross3(load3(points[k], sl.OWN_RESIDUAL), own)
-    for b in range(count):
-        j = int(V[sl.ORDER, b])
-        G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
-        turned = add3(turned, cross3(times_matrix(plan.data, G, own), load3(points[j], sl.OWN_FORCE)))
+    turned = add3(cross3(load3(points[k], sl.OWN_RESIDUAL), own), _turned(V, k, own))
     store3(out, 0, pull)
     store3(out, 3, add3(cross3(load3(points[k], sl.PLACE), pull), rotate(R, turned)))
-    for i in range(6, 6 + n + n_other):
+    for i in range(6, out.shape[0]):
         out[i] = 0.0
-    push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, pull), out[6:])
+    push_modes(plan.data, p, n, t, int(V[sl.PATCH, k]), rotate_back(R, pull), out[6:])
     if n_other > 0:
         push_other_modes(plan, row, weights[k], scale3(-1.0, push), out[6 + n :])
 
@@ -56,55 +63,52 @@ def write_row(plan, work, row, R, k, count, direction, pull, push, out):
 @kernel
 def _add_turns(plan, work, row, R, count, K):
     """Add to K what the couples change by as the body turns, at fixed forces."""
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    _, p, _ = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        for b in range(count):
-            j = int(V[sl.ORDER, b])
-            G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
-            for c in range(3):
-                tilted = rotate_back(R, cross3(_unit(c), load3(points[k], sl.FORCED)))
-                couple = rotate(R, cross3(times_matrix(plan.data, G, tilted), load3(points[j], sl.OWN_FORCE)))
-                for r in range(3):
-                    K[3 + r, 3 + c] -= couple[r]
+        for c in range(3):
+            tilted = rotate_back(R, cross3(_unit(c), load3(points[k], sl.FORCED)))
+            couple = rotate(R, _turned(V, k, tilted))
+            for r in range(3):
+                K[3 + r, 3 + c] -= couple[r]
 
 
 @kernel
-def _add_smooth(plan, work, row, R, m, count, K):
+def _add_smooth(plan, work, row, R, count, K):
     """Subtract B^T C^-1 B."""
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    unknowns = 6 + n + n_other
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    B = matrix_view(work.generalized, sl.rows_place(p, size), count, unknowns)
-    L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
+    values, rows, width = work.generalized, sl.rows_place(p, size), padded(6 + n + n_other)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    B = matrix_view(values, rows, count, width)
     for a in range(count):
         row_of = points[int(V[sl.ORDER, a])]
         normal, pull, push = load3(row_of, sl.NORMAL), load3(row_of, sl.PULL), load3(row_of, sl.PUSH)
-        write_row(plan, work, row, R, int(V[sl.ORDER, a]), count, normal, pull, push, B[a])
-    for i in range(unknowns):
-        forward(L, count, B[:, i])
-    for a in range(count):
-        for i in range(unknowns):
-            for j in range(unknowns):
-                K[i, j] -= B[a, i] * B[a, j]
+        write_row(plan, work, row, R, int(V[sl.ORDER, a]), normal, pull, push, B[a])
+    forward_rows(values, sl.matrix_place(p, 1), count, values, rows, width)
+    for i in range(K.shape[0]):
+        for c in range(0, width, LANES):
+            left = lanes(K[i], c)
+            for a in range(count):
+                left = less_product(left, spread(B[a, i]), lanes(B[a], c))
+            put_lanes(K[i], c, left)
 
 
 @deferred_kernel()
 def _add_rough(plan, work, row, R, count, K):
     """Subtract B^T J^-1 (the residuals' change by B)."""
     _, p, _ = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     first, unknowns = motions_place(plan, row)
     B = matrix_view(work.generalized, first, 3 * count, unknowns)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         for c in range(3):
             along, pull, push = direction_of(plan, work, row, k, c)
-            write_row(plan, work, row, R, k, count, along, pull, push, B[3 * a + c])
+            write_row(plan, work, row, R, k, along, pull, push, B[3 * a + c])
     rough_stiffness(plan, work, row, count, K)
 
 
@@ -117,9 +121,9 @@ def _add_geometric(plan, work, row, k, R, column, dz, turn, moved, K):
     """
     t, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
     o, f = row[at.EL_DATA] + sl.SHAPE, V[sl.FORCE, k]
     force, push = load3(points[k], sl.PULLED), load3(points[k], sl.FORCED)
     u, place = rotate(R, load3(points[k], sl.OWN_RESIDUAL)), load3(points[k], sl.PLACE)
@@ -133,7 +137,7 @@ def _add_geometric(plan, work, row, k, R, column, dz, turn, moved, K):
         K[3 + c, column] += torque[c]
     own = rotate_back(R, add3(bent, cross3(force, turn)))
     if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
-        push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, own, K[6:, column])
+        push_modes(plan.data, p, n, t, int(V[sl.PATCH, k]), own, K[6:, column])
     if n_other > 0 and (bent[0] != 0.0 or bent[1] != 0.0 or bent[2] != 0.0):
         push_other_modes(plan, row, weights[k], scale3(-1.0, bent), K[6 + n :, column])
 
@@ -142,21 +146,24 @@ def _add_geometric(plan, work, row, k, R, column, dz, turn, moved, K):
 def write_stiffness(plan, work, row, R, m, count):
     """Write K: what force, torque and modal forces change by for a translation, a turn (F's axes) and the modes.
 
-    Of ``m`` near patches of which ``count`` touch, as `press_patches` left them.
+    Of the near patches on ``m`` slots, of which ``count`` touch, as `press_patches` left them.
     """
     t, p, n = sl.table_of(plan, row)
     t_other, size, n_other = sl.other_of(plan, row)
     unknowns = 6 + n + n_other
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, unknowns)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, padded(unknowns))
     K[:, :] = 0.0
+    for a in range(count):
+        write_couples(plan, work, row, int(V[sl.ORDER, a]), m)
     _add_turns(plan, work, row, R, count, K)
     if plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0:
         _add_rough(plan, work, row, R, count, K)
     else:
-        _add_smooth(plan, work, row, R, m, count, K)
+        _add_smooth(plan, work, row, R, count, K)
+    o, P = sl.displacements(p, n, t), padded(p)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         place = load3(points[k], sl.PLACE)
@@ -164,9 +171,9 @@ def write_stiffness(plan, work, row, R, m, count):
             e = _unit(c)
             _add_geometric(plan, work, row, k, R, c, e, _ZERO, _ZERO, K)
             _add_geometric(plan, work, row, k, R, 3 + c, cross3(e, place), e, _ZERO, K)
-        o = sl.displacements(p, n, t, int(V[sl.PATCH, k]))
         for i in range(n):
-            moved = rotate(R, (plan.data[o + i], plan.data[o + n + i], plan.data[o + 2 * n + i]))
+            c = o + i * P + int(V[sl.PATCH, k])
+            moved = rotate(R, (plan.data[c], plan.data[c + n * P], plan.data[c + 2 * n * P]))
             _add_geometric(plan, work, row, k, R, 6 + i, moved, _ZERO, moved, K)
         for i in range(n_other):
             moved = weighted_row(plan.data, t_other, size, n_other, weights[k], i)
