@@ -20,27 +20,69 @@ from flexmbd.multibody.kernels.base.lanes import (
     sum_of,
 )
 
-_ROWS = 4  # at a time: a divisor of LANES
+#: Rows at a time: a divisor of LANES.
+ROWS = 4
 
 
 @kernel
-def _less_above(values, place, N, i, first):
-    """Subtract from _ROWS rows from i, in the columns from ``first``, what the rows above them stand for."""
-    o = place + N * i
-    for j in range(first, N, LANES):
-        a, b = lanes(values, o + j), lanes(values, o + N + j)
-        c, d = lanes(values, o + 2 * N + j), lanes(values, o + 3 * N + j)
-        for k in range(i):
-            row = place + N * k
-            right = lanes(values, row + j)
-            a = less_product(a, spread(values[row + i]), right)
-            b = less_product(b, spread(values[row + i + 1]), right)
-            c = less_product(c, spread(values[row + i + 2]), right)
-            d = less_product(d, spread(values[row + i + 3]), right)
-        put_lanes(values, o + j, a)
-        put_lanes(values, o + N + j, b)
-        put_lanes(values, o + 2 * N + j, c)
-        put_lanes(values, o + 3 * N + j, d)
+def less_products(target, to, left, place, stride, right, rows, width, count, first):
+    """Subtract from ROWS rows of ``target`` the products of ``count`` numbers each with as many rows of ``right``.
+
+    Rows have ``width`` numbers, of which those from ``first`` are looked at; the target's begin at ``to``, the right's
+    at ``rows``; those of row r are ``left[place + stride k + r]``.
+    """
+    for j in range(first, width, LANES):
+        o = to + j
+        a, b = lanes(target, o), lanes(target, o + width)
+        c, d = lanes(target, o + 2 * width), lanes(target, o + 3 * width)
+        for k in range(count):
+            of = place + stride * k
+            row = lanes(right, rows + width * k + j)
+            a = less_product(a, spread(left[of]), row)
+            b = less_product(b, spread(left[of + 1]), row)
+            c = less_product(c, spread(left[of + 2]), row)
+            d = less_product(d, spread(left[of + 3]), row)
+        put_lanes(target, o, a)
+        put_lanes(target, o + width, b)
+        put_lanes(target, o + 2 * width, c)
+        put_lanes(target, o + 3 * width, d)
+
+
+@kernel
+def _solve_rows(target, to, width, first, scale, before):
+    """Solve ROWS rows by a triangle: the reciprocals of its diagonal, and what stands above, column by column."""
+    s0, s1, s2, s3 = spread(scale[0]), spread(scale[1]), spread(scale[2]), spread(scale[3])
+    u01, u02, u12 = spread(before[0]), spread(before[1]), spread(before[2])
+    u03, u13, u23 = spread(before[3]), spread(before[4]), spread(before[5])
+    zero = spread(0.0)
+    for j in range(first, width, LANES):
+        o = to + j
+        a = plus_product(zero, s0, lanes(target, o))
+        b = plus_product(zero, s1, less_product(lanes(target, o + width), u01, a))
+        c = less_product(less_product(lanes(target, o + 2 * width), u02, a), u12, b)
+        c = plus_product(zero, s2, c)
+        d = less_product(less_product(lanes(target, o + 3 * width), u03, a), u13, b)
+        d = plus_product(zero, s3, less_product(d, u23, c))
+        put_lanes(target, o, a)
+        put_lanes(target, o + width, b)
+        put_lanes(target, o + 2 * width, c)
+        put_lanes(target, o + 3 * width, d)
+
+
+@kernel
+def _triangle(values, o, N):
+    """The factor of ROWS rows and columns at ``o``, as ``_solve_rows`` takes it; NaN where there is none."""
+    s0 = 1.0 / math.sqrt(values[o])
+    u01, u02, u03 = s0 * values[o + 1], s0 * values[o + 2], s0 * values[o + 3]
+    o += N
+    s1 = 1.0 / math.sqrt(values[o + 1] - u01 * u01)
+    u12, u13 = s1 * (values[o + 2] - u01 * u02), s1 * (values[o + 3] - u01 * u03)
+    o += N
+    s2 = 1.0 / math.sqrt(values[o + 2] - u02 * u02 - u12 * u12)
+    u23 = s2 * (values[o + 3] - u02 * u03 - u12 * u13)
+    o += N
+    s3 = 1.0 / math.sqrt(values[o + 3] - u03 * u03 - u13 * u13 - u23 * u23)
+    return (s0, s1, s2, s3), (u01, u02, u12, u03, u13, u23)
 
 
 @kernel
@@ -53,24 +95,18 @@ def factor(values, place, n):
     for i in range(n, N):
         for j in range(i, N):
             values[place + N * i + j] = 1.0 if i == j else 0.0
-    for i in range(0, n, _ROWS):
-        first = i // LANES * LANES
-        _less_above(values, place, N, i, first)
-        for r in range(i, i + _ROWS):
-            o = place + N * r
-            for k in range(i, r):
-                above = place + N * k
-                share = spread(values[above + r])
-                for j in range(first, N, LANES):
-                    put_lanes(values, o + j, less_product(lanes(values, o + j), share, lanes(values, above + j)))
-            if not values[o + r] > 0.0:
-                return False
-            size = 1.0 / math.sqrt(values[o + r])
-            for j in range(first, N, LANES):
-                put_lanes(values, o + j, plus_product(spread(0.0), spread(size), lanes(values, o + j)))
-            for j in range(first, r):
-                values[o + j] = 0.0
-            values[o + r] = size
+    for i in range(0, n, ROWS):
+        first, o = i // LANES * LANES, place + N * i
+        less_products(values, o, values, place + i, N, values, place, N, i, first)
+        scale, before = _triangle(values, o + i, N)
+        if not scale[0] + scale[1] + scale[2] + scale[3] < math.inf:  # or not a number
+            return False
+        _solve_rows(values, o, N, first, scale, before)
+        for r in range(ROWS):
+            row = o + N * r
+            for j in range(first, i + r):
+                values[row + j] = 0.0
+            values[row + i + r] = scale[r]
     return True
 
 
@@ -102,12 +138,15 @@ def backward(values, place, n, b):
 
 @kernel
 def forward_rows(values, place, n, B, rows, width):
-    """Solve U^T Y = B (n, width) in place; its rows, of a `padded` number, are at ``rows`` of the array B."""
+    """Solve U^T Y = B (n, width) in place, in rows from ``rows`` of the array B, which has room for N of them.
+
+    Rows have a `padded` number of columns; those of them beyond n are overwritten.
+    """
     N = padded(n)
-    for j in range(n):
-        scale = spread(values[place + N * j + j])
-        for c in range(rows, rows + width, LANES):
-            left = lanes(B, c + width * j)
-            for i in range(j):
-                left = less_product(left, spread(values[place + N * i + j]), lanes(B, c + width * i))
-            put_lanes(B, c + width * j, plus_product(spread(0.0), scale, left))
+    for i in range(0, n, ROWS):
+        to, o = rows + width * i, place + N * i + i
+        less_products(B, to, values, place + i, N, B, rows, width, i, 0)
+        p, q, r = o + N, o + 2 * N, o + 3 * N
+        scale = values[o], values[p + 1], values[q + 2], values[r + 3]
+        before = values[o + 1], values[o + 2], values[p + 2], values[o + 3], values[p + 3], values[q + 3]
+        _solve_rows(B, to, width, 0, scale, before)

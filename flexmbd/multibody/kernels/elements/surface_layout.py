@@ -45,7 +45,7 @@ def surface_scratch(p: int, n: int, p_other: int, n_other: int) -> int:
     """How many numbers of ``work.generalized`` a surface needs, of p patches and n modes, and what it touches."""
     size, P, P_other = 6 + n + n_other, padded_size(p), padded_size(p_other)
     of_points = (N_VECTOR + N_POINT + 2 * P + P_other + padded_size(size)) * P
-    return of_points + N_OTHER * P_other + size * padded_size(size) + size - 6
+    return of_points + N_OTHER * P_other + padded_size(size) ** 2 + size - 6
 
 
 @kernel
@@ -146,14 +146,14 @@ def rows_place(p, p_other):
 
 @kernel
 def stiffness_place(p, p_other, size):
-    """Where K (size, padded size), of which ``size`` columns count, begins."""
+    """Where K (padded size, padded size), of which ``size`` rows and columns count, begins."""
     return rows_place(p, p_other) + padded(p) * padded(size)
 
 
 @kernel
 def modal_place(p, p_other, size):
     """Where the forces on the modes (size - 6,) begin."""
-    return stiffness_place(p, p_other, size) + size * padded(size)
+    return stiffness_place(p, p_other, size) + padded(size) * padded(size)
 
 
 @kernel

@@ -12,8 +12,8 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.base.lanes import LANES, lanes, less_product, padded, put_lanes, spread
-from flexmbd.multibody.kernels.contact.cholesky import forward_rows
+from flexmbd.multibody.kernels.base.lanes import LANES, lanes, padded, plus_product, spread, sum_of
+from flexmbd.multibody.kernels.contact.cholesky import ROWS, forward_rows, less_products
 from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_friction import direction_of, motions_place, rough_stiffness
@@ -62,22 +62,25 @@ def write_row(plan, work, row, R, k, direction, pull, push, out):
 
 @kernel
 def _add_turns(plan, work, row, R, count, K):
-    """Add to K what the couples change by as the body turns, at fixed forces."""
+    """Add to K what torque and couples change by as the body turns, at fixed forces."""
     _, p, _ = sl.table_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     for a in range(count):
         k = int(V[sl.ORDER, a])
+        force, push = load3(points[k], sl.PULLED), load3(points[k], sl.FORCED)
+        place, u = load3(points[k], sl.PLACE), rotate(R, load3(points[k], sl.OWN_RESIDUAL))
         for c in range(3):
-            tilted = rotate_back(R, cross3(_unit(c), load3(points[k], sl.FORCED)))
-            couple = rotate(R, _turned(V, k, tilted))
+            e = _unit(c)
+            couple = rotate(R, _turned(V, k, rotate_back(R, cross3(e, push))))
+            torque = add3(cross3(cross3(e, place), force), cross3(cross3(e, u), push))
             for r in range(3):
-                K[3 + r, 3 + c] -= couple[r]
+                K[3 + r, 3 + c] += torque[r] - couple[r]
 
 
 @kernel
-def _add_smooth(plan, work, row, R, count, K):
-    """Subtract B^T C^-1 B."""
+def _add_smooth(plan, work, row, R, count):
+    """Subtract B^T C^-1 B from K."""
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
     values, rows, width = work.generalized, sl.rows_place(p, size), padded(6 + n + n_other)
@@ -89,12 +92,30 @@ def _add_smooth(plan, work, row, R, count, K):
         normal, pull, push = load3(row_of, sl.NORMAL), load3(row_of, sl.PULL), load3(row_of, sl.PUSH)
         write_row(plan, work, row, R, int(V[sl.ORDER, a]), normal, pull, push, B[a])
     forward_rows(values, sl.matrix_place(p, 1), count, values, rows, width)
-    for i in range(K.shape[0]):
-        for c in range(0, width, LANES):
-            left = lanes(K[i], c)
-            for a in range(count):
-                left = less_product(left, spread(B[a, i]), lanes(B[a], c))
-            put_lanes(K[i], c, left)
+    to = sl.stiffness_place(p, size, 6 + n + n_other)
+    for i in range(0, 6 + n + n_other, ROWS):
+        less_products(values, to + width * i, values, rows + i, width, values, rows, width, count, 0)
+
+
+@kernel
+def _add_moved_arms(plan, work, row, R, m, K):
+    """Add to K what the torque changes by as the modes move the patches under their forces, and the modes' by turns."""
+    t, p, n = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    o, P, data = sl.displacements(p, n, t), padded(p), plan.data
+    for i in range(n):
+        x0 = x1 = x2 = y0 = y1 = y2 = spread(0.0)
+        for b in range(0, m, LANES):
+            c = o + i * P + int(V[sl.PATCH, b])
+            u0, u1, u2 = lanes(data, c), lanes(data, c + n * P), lanes(data, c + 2 * n * P)
+            f0, f1, f2 = lanes(V[sl.OWN_PULLED], b), lanes(V[sl.OWN_PULLED + 1], b), lanes(V[sl.OWN_PULLED + 2], b)
+            x0, y0 = plus_product(x0, u1, f2), plus_product(y0, u2, f1)
+            x1, y1 = plus_product(x1, u2, f0), plus_product(y1, u0, f2)
+            x2, y2 = plus_product(x2, u0, f1), plus_product(y2, u1, f0)
+        turned = rotate(R, (sum_of(x0) - sum_of(y0), sum_of(x1) - sum_of(y1), sum_of(x2) - sum_of(y2)))
+        for c in range(3):
+            K[3 + c, 6 + i] += turned[c]
+            K[6 + i, 3 + c] += turned[c]
 
 
 @deferred_kernel()
@@ -113,33 +134,49 @@ def _add_rough(plan, work, row, R, count, K):
 
 
 @kernel
-def _add_geometric(plan, work, row, k, R, column, dz, turn, moved, K):
-    """Add to a column of K what the force of near patch k, at fixed size, changes with.
+def _add_bent(plan, work, row, k, R, column, dz, K):
+    """Add to a column of K what the force of near patch k, at fixed size, bends with the gradient.
 
-    For a motion of its centroid against the shape by ``dz``, with a turn and a displacement ``moved`` by its own modes,
-    in F's axes.
+    For a motion of its centroid against the shape by ``dz``, in F's axes.
     """
     t, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
-    o, f = row[at.EL_DATA] + sl.SHAPE, V[sl.FORCE, k]
-    force, push = load3(points[k], sl.PULLED), load3(points[k], sl.FORCED)
-    u, place = rotate(R, load3(points[k], sl.OWN_RESIDUAL)), load3(points[k], sl.PLACE)
-    bent = _ZERO
-    if plan.data[o] != HALF_SPACE:
-        bent = scale3(f, gradient_variation(plan.data, o, load3(points[k], sl.FOOT), dz))
-    torque = add3(cross3(add3(place, u), bent), cross3(add3(cross3(turn, place), moved), force))
-    torque = add3(torque, cross3(cross3(turn, u), push))
+    o = row[at.EL_DATA] + sl.SHAPE
+    bent = scale3(V[sl.FORCE, k], gradient_variation(plan.data, o, load3(points[k], sl.FOOT), dz))
+    arm = add3(load3(points[k], sl.PLACE), rotate(R, load3(points[k], sl.OWN_RESIDUAL)))
+    torque = cross3(arm, bent)
     for c in range(3):
         K[c, column] += bent[c]
         K[3 + c, column] += torque[c]
-    own = rotate_back(R, add3(bent, cross3(force, turn)))
-    if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
-        push_modes(plan.data, p, n, t, int(V[sl.PATCH, k]), own, K[6:, column])
-    if n_other > 0 and (bent[0] != 0.0 or bent[1] != 0.0 or bent[2] != 0.0):
+    push_modes(plan.data, p, n, t, int(V[sl.PATCH, k]), rotate_back(R, bent), K[6 : 6 + n, column])
+    if n_other > 0:
         push_other_modes(plan, row, weights[k], scale3(-1.0, bent), K[6 + n :, column])
+
+
+@kernel
+def _add_bends(plan, work, row, k, R, K):
+    """The same for all unknowns."""
+    t, p, n = sl.table_of(plan, row)
+    t_other, size, n_other = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    place = load3(points[k], sl.PLACE)
+    for c in range(3):
+        e = _unit(c)
+        _add_bent(plan, work, row, k, R, c, e, K)
+        _add_bent(plan, work, row, k, R, 3 + c, cross3(e, place), K)
+    o, P = sl.displacements(p, n, t) + int(V[sl.PATCH, k]), padded(p)
+    for i in range(n):
+        c = o + i * P
+        moved = rotate(R, (plan.data[c], plan.data[c + n * P], plan.data[c + 2 * n * P]))
+        _add_bent(plan, work, row, k, R, 6 + i, moved, K)
+    for i in range(n_other):
+        moved = weighted_row(plan.data, t_other, size, n_other, weights[k], i)
+        _add_bent(plan, work, row, k, R, 6 + n + i, scale3(-1.0, moved), K)
 
 
 @kernel
@@ -148,33 +185,20 @@ def write_stiffness(plan, work, row, R, m, count):
 
     Of the near patches on ``m`` slots, of which ``count`` touch, as `press_patches` left them.
     """
-    t, p, n = sl.table_of(plan, row)
-    t_other, size, n_other = sl.other_of(plan, row)
+    _, p, n = sl.table_of(plan, row)
+    _, size, n_other = sl.other_of(plan, row)
     unknowns = 6 + n + n_other
     V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
-    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
     K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, padded(unknowns))
     K[:, :] = 0.0
     for a in range(count):
         write_couples(plan, work, row, int(V[sl.ORDER, a]), m)
     _add_turns(plan, work, row, R, count, K)
+    _add_moved_arms(plan, work, row, R, m, K)
     if plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0:
         _add_rough(plan, work, row, R, count, K)
     else:
-        _add_smooth(plan, work, row, R, count, K)
-    o, P = sl.displacements(p, n, t), padded(p)
-    for a in range(count):
-        k = int(V[sl.ORDER, a])
-        place = load3(points[k], sl.PLACE)
-        for c in range(3):
-            e = _unit(c)
-            _add_geometric(plan, work, row, k, R, c, e, _ZERO, _ZERO, K)
-            _add_geometric(plan, work, row, k, R, 3 + c, cross3(e, place), e, _ZERO, K)
-        for i in range(n):
-            c = o + i * P + int(V[sl.PATCH, k])
-            moved = rotate(R, (plan.data[c], plan.data[c + n * P], plan.data[c + 2 * n * P]))
-            _add_geometric(plan, work, row, k, R, 6 + i, moved, _ZERO, moved, K)
-        for i in range(n_other):
-            moved = weighted_row(plan.data, t_other, size, n_other, weights[k], i)
-            _add_geometric(plan, work, row, k, R, 6 + n + i, scale3(-1.0, moved), _ZERO, _ZERO, K)
+        _add_smooth(plan, work, row, R, count)
+    if plan.data[row[at.EL_DATA] + sl.SHAPE] != HALF_SPACE:
+        for a in range(count):
+            _add_bends(plan, work, row, int(V[sl.ORDER, a]), R, K)
