@@ -74,17 +74,33 @@ def put_lanes(typingctx, values, i, given):
     return types.void(values, types.intp, _kind()), codegen
 
 
+def _spread(builder: Any, value: Any) -> Any:
+    empty = ir.Constant(ir.VectorType(ir.DoubleType(), LANES), ir.Undefined)
+    one = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, empty, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+
 @intrinsic
 def spread(typingctx, value):
     """A number in all lanes."""
 
     def codegen(context, builder, signature, arguments):
-        kind = ir.VectorType(ir.DoubleType(), LANES)
-        empty = ir.Constant(kind, ir.Undefined)
-        one = builder.insert_element(empty, arguments[0], ir.Constant(ir.IntType(32), 0))
-        return builder.shuffle_vector(one, empty, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+        return _spread(builder, arguments[0])
 
     return _kind()(types.float64), codegen
+
+
+@intrinsic
+def spread_at(typingctx, values, i):
+    """``values[i]`` of an array (n,) in all lanes."""
+
+    def codegen(context, builder, signature, arguments):
+        from numba.np.arrayobj import make_array
+
+        own = make_array(signature.args[0])(context, builder, arguments[0])
+        return _spread(builder, builder.load(builder.gep(own.data, [arguments[1]])))
+
+    return _kind()(values, types.intp), codegen
 
 
 @intrinsic

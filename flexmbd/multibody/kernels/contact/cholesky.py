@@ -17,6 +17,7 @@ from flexmbd.multibody.kernels.base.lanes import (
     plus_product,
     put_lanes,
     spread,
+    spread_at,
     sum_of,
 )
 
@@ -38,10 +39,10 @@ def less_products(target, to, left, place, stride, right, rows, width, count, fi
         for k in range(count):
             of = place + stride * k
             row = lanes(right, rows + width * k + j)
-            a = less_product(a, spread(left[of]), row)
-            b = less_product(b, spread(left[of + 1]), row)
-            c = less_product(c, spread(left[of + 2]), row)
-            d = less_product(d, spread(left[of + 3]), row)
+            a = less_product(a, spread_at(left, of), row)
+            b = less_product(b, spread_at(left, of + 1), row)
+            c = less_product(c, spread_at(left, of + 2), row)
+            d = less_product(d, spread_at(left, of + 3), row)
         put_lanes(target, o, a)
         put_lanes(target, o + width, b)
         put_lanes(target, o + 2 * width, c)

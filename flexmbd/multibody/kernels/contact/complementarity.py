@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
-from flexmbd.multibody.kernels.base.lanes import padded
+from flexmbd.multibody.kernels.base.lanes import LANES, lanes, padded, put_lanes
 from flexmbd.multibody.kernels.contact.cholesky import backward, factor, forward
 from flexmbd.round_off import EQUAL
 
@@ -22,10 +22,17 @@ _PATIENCE, _FIRST_STEPS, _STEPS = 3, 100, 20
 def _factor_touching(C, order, count, factors, place):
     """The factor of C in the rows ``order`` (count); whether there is one."""
     N = padded(count)
-    for i in range(count):
-        row, p = place + N * i, int(order[i])
-        for j in range(i, count):
-            factors[row + j] = C[p, int(order[j])]
+    for first in range(0, count, LANES):
+        last = min(first + LANES, count)
+        follow = last - first == LANES and order[last - 1] - order[first] == LANES - 1
+        column = int(order[first])
+        for i in range(last):
+            row = C[int(order[i])]
+            if follow:
+                put_lanes(factors, place + N * i + first, lanes(row, column))
+            else:
+                for j in range(max(i, first), last):
+                    factors[place + N * i + j] = row[int(order[j])]
     return factor(factors, place, count)
 
 

@@ -200,24 +200,35 @@ def _is_finite(d, R, q, q_other):
 
 
 @kernel
-def press_patches(plan, work, row, d, R, q, q_other):
-    """Write the forces of a surface's near patches where the body is at d, R and its modes at q (n,).
+def find_gaps(plan, work, row, d, R, q, q_other):
+    """Write the gaps of a surface's near patches, before forces, where the body is at d, R and its modes at q (n,).
 
-    ``q_other``: the modes of the other surface's body.  Returns on how many slots there are near ones, how many touch,
-    the first of ORDER, and a bound of the least gap of the undeformed (m).  -1 touch where there are no forces, which
-    is a fault.
+    ``q_other``: the modes of the other surface's body.  Returns on how many slots there are near ones, whether any
+    overlaps, and a bound of the least gap of the undeformed (m), which is not a number where the arguments are none.
     """
-    t, p, n = sl.table_of(plan, row)
+    t, _, n = sl.table_of(plan, row)
     if not _is_finite(d, R, q, q_other):
-        return 0, -1, math.nan
+        return 0, False, math.nan
     reach = farthest(plan.data, t, n, q)
     t_other, _, n_other = sl.other_of(plan, row)
     if n_other > 0:
         reach += farthest(plan.data, t_other, n_other, q_other)
     m, least = find_near(plan, work, row, d, R, reach)
-    if m == 0 or not place_points(plan, work, row, m, d, R, q, q_other):
+    return m, m > 0 and place_points(plan, work, row, m, d, R, q, q_other), least
+
+
+@kernel
+def press_patches(plan, work, row, d, R, q, q_other):
+    """As ``find_gaps``, and write the forces.
+
+    Returns on how many slots there are near patches, how many touch, the first of ORDER, and that bound.  -1 touch
+    where there are no forces, which is a fault.
+    """
+    _, p, _ = sl.table_of(plan, row)
+    m, overlap, least = find_gaps(plan, work, row, d, R, q, q_other)
+    if not overlap:
         _set_forces(work, p, m, 0)
-        return m, 0, least
+        return m, 0 if least == least else -1, least
     count = _solve(plan, work, row, m)
     _set_forces(work, p, m, count)
     rough = plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0

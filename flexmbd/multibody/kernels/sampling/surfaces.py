@@ -11,7 +11,7 @@ from flexmbd.multibody.kernels.base.compiling import entry_kernel
 from flexmbd.multibody.kernels.base.lanes import padded
 from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
 from flexmbd.multibody.kernels.elements import surface_layout as sl
-from flexmbd.multibody.kernels.elements.surface_forces import point_depth, press_patches
+from flexmbd.multibody.kernels.elements.surface_forces import find_gaps, point_depth, press_patches
 from flexmbd.multibody.kernels.elements.surface_points import displacement, mean_of, move_others, place_point
 from flexmbd.multibody.kernels.elements.surface_residual import clear_others, own_residual
 from flexmbd.multibody.kernels.elements.table import is_of_surface
@@ -84,7 +84,7 @@ def surface_depth_series(plan, work, elements, x, v, out):
             _, p, _ = sl.table_of(plan, row)
             V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            m, _, _ = press_patches(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other])
+            m, _, _ = find_gaps(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other])
             deepest = 0.0
             for j in range(m):
                 deepest = max(deepest, -V[sl.GAP, j])
@@ -102,5 +102,5 @@ def surface_overlaps(plan, work, x, v, out):
             qx, _, n = modes_of(plan, row)
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             rx, _, n_other = other_modes_of(plan, row)
-            _, _, out[k] = press_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
+            _, _, out[k] = find_gaps(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
             k += 1
