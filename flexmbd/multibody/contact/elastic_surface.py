@@ -19,6 +19,7 @@ from flexmbd.multibody.contact.shapes import SHAPES, TouchedShape
 from flexmbd.multibody.contact.table_shape import TableShape
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
+from flexmbd.multibody.kernels.base.lanes import padded_size
 from flexmbd.multibody.kernels.contact.signed_distance import distances
 from flexmbd.record.contact_patches import ContactPatches
 from flexmbd.record.reduced_body import ReducedBody
@@ -236,14 +237,29 @@ class ElasticSurface:
 
 def _table(group: ContactPatches, rows: IntArray, x: FloatArray, dents: FloatArray) -> FloatArray:
     """Of some patches at x (p, 3) m, less ``dents`` (p, p) m/N."""
-    p, n = len(rows), group.phi.shape[2]
     axes = group.axes[rows]
     phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
     G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
     G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
+    support = _SUPPORT * np.sqrt(group.area[rows].max())
+    return surface_table(x, np.broadcast_to(np.eye(3) / support**2, (len(rows), 3, 3)), phi, G)
+
+
+def surface_table(x: FloatArray, form: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
+    """What kernels know of a surface (``kernels.elements.surface_layout``).
+
+    Args:
+        x: (p, 3) m, centroids.
+        form: (p, 3, 3) 1/m^2, within which a patch is felt.
+        phi: (p, 3, n) displacements by the modes.
+        G: (p, p, 3, 3) m/N residual flexibility.
+    """
+    p, n = len(x), phi.shape[2]
     centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = np.linalg.norm(x - centre, axis=1).max()
-    support = _SUPPORT * np.sqrt(group.area[rows].max())
     most = np.linalg.norm(phi, axis=1).max(axis=0)
-    parts = ([p, n], centre, [radius, support], most, x, phi, G)
-    return np.concatenate([np.ravel(np.asarray(one, float)) for one in parts])
+    six = np.array([form[:, a, b] for a in range(3) for b in range(a, 3)])
+    planes = (x.T, six, phi.transpose(1, 2, 0), G.transpose(2, 3, 0, 1))
+    beyond = padded_size(p) - p
+    padded = [np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, beyond)]) for one in planes]
+    return np.concatenate([np.ravel(np.asarray(one, float)) for one in ([p, n], centre, [radius], most, *padded)])
