@@ -27,8 +27,8 @@ GAP, NORMAL, FORCE, POINT, N_PATCH = 0, 1, 4, 7, 10
 def surface_series(plan, work, i, x, v, a, w, out, others_force):
     """out[k, j] of patch j of the surface in row i of ``plan.elements`` at x[k], v[k]; out (nt, p, N_PATCH).
 
-    ``w``: scratch, `padded_size` of the patches of the other surface.  ``others_force`` (nt, p_other), zeros: the normal
-    forces on these, by the weights with which they feel the patches (N).
+    ``w``: scratch, `padded_size` of the patches of the other surface.  ``others_force`` (nt, p_other), zeros: the
+    normal forces on these, by the weights with which they feel the patches (N).
     """
     row = plan.elements[i]
     f, g = row[at.EL_F], row[at.EL_G]
