@@ -269,7 +269,8 @@ def _contact_sections(run: Run) -> list[ReportSection]:
     series = [one for one in run.contacts(pairs) if isinstance(one, SurfaceSeries)]
     if not series:
         return []
-    rows, forces = [], []
+    rows: list[tuple[Cell, ...]] = []
+    forces: list[tuple[float, str, FloatArray]] = []
     for pair, one in zip(pairs, series, strict=True):
         force = one.normal_force.sum(axis=1)
         bears = (one.normal_force > 0.0).sum(axis=1)

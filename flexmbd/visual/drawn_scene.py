@@ -206,13 +206,13 @@ def _checked_zoom(zoom: Zoom | None) -> tuple[FloatArray, float] | None:
     """
     if zoom is None:
         return None
-    pair = tuple(zoom) if isinstance(zoom, list | tuple) else ()
-    place = numbers(pair[0]) if len(pair) == 2 else np.zeros(0)
-    if not (place.shape == (3,) and np.isfinite(place).all() and is_number(pair[1]) and pair[1] > 0.0):
+    place, radius = zoom if isinstance(zoom, list | tuple) and len(zoom) == 2 else ((), 0.0)
+    middle = numbers(place)
+    if not (middle.shape == (3,) and np.isfinite(middle).all() and is_number(radius) and radius > 0.0):
         raise PictureError(
             f"zoom is a place (3,) and a positive radius, in m, as ((0.1, 0, 0), 0.02), got {shown(zoom)}"
         )
-    return place, float(pair[1])
+    return middle, float(radius)
 
 
 def _names_of(motion: RecordedMotion, bodies: Sequence[Body]) -> set[str]:
