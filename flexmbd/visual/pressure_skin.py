@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import scipy.spatial
+import scipy  # its parts load when they are asked for
 from numpy.typing import NDArray
 
 from flexmbd.errors import PictureError

@@ -7,7 +7,7 @@ import pytest
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ExplicitContinuum, ImplicitContinuum, Interface, NonlinearModel, RigidPlane
+from flexmbd.continuum import ExplicitContinuum, ImplicitContinuum, Interface, MpiTeam, NonlinearModel, RigidPlane
 from flexmbd.forms import solid_linear
 from flexmbd.visual import Look
 
@@ -15,15 +15,15 @@ EXPLICIT = fm.CentralDifference()
 RUBBER = solid_linear.Parameters(E=1e6, nu=0.3, rho=1000.0)
 
 
-def block(kind, *, divisions=(2, 3, 2), degree=1, held="z_max", **told):
+def block(kind, *, divisions=(2, 3, 2), degree=1, held="z_max", comm=MPI.COMM_SELF, **told):
     """A cube of 0.1 m, about z = 0."""
-    mesh = meshes.block(0.1, 0.1, 0.1, divisions=divisions, comm=MPI.COMM_SELF)
+    mesh = meshes.block(0.1, 0.1, 0.1, divisions=divisions, comm=comm)
     return kind(NonlinearModel(mesh, solid_linear, RUBBER, degree=degree, interfaces=[Interface(held)]), **told)
 
 
-def pressed(interior, shape, tmp_path, *, t_end=0.02, **told):
+def pressed(interior, shape, tmp_path, *, t_end=0.02, comm=MPI.COMM_SELF, **told):
     """A block whose upper face goes down by 2 mm and aside, on a shape of the ground, or none."""
-    scene = fm.System()
+    scene = fm.System(team=MpiTeam(comm))
     part = scene.add(fm.ContinuumBody(interior), name="block")
     t = np.linspace(0.0, t_end, 41)
     way = fm.Table(t, -2.2e-3 * (t / t_end) ** 2 * (3.0 - 2.0 * t / t_end))
@@ -118,3 +118,17 @@ def test_films_and_files_have_it(tmp_path):
     with h5py.File(tmp_path / "a.vtkhdf") as file:
         found = np.nanmax(file["VTKHDF/PointData/contact_pressure"][:])
     assert found == pytest.approx(run.recorded(part).values("contact_pressure").max(), rel=1e-6)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", [ExplicitContinuum, ImplicitContinuum])
+def test_all_ranks_together_record_what_one_does(kind, tmp_path):
+    world = MPI.COMM_WORLD
+    folder = world.bcast(tmp_path)
+    told = {"integrator": EXPLICIT} if kind is ExplicitContinuum else {"integrator": fm.GeneralizedAlpha(), "h": 2e-3}
+    run, part, _ = pressed(block(kind, comm=world), half_space, folder, comm=world, **told)
+    found = run.recorded(part).values("contact_pressure")
+    own = tmp_path / f"alone {world.rank}"
+    own.mkdir()
+    alone, part, _ = pressed(block(kind), half_space, own, **told)
+    assert found == pytest.approx(alone.recorded(part).values("contact_pressure"), rel=1e-5, abs=1e-5 * found.max())

@@ -207,6 +207,8 @@ def test_what_cannot_be_shown_is_told(tmp_path):
         run.show(path=path, pressures=[far])
     with pytest.raises(PictureError, match="no body of this machine"):
         run.show(path=path, hide=[other])
+    with pytest.raises(PictureError, match="has one colour"):
+        drawn_scene(run, np.zeros(1), notes=[""], models={lower: None}, pressures=run._pressures_of([pair]))
     for given, words in (
         (3.0, "must be a function"),
         (lambda t: 3.0, "a mapping"),
