@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.contact.patch_widths import felt_forms
 from flexmbd.multibody.contact.shapes import SHAPES, TouchedShape
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
@@ -25,9 +26,6 @@ from flexmbd.round_off import SEVEN_DIGITS, WORTHLESS_PIVOT
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-# Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
-_SUPPORT = 1.75
 
 _tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float], SharedNumbers]] = WeakKeyDictionary()
 
@@ -196,8 +194,7 @@ def _table(group: ContactPatches, rows: IntArray, dents: FloatArray) -> FloatArr
     phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
     G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
     G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
-    support = _SUPPORT * np.sqrt(group.area[rows].max())
-    return surface_table(x, np.broadcast_to(np.eye(3) / support**2, (len(rows), 3, 3)), phi, G)
+    return surface_table(x, felt_forms(x, axes[:, :, 0], group.area[rows]), phi, G)
 
 
 def surface_table(x: FloatArray, form: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
