@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.contact.patch_widths import SUPPORT, felt_forms
 from flexmbd.multibody.contact.shapes import SHAPES, TouchedShape
 from flexmbd.multibody.contact.table_shape import TableShape
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
@@ -28,8 +29,6 @@ from flexmbd.round_off import SEVEN_DIGITS, WORTHLESS_PIVOT
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
-_SUPPORT = 1.75
 _EDGE = 0.45 * np.pi  # rad, between the normals of neighbours: beyond it there is an edge between them
 
 _tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float, bytes], SharedNumbers]] = WeakKeyDictionary()
@@ -157,8 +156,8 @@ class ElasticSurface:
 
     @property
     def felt(self) -> float:
-        """m, how far from a patch's centroid it is felt by what touches between the patches."""
-        return float(_SUPPORT * np.sqrt(self.area.max()))
+        """m, how far along its normal a patch is felt by what touches between the patches, at most."""
+        return float(SUPPORT * np.sqrt(self.area.max()))
 
     @property
     def parts(self) -> tuple[ElasticSurface, ...]:
@@ -241,8 +240,7 @@ def _table(group: ContactPatches, rows: IntArray, x: FloatArray, dents: FloatArr
     phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
     G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
     G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
-    support = _SUPPORT * np.sqrt(group.area[rows].max())
-    return surface_table(x, np.broadcast_to(np.eye(3) / support**2, (len(rows), 3, 3)), phi, G)
+    return surface_table(x, felt_forms(x, axes[:, :, 0], group.area[rows]), phi, G)
 
 
 def surface_table(x: FloatArray, form: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
