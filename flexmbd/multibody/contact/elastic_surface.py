@@ -120,14 +120,34 @@ class ElasticSurface:
     def points(self) -> FloatArray:
         """(p, 3) m, where its patches touch, undeformed, in the body's axes: their centroids, brought onto its shape.
 
-        The centroid of a curved patch lies behind it, by its area over some six times its radius.
+        The centroid of a curved patch lies behind it: of an arc of the width w and radius r by w^2 / (24 r).
         """
-        x = self._group.x[self.patches]
+        x, found = self._group.x[self.patches], self._beside
+        return x if found is None else np.asarray(x - found[:, :1] * found[:, 1:])
+
+    def check(self) -> None:
+        """Raise SceneError for a shape that is beside a patch."""
+        if self._beside is None:
+            return
+        far, width = np.abs(self._beside[:, 0]), np.sqrt(self.area)
+        beside = np.flatnonzero(~(far <= 0.5 * width))
+        if len(beside):
+            k = beside[0]
+            raise SceneError(
+                f"{self.what}: its shape, a {type(self.shape).__name__}, lies {far[k]:.3g} m from the centroid of patch "
+                f"{self.patches[k]}, which is {width[k]:.2g} m wide, and is not its surface: check its size, and where "
+                "it is in the body's axes (m)"
+            )
+
+    @cached_property
+    def _beside(self) -> FloatArray | None:
+        """(p, 4) signed distances (m) and gradients of its shape at the centroids; None without a shape of a formula."""
         if self.shape is None or isinstance(self.shape, TableShape):
-            return x
-        found = np.zeros((len(x), 4))
-        distances(np.append(self.shape.numbers(), 0.0), np.ascontiguousarray(x), found)
-        return np.asarray(x - found[:, :1] * found[:, 1:])
+            return None
+        found = np.zeros((len(self.patches), 4))
+        x = np.ascontiguousarray(self._group.x[self.patches])
+        distances(np.append(self.shape.numbers(), 0.0), x, found)
+        return found
 
     @cached_property
     def displacements(self) -> FloatArray:

@@ -109,6 +109,9 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         """Raise SceneError for a law or a shape that does not fit."""
         if self.other.frame.body is self.surface.frame.body:
             raise SceneError(f"{self.what}: both are on one body, and never touch")
+        for one in (self.surface, self.other):
+            if isinstance(one, ElasticSurface):
+                one.check()
         if isinstance(self.surface, Sphere):
             self._check_law_of_point(self.surface.radius)
             return

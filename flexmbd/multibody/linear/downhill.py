@@ -13,9 +13,11 @@ from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.continuation.space import until
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
+from flexmbd.multibody.kernels.reading.force_tables import keep_forces, rough_surfaces
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
-from flexmbd.multibody.linear.passing import Passing, may_touch, passing
+from flexmbd.multibody.linear.passing import Passing, landing, may_touch, passing
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.round_off import of_solver
@@ -107,7 +109,7 @@ class _DownhillProblem:
         step, searches = correction.share * correction.change.along, not (close or correction.change.unstable)
         along = step[at.by.z]
         linear = strains.at(at.x) + strains.change(at.x, step)
-        allowed = _SLOPE * abs(float(at.lacking @ along))
+        before, touch = float(at.lacking @ along), passing(scene, self.work, at.x, step).touch
 
         def trial(part: float) -> ShareTrial[_DownhillPlace]:
             x = moved(scene, self.work, at.x, part * step)
@@ -122,10 +124,21 @@ class _DownhillProblem:
             if not searches or not np.array_equal(there.by.z, at.by.z):
                 return ShareTrial(_DownhillPlace(there, then), part, 0.0)
             open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
-            return ShareTrial(_DownhillPlace(there, then), part, float(open_forces @ along) - allowed)
+            work = float(open_forces @ along)
+            return landing(_DownhillPlace(there, then), part, touch=touch, work=work, before=before, ratio=_SLOPE)
 
         fails = () if scene.interiors is None else (SceneError,)
-        return searched(trial, most=_TRIALS, fails=fails).place
+        found = searched(trial, most=_TRIALS, fails=fails)
+        return self._laid_down(found.place) if 0.0 < touch <= found.share else found.place
+
+    def _laid_down(self, here: _DownhillPlace) -> _DownhillPlace:
+        """With the patches that have come to touch sticking where they have, if there is friction."""
+        rough = rough_surfaces(self.scene.plan)
+        if not len(rough):
+            return here
+        x, at = here.at.x.copy(), here.at
+        remember(keep_forces(self.scene.plan, [], rough), self.work, x, at.v, float(self.work.time[-1, 0]))
+        return replace(here, at=balance(self.scene, self.work, x, at.v, motion=at.motion))
 
 
 def stable_below(
@@ -187,7 +200,7 @@ def newton_cut(
     found = newton(search, search.begin(start), most=most, close=SETTLED)
     if not found.is_solution:
         _refuse_hindered(search, found.place)
-        raise ConvergenceError("Newton's steps lead to no equilibrium")
+        raise ConvergenceError(f"Newton's steps lead to no equilibrium: {most_lacking(scene, found.place.at)}")
     return found.place.at
 
 
@@ -244,7 +257,7 @@ def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray)
         except np.linalg.LinAlgError:  # its symmetric part alone shows that nothing is idle
             step = -np.linalg.lstsq(stiffness, here.lacking, rcond=None)[0]
     else:
-        # what nothing resists goes as far as the machine is large, and no step is longer
-        farthest = np.abs(pull) * np.abs((Vz @ shapes) / search.sizes[:, None]).max(axis=0)
-        step = -shapes @ (pull / np.maximum(np.abs(rates), np.maximum(np.where(idle, farthest, floor), 1e-300)))
+        # what nothing resists goes where it is pushed, as far as the machine is large; no step is longer
+        farthest = step_size(search.sizes, Vz @ shapes[:, idle] @ pull[idle])
+        step = -shapes @ (pull / np.where(idle, farthest or 1.0, np.maximum(np.abs(rates), floor)))
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuation.line_search import ShareTrial
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.contact.shapes import Sphere
 from flexmbd.multibody.contact.surface_contact import SurfaceContact
@@ -26,6 +28,7 @@ from flexmbd.multibody.linear.balance import moved, step_size
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
+AnyPlace = TypeVar("AnyPlace")
 
 _PIECE = 0.3  # rad, or of the machine's extent: of a step along which contacts are asked anew
 _PIECES = 1000  # at most
@@ -39,13 +42,19 @@ class Passing:
         share: of the step; infinite where it passes through nothing.
         contact: the name of the contact that allows no more; empty without any.
         gap: m, of that before the step; negative where it overlaps.
-        meets: whether the step comes nearer to something that it may touch, or presses it.
+        touch: of the step, at which something may be touched first; none where it is pressed already, infinite where
+            it comes nearer to nothing.
     """
 
     share: float = np.inf
     contact: str = ""
     gap: float = 0.0
-    meets: bool = False
+    touch: float = np.inf
+
+    @property
+    def meets(self) -> bool:
+        """Whether the step comes nearer to something that it may touch, or presses it."""
+        return self.touch < np.inf
 
     @property
     def told(self) -> str:
@@ -72,10 +81,29 @@ def passing(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -
         names += [contact.what] * len(of_points)
     if not len(found):
         return Passing()
-    least, meets = int(np.argmin(found[:, SHARE])), bool((found[:, TOUCH] < np.inf).any())
+    least, touch = int(np.argmin(found[:, SHARE])), float(found[:, TOUCH].min())
     if not found[least, SHARE] < np.inf:
-        return Passing(meets=meets)
-    return Passing(float(found[least, SHARE]), names[least], float(found[least, GAP]), meets)
+        return Passing(touch=touch)
+    return Passing(float(found[least, SHARE]), names[least], float(found[least, GAP]), touch)
+
+
+def landing(place: AnyPlace, share: float, *, touch: float, work: float, before: float, ratio: float) -> ShareTrial[AnyPlace]:
+    """A trial of a share of a step down the energy, that is good where forces push back by a ratio of before at most.
+
+    Forces change where something is touched, and from there on about linearly: the next trial is where these do no work.
+
+    Args:
+        place: at the share.
+        share: of the step.
+        touch: of the step, at which something is touched first.
+        work: (J) that is done against the forces there on the whole step.
+        before: the same at its beginning, negative.
+        ratio: below 1.
+    """
+    then = 0.5
+    if touch < share and work > 0.0 > before:
+        then = (touch + (share - touch) * before / (before - work)) / share
+    return ShareTrial(place, share, work - ratio * abs(before), then)
 
 
 def passing_on_the_way(

@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.linear.balance import moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
-from flexmbd.multibody.linear.passing import passing, passing_on_the_way
+from flexmbd.multibody.linear.passing import landing, passing, passing_on_the_way
 from flexmbd.multibody.linear.stability import HAS_POTENTIAL, SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.sparse_stiffness import SparseStiffness, sparse_stiffness
@@ -119,11 +119,14 @@ class _CutDescent:
         """Halved until the forces no longer push back: beyond there the energy rises."""
         scene, work = self.balance.stiffness.scene, self.balance.stiffness.work
         step, change = (correction.share * one for one in (correction.change.step, correction.change.change))
-        allowed = _PUSHES_BACK * abs(float(here.force @ step))
+        before, touch = float(here.force @ step), passing(scene, work, here.x, step).touch
 
         def trial(part: float) -> ShareTrial[_Place]:
             there = self.balance.at(moved(scene, work, here.x, part * step), here.multipliers + part * change)
-            return ShareTrial(there, part, 0.0 if close else float(there.force @ step) - allowed)
+            if close:
+                return ShareTrial(there, part, 0.0)
+            done = float(there.force @ step)
+            return landing(there, part, touch=touch, work=done, before=before, ratio=_PUSHES_BACK)
 
         there = searched(trial, most=_TRIALS).place
         loose, changed = (np.abs(one * self.balance.size) for one in (here.holding, there.holding - here.holding))

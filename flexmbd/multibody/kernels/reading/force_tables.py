@@ -23,6 +23,7 @@ from flexmbd.multibody.kernels.elements.hard_element import (
 )
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
+from flexmbd.multibody.kernels.elements.surface_forces import ROUGH_SURFACE
 from flexmbd.multibody.kernels.elements.surface_layout import POINT_RADIUS, SHAPE
 from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
@@ -188,6 +189,11 @@ def touched_shape(plan: Plan, row: int) -> tuple[int, float]:
     """
     o = int(plan.elements[row, at.EL_DATA])
     return o + SHAPE, float(plan.data[o + POINT_RADIUS])
+
+
+def rough_surfaces(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.elements`` of elastic surfaces with friction."""
+    return np.flatnonzero(are_of(plan, ROUGH_SURFACE))
 
 
 def slid_ways(plan: Plan) -> IntArray:
