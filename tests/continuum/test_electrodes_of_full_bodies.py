@@ -156,6 +156,7 @@ def test_wrong_electrodes_and_voltages():
         bar([TOP, Electrode("x_max")])
     with pytest.raises(MeshError, match="no such group"):
         bar([Electrode("top")])
-    mesh, steel = meshes.block(LENGTH, WIDTH, THICK, divisions=(1, 1, 1)), solid_linear.Parameters(E=YOUNG, nu=0.3, rho=RHO)
+    mesh = meshes.block(LENGTH, WIDTH, THICK, divisions=(1, 1, 1))
+    steel = solid_linear.Parameters(E=YOUNG, nu=0.3, rho=RHO)
     with pytest.raises(FormulationError, match=r"solid_linear has no gauge 'potential'"):
         NonlinearModel(mesh, solid_linear, steel, degree=2, conditions=[TOP])

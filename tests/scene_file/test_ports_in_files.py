@@ -55,6 +55,11 @@ def read(arm, text):
     return read_scene(arm.parent / "scene.toml")
 
 
+def columns_of(arm, text):
+    file = read(arm, text)
+    return plan_columns(build(file), file.output)
+
+
 def test_voltages_circuits_and_columns(arm):
     file = read(arm, SCENE)
     built = build(file)
@@ -86,5 +91,4 @@ def test_voltages_circuits_and_columns(arm):
 def test_what_is_no_port(arm, old, new, told):
     assert old in SCENE
     with pytest.raises(SceneError, match=told):
-        file = read(arm, SCENE.replace(old, new))
-        plan_columns(build(file), file.output)
+        columns_of(arm, SCENE.replace(old, new))
