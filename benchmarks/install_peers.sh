@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 #
-# bash benchmarks/install_peers.sh   installs what benchmarks/yielding.py runs beside flexmbd, in some minutes:
+# bash benchmarks/install_peers.sh   installs what yielding.py and shells.py here run beside flexmbd, in some minutes:
 #
 #   kratos              KratosMultiphysics and three of its applications, of PyPI
 #   external_operator   dolfinx-external-operator with DOLFINx 0.11, numba and jax, of PyPI

@@ -28,7 +28,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -45,6 +44,7 @@ import yielding_motion as motion
 import yielding_statics as statics
 from benchmark import Report
 from dolfinx import fem
+from peer_process import Task, peer_task
 from yielding_picture import draw
 
 from flexmbd.errors import FlexmbdError
@@ -55,10 +55,6 @@ HERE = Path(__file__).parent
 OUT = Path("out_yielding")
 MINUTES = 20.0
 PEERS: tuple[str, ...] = ()  # programs of their own environments, which tell their versions in the tables
-# where install_peers.sh puts them, as seen from within ./run's tree and from outside
-PLACES = (Path.home().parent / "peers", Path.home() / ".cache" / "flexmbd" / "peers")
-
-Task = Callable[[], dict[str, Any]]
 
 
 @dataclass(eq=False)
@@ -298,30 +294,6 @@ def in_turns(scene: str, tasks: dict[str, Task], *, level: str, cells: int, roun
             rows[name].found = task()
             rows[name].seconds.append(rows[name].found["seconds"])
     return list(rows.values())
-
-
-def peer_task(peer: str, script: str, arguments: list[str]) -> Task | None:
-    """Another program in a process of its own; None, with a word, where it is not installed."""
-    folder = next((root / peer for root in PLACES if (root / peer / "whole").exists()), None)
-    if folder is None:
-        print(f"{peer}: not installed, left out; see benchmarks/install_peers.sh")
-        return None
-    python = folder / "bin" / "python"
-    called = [str(python if python.exists() else sys.executable), str(HERE / script), *arguments]
-    environment = os.environ | {
-        "OMP_NUM_THREADS": "1", "PATH": f"{folder}:{os.environ['PATH']}", "LD_LIBRARY_PATH": str(folder / "lib")
-    }
-    if peer == "calculix":  # its own loader brings its libraries
-        del environment["LD_LIBRARY_PATH"]
-
-    def run() -> dict[str, Any]:
-        said = subprocess.run(called, capture_output=True, text=True, env=environment, cwd=HERE)
-        lines = [line for line in said.stdout.splitlines() if line.startswith("{")]
-        if said.returncode or not lines:
-            raise SystemExit(f"{peer} failed: {said.stderr[-2000:]}")
-        return dict(json.loads(lines[-1]))
-
-    return run
 
 
 def least(task: Callable[[], object], *, repeats: int = 7) -> float:

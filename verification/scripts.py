@@ -13,7 +13,7 @@ from verification.results import Result
 
 HERE = Path(__file__).resolve().parent
 #: Folders, in the order of the page.
-ROOMS = ("machines", "contact", "bending", "rotors", "reduction", "solids", "plasticity")
+ROOMS = ("machines", "contact", "bending", "rotors", "reduction", "solids", "walls", "plasticity")
 #: Scripts of up to so many seconds of a core are quick.
 QUICK = 2.5
 

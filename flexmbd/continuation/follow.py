@@ -19,6 +19,7 @@ _FIRST = 0.5  # of the longest step: the first one
 _SHORTEST = 1e-8  # rad, of the extent or of the range
 _BEND = 0.3  # rad, between tangents: what a step aims at
 _SHARP = 0.8  # rad: a step that bends by more is taken again, shorter
+_KINK, _SAME = 3, 0.99  # lengths of a step over which a bend stays as it is, to this share: the path has a corner there
 _AHEAD = 1.2  # steps: a bound so near ends the step
 _TRIES = 6  # halvings of a step in which a critical point cannot be located
 _USUAL = 6  # iterations: a step that takes more makes the next one shorter
@@ -66,7 +67,7 @@ def follow(
     here, share = first, _FIRST * _longest_share(space, first, bounds)
     for _ in range(bounds.points - 1):
         share = min(share, _longest_share(space, here, bounds))
-        stretch, tries = None, 0
+        stretch, tries, bends = None, 0, _Bends()
         while stretch is None:
             if not share * space.largest(here.tangent) >= _SHORTEST:  # nor is a tangent that is no number
                 raise ConvergenceError(
@@ -74,7 +75,7 @@ def follow(
                     "short the step, Newton's method finds no equilibrium; forces or stiffnesses jump there, or a "
                     "motion is held by nothing"
                 )
-            stretch = _stretch(space, here, bounds, share)
+            stretch = bends.gentle(space, _stretch(space, here, bounds, share))
             if stretch is not None:
                 stretch = closed(space, first, stretch) or stretch
             if stretch is not None and locate is not None:
@@ -88,6 +89,8 @@ def follow(
             share *= 0.5 if stretch is None else _growth(space, stretch)
         yield stretch
         here = stretch.after
+        if bends.corner:  # another path begins
+            share = _FIRST * _longest_share(space, here, bounds)
         if stretch.closes or here.point.factor in (bounds.to, bounds.back_to):
             return
 
@@ -124,10 +127,38 @@ def found_end(factors: Sequence[float], met: Sequence[float], bounds: Bounds, *,
     return end
 
 
+class _Bends:
+    """The bends of steps of falling length from one station.
+
+    A path that is smooth bends by half as much over half a step.  One that has a corner, as where bodies come to touch,
+    bends by as much over any step that goes past it: once it lies close behind the station it is gone past.
+    """
+
+    def __init__(self) -> None:
+        self._last, self._alike = 0.0, 0
+
+    @property
+    def corner(self) -> bool:
+        """Whether the path has one behind the station."""
+        return self._alike >= _KINK
+
+    def gentle(self, space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint] | None) -> Stretch[AnyPoint] | None:
+        """The stretch, if it does not bend too much, or turns a corner."""
+        if stretch is None:
+            self._alike = 0
+            return None
+        bend = angle(space, stretch.before, stretch.after)
+        if bend <= _SHARP:
+            return stretch
+        self._alike = self._alike + 1 if bend >= _SAME * self._last and self._alike else 1
+        self._last = bend
+        return stretch if self.corner else None
+
+
 def _stretch(
     space: PathSpace[AnyPoint], here: Station[AnyPoint], bounds: Bounds, share: float
 ) -> Stretch[AnyPoint] | None:
-    """A step of some length, which ends at a bound if it would pass one; None if it fails or bends too much."""
+    """A step of some length, which ends at a bound if it would pass one; None if it fails."""
     step, across, before = here.tangent.times(share), here.tangent, here.point.factor
     bound = bounds.passed(before, before + _AHEAD * step.factor)  # rather than to leave a little for the next
     if bound is not None:
@@ -142,7 +173,7 @@ def _stretch(
     if accepted is None:
         return None
     after = station(space, accepted, here.tangent)
-    return Stretch(here, after, step, across) if angle(space, here, after) <= _SHARP else None
+    return Stretch(here, after, step, across)
 
 
 def _growth(space: PathSpace[AnyPoint], stretch: Stretch[AnyPoint]) -> float:

@@ -74,6 +74,7 @@ from flexmbd.continuum.history.loads import ForceAtNodes as ForceAtNodes
 from flexmbd.continuum.history.loads import Heating as Heating
 from flexmbd.continuum.history.loads import PressureOnFacets as PressureOnFacets
 from flexmbd.continuum.history.loads import TractionOnFacets as TractionOnFacets
+from flexmbd.continuum.history.loads import Voltage as Voltage
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot as HistorySnapshot
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel as NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver as LinearSolver

@@ -30,6 +30,7 @@ from flexmbd.multibody.interiors.steady import InteriorModes
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.reading.force_tables import refuse_hard_contacts
+from flexmbd.multibody.linear.curved_fits import tell_curved_fits
 from flexmbd.multibody.linear.equilibrium import ToldEquilibrium, equilibrium_at_rest, find_equilibrium
 from flexmbd.multibody.linear.path.continuation import equilibrium_path
 from flexmbd.multibody.linear.path.equilibrium_path import EquilibriumPath
@@ -129,6 +130,8 @@ class System(CompilableMachine, Steppable):
         if path is None:
             found = self._told(find_equilibrium(start, work, stable=stable))
             ranges.judge(np.array([found.t]), found.x[None], found.v[None])
+            if self.team.is_root:
+                tell_curved_fits(start.scene, work, found.x)
             return found
         for connection in self._connections:
             if connection.velocity is not None and np.any(connection.velocity):

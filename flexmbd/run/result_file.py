@@ -5,7 +5,7 @@ t, x, v, a, row_multipliers, kept_rows     as of `Trajectory`; no kept_rows: all
 stats      numbers by name; moved_names and moved (k, 2), from and to
 events     name, t, row
 departures row, v, a
-interiors  wrenches (nt, k, 6); energies and outer_forces by body (number) and name
+interiors  wrenches (nt, k, 6); energies, outer_forces and ports by body (number) and name
 recordings path and name
 series     the table of all joints, bodies and energies: names, units, values (nt, k)
 """

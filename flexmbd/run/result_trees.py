@@ -129,6 +129,9 @@ def interiors_tree(rows: tuple[InteriorRecord, ...]) -> Tree:
             str(k): {name: np.array([row.outer_forces[k][name] for row in rows]) for name in rows[0].outer_forces[k]}
             for k in bodies
         },
+        "ports": {
+            str(k): {name: np.array([row.ports[k][name] for row in rows]) for name in rows[0].ports[k]} for k in bodies
+        },
     }
 
 
@@ -137,11 +140,13 @@ def interiors_of(tree: Tree, count: int) -> tuple[InteriorRecord, ...]:
     if not tree:
         return ()
     bodies = [str(k) for k in range(len(tree["energies"]))]
+    ports = tree.get("ports", {k: {} for k in bodies})  # which files of earlier versions have not
     return tuple(
         InteriorRecord(
             tree["wrenches"][row],
             tuple({name: float(part[row]) for name, part in tree["energies"][k].items()} for k in bodies),
             tuple({name: part[row] for name, part in tree["outer_forces"][k].items()} for k in bodies),
+            tuple({name: part[row] for name, part in ports[k].items()} for k in bodies),
         )
         for row in range(count)
     )

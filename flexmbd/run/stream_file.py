@@ -11,7 +11,7 @@ first       number of the block's first row
 t, x, v, a, row_multipliers
 events      name, t, row
 departures  row, v, a
-interiors   wrenches (nt, k, 6); energies and outer_forces by body (number) and name
+interiors   wrenches (nt, k, 6); energies, outer_forces and ports by body (number) and name
 samples     by controller (number): name, t, measurements, inputs, states, before, rows
 stats       numbers by name; constraint_residual is nan until the run has ended
 """

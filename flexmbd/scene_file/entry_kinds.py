@@ -149,6 +149,17 @@ FORCES: dict[str, Kind] = {
     "distributed_load": _kind(
         force.DistributedLoad, body=v.flexible, load=Key(v.text, "name"), factor=v.time_function
     ),
+    "shunt": Kind(
+        force.shunt,
+        {
+            "port": Key(v.port),
+            **{
+                name: Key(v.number)
+                for name in ("resistance", "inductance", "capacitance", "charge", "voltage_scale")
+            },
+        },
+        needs=("port", "resistance"),
+    ),
     "joint_law": _kind(force.JointLaw, joint=_JOINT, law=v.function, coordinate=v.whole),
     "state_force": _kind(force.StateForce, law=Key(v.function, "function"), name=v.text),
     "kane_force": _kind(force.KaneForce, law=Key(v.function_of_scene, "function"), name=v.text),

@@ -107,9 +107,12 @@ def _ground(top: TomlSection, folder: Path) -> tuple[ShapeEntry, ...]:
 def _body(section: TomlSection, folder: Path) -> RigidEntry | ShapedEntry | RecordEntry | PointEntry:
     shapes = read_shapes(section, folder)
     if section.has("record"):
-        section.allow(("name", "record", "shape", *_POSE_KEYS))
-        path = folder / section.text("record")
-        return RecordEntry(section.text("name"), section.place, path, shapes, _drawn(section))
+        section.allow(("name", "record", "shape", "voltages", *_POSE_KEYS))
+        path, voltages = folder / section.text("record"), {}
+        if section.has("voltages"):
+            inner = section.table("voltages")
+            voltages = {name: v.time_function_of(inner, inner.need(name), name) for name in inner.values}
+        return RecordEntry(section.text("name"), section.place, path, shapes, _drawn(section), voltages)
     if section.has("density"):
         section.allow(("name", "shape", "density", *_POSE_KEYS))
         if not shapes:
@@ -193,7 +196,8 @@ def _run(section: TomlSection) -> RunEntry:
 
 
 def _output(section: TomlSection, names: Names, run: RunEntry, touches: tuple[str, ...]) -> OutputEntry:
-    section.allow(("every", "joints", *FRAME_SERIES, "modal", "reactions", "contacts", "energies", "formats", "film"))
+    things = ("joints", *FRAME_SERIES, "modal", "reactions", "contacts", "ports", "energies")
+    section.allow(("every", *things, "formats", "film"))
     every = section.number("every") if section.has("every") else None
     if every is not None and every <= 0.0:
         section.fail("every", f"must be above 0 s, got {every:g}")
@@ -223,4 +227,5 @@ def _output(section: TomlSection, names: Names, run: RunEntry, touches: tuple[st
         formats,
         film,
         contacts,
+        v.ports(section, "ports", names) if section.has("ports") else (),
     )

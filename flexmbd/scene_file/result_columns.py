@@ -36,6 +36,7 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]
         *_of_modes(built, output),
         *(table.reaction_columns(built.joints[name.name]) for name in output.reactions),
         *_of_contacts(built, output),
+        *(table.port_columns(built.port(place)) for place in output.ports),
         *_of_memories(built),
         *_of_states(built),
         *([table.energy_columns()] if output.energies else []),

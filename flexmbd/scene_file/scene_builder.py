@@ -16,6 +16,7 @@ from flexmbd.force import Force
 from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame, Ground, RigidBody
 from flexmbd.multibody.bodies.point_mass import PointMass
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.contact.contact_laws import Friction
 from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.force.states import States
@@ -36,6 +37,7 @@ from flexmbd.scene_file.scene_description import (
     JointName,
     Measured,
     PointEntry,
+    PortPlace,
     RecordEntry,
     RigidEntry,
     SceneFile,
@@ -84,6 +86,16 @@ class Built:
         if isinstance(body, FlexibleBody):
             return body.frame(place.interface)
         return body.frame((0.0, 0.0, 0.0) if place.p is None else place.p, R=place.R)
+
+    def port(self, place: PortPlace) -> Port:
+        """The port at a place.
+
+        Raises:
+            SceneError: the body has no such port.
+        """
+        body: Any = self.bodies[place.body]
+        found: Port = body.port(place.port)
+        return found
 
     def signal(self, place: SignalName) -> Signal:
         """The signal of a name, the same wherever it stands.
@@ -149,6 +161,7 @@ def build(scene: SceneFile) -> Built:
             if joint.motion is not None:
                 connection.prescribe(_resolved_value(built, joint.motion))
             joints[joint.name] = connection
+    _give_voltages(scene, built)
     for element in scene.forces:
         with _at(scene, element.place, element.kind):
             force = FORCES[element.kind].make(**_resolved(built, element.arguments))
@@ -169,6 +182,15 @@ def build(scene: SceneFile) -> Built:
         with _at(scene, entry.place, entry.name):
             _add_controller(built, entry)
     return built
+
+
+def _give_voltages(scene: SceneFile, built: Built) -> None:
+    """To the ports of flexible bodies."""
+    for body in scene.bodies:
+        if isinstance(body, RecordEntry):
+            with _at(scene, f"{body.place}.voltages", body.name):
+                for name, value in body.voltages.items():
+                    built.port(PortPlace(body.name, name)).effort = _resolved_value(built, value)
 
 
 def _touch(built: Built, entry: TouchEntry) -> tuple[AnyContact, ...]:
@@ -290,6 +312,8 @@ def _resolved_value(built: Built, value: object) -> Any:
             return built.joints[name]
         case BodyName(name):
             return built.bodies[name]
+        case PortPlace():
+            return built.port(value)
         case FunctionPlace():
             return built.function(value)
         case SignalName():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
@@ -131,13 +131,22 @@ class ShapedEntry:
 
 @dataclass(frozen=True)
 class RecordEntry:
-    """A flexible body, by the file of its record."""
+    """A flexible body, by the file of its record; ``voltages``: of its ports, or what else their efforts are."""
 
     name: str
     place: str
     path: Path
     shapes: tuple[ShapeEntry, ...] = ()
     drawn: DrawnPose = DrawnPose()
+    voltages: Mapping[str, TimeFunction | FunctionPlace | SignalName] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PortPlace:
+    """A port of a flexible body, by the names of both."""
+
+    body: str
+    port: str
 
 
 @dataclass(frozen=True)
@@ -287,6 +296,7 @@ class OutputEntry:
     formats: tuple[str, ...]
     film: str | None
     contacts: tuple[str, ...] = ()
+    ports: tuple[PortPlace, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from flexmbd.scene_file.scene_description import (
     FramePlace,
     FunctionPlace,
     JointName,
+    PortPlace,
     SignalName,
 )
 from flexmbd.toml_file import TomlSection
@@ -216,6 +217,23 @@ def _joint(section: TomlSection, name: str, key: str, names: Names) -> JointName
 def flexible(section: TomlSection, key: str, names: Names) -> BodyName:
     """The name of a flexible body."""
     return _flexible(section, section.text(key), key, names)
+
+
+def port(section: TomlSection, key: str, names: Names) -> PortPlace:
+    """A port of a flexible body, as "arm:z_max"."""
+    return _port(section, section.text(key), key, names)
+
+
+def ports(section: TomlSection, key: str, names: Names) -> tuple[PortPlace, ...]:
+    """A list of ports."""
+    return tuple(_port(section, name, key, names) for name in section.texts(key))
+
+
+def _port(section: TomlSection, text: str, key: str, names: Names) -> PortPlace:
+    body, colon, name = text.rpartition(":")
+    if not colon:
+        section.fail(key, f'must be a port of a flexible body, as "arm:z_max", got {text!r}')
+    return PortPlace(_flexible(section, body, key, names).name, name)
 
 
 def flexibles(section: TomlSection, key: str, names: Names) -> tuple[BodyName, ...]:

@@ -1,20 +1,24 @@
 """Checks of forms whose unknown holds more than displacements: a damage, a potential, strains of a cell."""
 
+import types
 from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 
 from flexmbd import meshes
 from flexmbd.command.form_road import road_checks
 from flexmbd.continuum import NonlinearModel, Verdict, check_form, follow, load_form, prescribed_dofs
 from flexmbd.continuum.contract_suite.checks import CHECKS
+from flexmbd.continuum.contract_suite.expansion import free_expansion
 from flexmbd.continuum.contract_suite.fields import is_uniform
 from flexmbd.continuum.contract_suite.history_checks import HISTORY_CHECKS
 from flexmbd.continuum.contract_suite.history_trial import FIRST, HistoryTrial, history_trials
-from flexmbd.continuum.contract_suite.outcome import attempt, verdict
+from flexmbd.continuum.contract_suite.outcome import Remark, attempt, verdict
+from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.trial import Trial
 from flexmbd.forms import solid_mixed, solid_nearly_incompressible
 from flexmbd.reduction import Pressure, load_vectors
@@ -113,3 +117,51 @@ def test_small_loads_of_a_nearly_incompressible_cylinder(form, geometry):
     if x is not None:
         radial = np.abs(x[np.arange(len(outside)), outside % 3]) / np.linalg.norm(x[:, :2], axis=1)
         np.testing.assert_allclose(2 * found[0] @ radial / len(outside), way, rtol=0.05 if geometry == 1 else 1e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.skipif(MPI.COMM_WORLD.size < 2, reason="needs several ranks")
+def test_a_damage_has_the_same_matrices_on_all_ranks():
+    """Its history too: what is no displacement is not moved by the check."""
+    form = load_form(DATA / "phase_field.py")
+    for figure in same_on_all_ranks(form, "hexahedron", 1, comm=MPI.COMM_WORLD):
+        assert figure.value <= figure.limit, figure
+
+
+FORMS = Path(__file__).parents[2] / "forms"
+
+
+def test_what_expands_freely_is_without_force():
+    """With pressures in the cells, with history, of finite strain, of plates."""
+    tried = {"solid_mixed": "hexahedron", "j2_plasticity": "tetrahedron",
+             "neo_hookean": "tetrahedron", "plate_mitc": "quadrilateral"}  # fmt: skip
+    for name, cell in tried.items():
+        figures = free_expansion(Trial(load_form(FORMS / f"{name}.py"), cell, 1))
+        assert not isinstance(figures, Remark), name
+        assert all(figure.value <= figure.limit for figure in figures), (name, figures)
+
+
+def own(name, **functions):
+    form = types.ModuleType(f"own_{name}")
+    form.__dict__.update({**vars(load_form(FORMS / f"{name}.py")), "__file__": None, **functions})
+    return form
+
+
+def test_what_is_held_to_its_place_does_not_expand_freely():
+    linear = load_form(FORMS / "solid_linear.py")
+
+    def founded(u, p):
+        (energy, rule), *_ = linear.strain_energy(u, p)
+        return [(energy + 1e-2 * p.E * ufl.inner(u, u), rule)]
+
+    figures = free_expansion(Trial(own("solid_linear", strain_energy=founded), "tetrahedron", 1))
+    assert figures[0].value > 1e3 * figures[0].limit
+
+
+def test_a_slice_that_is_held_along_its_normal_is_told_and_not_failed():
+    sheet = load_form(FORMS / "plane_stress.py")
+    material = sheet.Parameters(E=7e10, nu=0.3, rho=2700.0, t=0.05, plane_strain=True)
+    form = own("plane_stress", reference=lambda: sheet.Reference(material))
+    told = free_expansion(Trial(form, "quadrilateral", 2))
+    assert told.verdict is Verdict.NOTE
+    assert "along the normal" in told.text

@@ -16,11 +16,30 @@ from scipy.optimize import brentq
 
 import flexmbd as fm
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, Electrode, Interface
+from flexmbd.continuum import (
+    ContinuumModel,
+    Electrode,
+    Interface,
+    NonlinearModel,
+    TractionOnFacets,
+    Voltage,
+    clamped_dofs,
+    follow,
+)
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.errors import FormulationError, MeshError, ReductionError
 from flexmbd.forms import solid_linear, solid_piezo
-from flexmbd.reduction import Keep, ModalDerivatives, TemperatureRise, Truncation, craig_bampton, guyan, prestressed
+from flexmbd.reduction import (
+    Keep,
+    ModalDerivatives,
+    TemperatureRise,
+    Traction,
+    Truncation,
+    craig_bampton,
+    guyan,
+    load_vectors,
+    prestressed,
+)
 
 pytestmark = pytest.mark.mpi
 COMM = MPI.COMM_WORLD
@@ -293,8 +312,38 @@ def test_what_does_not_go_with_ports():
     model = bar(PZT, [GROUND, TOP], interfaces=[ROOT, Interface("x_max")], divisions=(4, 1, 1))
     with pytest.raises(ReductionError, match=r"nonlinear= goes without ports, as electrode 'z_max'"):
         craig_bampton(model, modes=2, frame="x_min", nonlinear=ModalDerivatives(loads={"x_max.z": 1.0}))
-    with pytest.raises(ReductionError, match=r"reduced about rest alone"):
-        prestressed(model, frame="x_min", forces={"x_max": (1.0, 0, 0, 0, 0, 0)})
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_about_a_loaded_state_it_answers_as_the_whole_body_does(floats):
+    """A bimorph that is bent by a sixth of its length: what a small voltage more, or force, adds there."""
+    pairs = {"low": (solid_piezo, bar_material(-10.0)), "high": (solid_piezo, bar_material(-10.0, (0.0, 0.0, -1.0)))}
+    conditions = [GROUND, dataclasses.replace(TOP, floating=floats)]
+    how = {"divisions": (4, 1, 2), "layers": ("low", "high"), "pairs": pairs, "interfaces": [ROOT]}
+    lift, size, more = Traction("lift", "x_max", (0.0, 0.0, 1.0)), 2e7, 0.5
+    rest = bar(None, conditions, **how)
+    loaded = prestressed(rest, frame="x_min", loads=[(lift, size)])
+    record = craig_bampton(loaded, modes=3, frame="x_min", residual_vectors=True, loads=[lift], **PLAIN)
+    mesh = meshes.block(LENGTH, WIDTH, THICK, divisions=(4, 1, 2), layers=("low", "high"))
+    whole = NonlinearModel(mesh, pairs, degree=2, interfaces=[ROOT], conditions=conditions)
+    begun, charges, displacements = whole.snapshot(), [], []
+    for side in (-1.0, 1.0):
+        force, volts = (size * (1.0 + 1e-3 * side), 0.0) if floats else (size, side * more)
+        given = [TractionOnFacets("x_max", (0.0, 0.0, force), lambda t: t)]
+        given += [] if floats else [Voltage("z_max", lambda t, volts=volts: volts * t)]
+        whole.restore(begun)
+        follow(whole, [0.5, 1.0], prescribed=clamped_dofs(whole, ["x_min"]), loads=given)
+        charges.append(whole.charges)
+        displacements.append(whole.displacement[: whole.n_owned].copy())
+    if floats:
+        assert record.ports is None
+        work = record.loads.modal[0] @ (record.loads.modal[0] / record.stiffness) * 2e-3 * size
+        unit = load_vectors(rest, [lift])[:, 0]
+        assert work == pytest.approx(COMM.allreduce(float(unit @ (displacements[1] - displacements[0]))), rel=1e-5)
+        return
+    slope = (charges[1] - charges[0]) / (2.0 * more)
+    assert free_capacity(record)[0] == pytest.approx(slope, rel=1e-5)
+    assert abs(slope[0] / free_capacity(craig_bampton(rest, modes=3, frame="x_min", **PLAIN))[0, 0] - 1.0) > 1e-3
 
 
 def test_an_electrode_between_two_layers():

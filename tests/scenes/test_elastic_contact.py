@@ -10,6 +10,7 @@ import pytest
 import flexmbd as fm
 from flexmbd import contact, meshes
 from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.errors import SceneError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import Keep, ModalDamping, Patch, craig_bampton
 
@@ -140,12 +141,12 @@ def brick(size):
     return craig_bampton(model, modes=8, contact=[foot], damping=ModalDamping(0.3))
 
 
-def on_incline(size, mu, *, sine=0.6):
-    """On an incline, laid down where it bears without friction."""
+def on_incline(size, mu, *, sine=0.6, above=0.0):
+    """On an incline, laid down where it bears without friction, or ``above`` (m) it."""
     scene = fm.System(gravity=9.81 * np.array([sine, 0.0, -np.sqrt(1.0 - sine**2)]))
     body = scene.add(fm.FlexibleBody(brick(size)), name="brick")
     free = scene.connect(fm.joint.Free(), scene.ground.frame(), body.frame())
-    free.position = (0.0, 0.0, -brick(size).contact.x[:, 2].mean(), 1.0, 0.0, 0.0, 0.0)
+    free.position = (0.0, 0.0, above - brick(size).contact.x[:, 2].mean(), 1.0, 0.0, 0.0, 0.0)
     floor = contact.HalfSpace(scene.ground.frame())
     (pair,) = scene.touch(contact.ElasticSurface(body), floor, contact.Hard(mu=mu))
     return scene, body, pair
@@ -181,6 +182,24 @@ def test_a_block_stays_on_an_incline(name):
     x = run.position(body.frame(), t=t)[:, 0]
     assert np.ptp(x) < 1e-7 * swings
     assert 1e-5 < x[-1] < 1e-4  # what the foot gives way
+
+
+@pytest.mark.filterwarnings("ignore::flexmbd.errors.ModesWarning")
+@pytest.mark.parametrize("above", [1e-3, 0.1])
+def test_a_block_is_laid_down_on_an_incline(above):
+    """Its equilibrium is the one that begins in touch: patches stick where they meet; where friction does not hold, none."""
+    found = []
+    for height in (0.0, above):
+        scene, body, pair = on_incline(0.1, 0.5, sine=0.3, above=height)
+        rest = scene.equilibrium()
+        (met,) = scene.simulate(1e-3, about=rest, rtol=1e-5).contacts(pair)
+        weight = body.mass * 9.81
+        np.testing.assert_allclose(met.friction.sum(axis=1)[[0, -1]] / weight, [(-0.3, 0.0, 0.0)] * 2, atol=1e-9)
+        found.append(np.append(rest.q(body), rest.position(body.frame())[2]))
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9 * abs(found[0]).max())
+    scene, _, _ = on_incline(0.1, 0.1, sine=0.3, above=above)
+    with pytest.raises(SceneError, match=r"where the machine falls onto what it meets: .*; friction bears mu N at most"):
+        scene.equilibrium()
 
 
 @functools.cache

@@ -12,6 +12,7 @@ import ufl
 
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.contract.hessian import EXACT
+from flexmbd.continuum.contract_suite.expansion import free_expansion
 from flexmbd.continuum.contract_suite.fields import SMALL_STRAIN, free_constants, has_uniform_mass, sees_small_strain
 from flexmbd.continuum.contract_suite.measures import (
     difference,
@@ -380,6 +381,12 @@ CHECKS = (
         "geometric stiffness",
         stiffening,
         "the third derivative of the energy at rest must be finite",
+    ),
+    Check(
+        "free expansion",
+        free_expansion,
+        "energies, stress, update and equations of points must see u by its gradient alone, and thermal_strain(p, dT) "
+        "belongs to forms that are linear in it below yield, thermal_stretch(p, dT) to others",
     ),
 )
 """In the order in which a sheet lists them."""

@@ -57,9 +57,10 @@ def _spectra_and_forces(form: Formulation, cell: str, degree: int, *, comm: MPI.
     source, parameters = cast(ModuleType, form), yielding_parameters(form)[0]
     mesh, surfaces = history_mesh(form, cell, degree, comm=comm), _surfaces(form, parameters)
     body = NonlinearModel(mesh, source, parameters, degree=degree, surfaces=surfaces)
-    x = body.layout.node_x
-    body.commit((0.01 * (x @ FIRST.T + np.sin(x) @ SECOND)).ravel(), dt=trial_step(form))
-    forces = body.force(np.zeros(body.layout.n_local), dt=0.0).reshape(-1, 3)
+    x, layout = body.layout.node_x, body.layout
+    moved = layout.at_dofs(0.01 * (x @ FIRST.T + np.sin(x) @ SECOND), owned=False)
+    body.commit(moved, dt=trial_step(form))
+    forces = layout.displacements(body.force(np.zeros(layout.n_local), dt=0.0))
     rows = parallel.gather_rows(comm, np.hstack([x[: len(forces)], forces]))
 
     def in_order() -> FloatArray:

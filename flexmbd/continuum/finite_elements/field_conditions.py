@@ -16,26 +16,31 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
-from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from numpy.typing import NDArray
 
-from flexmbd.continuum import parallel
-from flexmbd.continuum.contract.dof_layout import DofLayout, Field
+from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
+from flexmbd.continuum.finite_elements.condition_places import (
+    check_apart,
+    checked_conditions,
+    dofs_on,
+    free_dof,
+    is_broken,
+    lowest,
+    mean_of,
+    owned,
+)
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
-from flexmbd.continuum.finite_elements.electrode import Condition, refuse_no_conditions
-from flexmbd.continuum.finite_elements.interface import mesh_group
-from flexmbd.continuum.finite_elements.nodes import dof_numbers
+from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.matrices.blocks import FloatArray, inner, multiply, total
-from flexmbd.errors import FormulationError, MeshError, ReductionError
+from flexmbd.errors import FormulationError, ReductionError
 from flexmbd.given import numbers
 from flexmbd.round_off import EQUAL
 
@@ -113,6 +118,13 @@ class FieldConditions:
             whole -= np.outer(values, total(comm, mean @ whole))
         return whole
 
+    def condense(self, comm: MPI.Comm, forces: FloatArray, *, first: int) -> None:
+        """Take out of forces (owned dofs,), which are changed, what is held, and add up what floats. Collective."""
+        for group in self.floating:
+            whole = float(total(comm, forces[group.dofs].sum()[None])[0])
+            if 0 <= group.leader - first < len(forces):
+                forces[group.leader - first] = whole
+        forces[self.held] = 0.0
 
     def free(self, comm: MPI.Comm, block: FloatArray, *, first: int) -> FloatArray:
         """The way back from `completed` (owned dofs, k): what follows is zero, and what is pinned. Collective."""
@@ -182,16 +194,8 @@ def find_conditions(
             dofs, one named twice.
         FormulationError: on all ranks: the formulation has no such gauge; formulations name different ones.
     """
-    parallel.check_same(forms.comm, MeshError, conditions=repr(conditions))
-    given = refuse_no_conditions(conditions)
     shifts = uniform_shifts(forms.groups, forms.layout)
-    for one in given:
-        if one.field not in shifts:
-            there = ", ".join(map(repr, shifts)) or "none"
-            raise FormulationError(
-                f"{one}: {forms.form_name} has no gauge {one.field!r}, which would say what one {one.EFFORT[1]} of the "
-                f"field is: write gauge(p) into the form; it has: {there}"
-            )
+    given = checked_conditions(conditions, forms, shifts)
     return (K, None) if not shifts else _Builder(K, forms, shifts).build(given)
 
 
@@ -203,15 +207,15 @@ class _Builder:
         self.comm, self.first = forms.comm, int(K.getOwnershipRange()[0])
 
     def build(self, conditions: Sequence[Condition]) -> tuple[PETSc.Mat, FieldConditions]:
-        places = [self._dofs_on(one) for one in conditions]
-        self._check_apart(conditions, places)
+        places = [dofs_on(one, self.forms, self.shifts[one.field].values) for one in conditions]
+        check_apart(self.comm, conditions, places)
         held = np.zeros(self.layout.n_owned, dtype=bool)
         ports = tuple(one for one in conditions if one.is_port)
         units = np.zeros((self.layout.n_owned, len(ports)), order="F")
         floating = []
         for one, dofs in zip(conditions, places, strict=True):
             if one.floating:
-                group = FloatingGroup(dofs, self._lowest(dofs))
+                group = FloatingGroup(dofs, lowest(self.comm, dofs, first=self.first))
                 floating.append(group)
                 held[dofs] = True
                 if self._owns(group.leader):
@@ -227,59 +231,17 @@ class _Builder:
         for name, shift in list(self.shifts.items()):
             fixed = any(one.field == name and not one.floating for one in conditions)
             if not fixed and not (sprung and not costs_nothing(K, shift.values)):
-                pin = self._free_dof(shift, held)
+                pin = free_dof(self.forms, shift.values, held)
                 held[pin] = True
-                self.shifts[name] = replace(shift, mean=self._mean(shift), pin=pin)
+                self.shifts[name] = replace(shift, mean=mean_of(self.forms, shift.values), pin=pin)
         forces = np.where(held[:, None], 0.0, -images)
-        _take_out(K, held, first=self.first)
+        take_out(K, held, first=self.first)
         others = tuple(one for one in conditions if not one.is_port)
         symmetric = 0.5 * (capacity + capacity.T)
         return K, FieldConditions(ports, others, forces, symmetric, held, tuple(floating), self.shifts)
 
-    def _dofs_on(self, one: Condition) -> NDArray[np.int64]:
-        """(m,) dofs of this rank that the condition holds."""
-        mesh = self.forms.mesh
-        known = {**mesh.facet_groups, **mesh.edge_groups, **mesh.vertex_groups, **mesh.cell_groups}
-        if one.name not in known:
-            there = ", ".join(map(repr, sorted(known))) or "none"
-            raise MeshError(f"{one}: the mesh has no such group of facets, edges, vertices or cells; it has: {there}")
-        group, shift = mesh_group(one.name, mesh), self.shifts[one.field].values
-        found = []
-        for field in self.layout.fields:
-            if self.comm.allreduce(bool(shift[_owned(field.dofs, len(shift))].any()), op=MPI.LOR):
-                _refuse_broken(field, one)
-                blocks = fem.locate_dofs_topological(field.space, group.dim, group.entities)
-                size = field.space.dofmap.index_map_bs
-                found.append(field.dofs[(size * blocks[:, None] + np.arange(size)).reshape(-1)])
-        dofs = _owned(np.unique(np.concatenate(found)), len(shift)).astype(np.int64)
-        dofs = dofs[shift[dofs] != 0.0]
-        if not self.comm.allreduce(len(dofs)):
-            raise MeshError(f"{one}: the group has no nodes of the field {one.field!r}")
-        return dofs
-
-    def _check_apart(self, conditions: Sequence[Condition], places: Sequence[NDArray[np.int64]]) -> None:
-        for k, one in enumerate(conditions):
-            for other, dofs in zip(conditions[:k], places[:k], strict=True):
-                if self.comm.allreduce(len(np.intersect1d(dofs, places[k]))):
-                    raise MeshError(
-                        f"{other} and {one} touch: they share nodes, which cannot have two potentials; leave a gap "
-                        "between the groups, or make one group of both"
-                    )
-
     def _owns(self, number: int) -> bool:
         return self.first <= number < self.first + self.layout.n_owned
-
-    def _lowest(self, dofs: NDArray[np.int64]) -> int:
-        """Global number of the first of these dofs on any rank."""
-        mine = self.first + int(dofs.min()) if len(dofs) else np.iinfo(np.int64).max
-        return int(self.comm.allreduce(mine, op=MPI.MIN))
-
-    def _free_dof(self, shift: UniformShift, held: BoolArray) -> NDArray[np.int64]:
-        """The dof by which a field is held that nothing else holds, on its rank; no partition changes it."""
-        there = np.flatnonzero((shift.values != 0.0) & ~held)
-        numbers_of = dof_numbers(self.forms, there)
-        lowest = self.comm.allreduce(int(numbers_of.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
-        return there[numbers_of == lowest]
 
     def _gathered(self, floating: Sequence[FloatingGroup]) -> PETSc.Mat:
         """P^T K P, P giving all dofs of a floating electrode the value of one of them."""
@@ -303,21 +265,8 @@ class _Builder:
             item.destroy()
         return gathered
 
-    def _mean(self, shift: UniformShift) -> FloatArray:
-        """(owned dofs,) whose product with an unknown is the mean of a field in units of its shift."""
-        space = self.layout.space
-        unit, v = fem.Function(space), ufl.TestFunction(space)
-        unit.x.array[: self.layout.n_owned] = shift.values
-        unit.x.scatter_forward()
-        degree = 2 * space.ufl_element().embedded_superdegree
-        vector = fem.assemble_vector(fem.form(ufl.inner(unit, v) * ufl.dx(metadata={"quadrature_degree": degree})))
-        vector.scatter_reverse(la.InsertMode.add)
-        weights: FloatArray = vector.array[: self.layout.n_owned].copy()
-        weights /= float(total(self.comm, np.array([weights @ shift.values]))[0])
-        return weights
 
-
-def _take_out(K: PETSc.Mat, held: BoolArray, *, first: int) -> None:  # noqa: N803
+def take_out(K: PETSc.Mat, held: BoolArray, *, first: int) -> None:  # noqa: N803
     """Take rows and columns out of a stiffness, but for their diagonals. Collective."""
     rows = (np.flatnonzero(held) + first).astype(PETSc.IntType)
     diagonal = K.getDiagonal()
@@ -360,10 +309,10 @@ def refuse_unheld(K: PETSc.Mat, forms: DiscreteForms, conditions: FieldCondition
     shifts = () if conditions is None else conditions.shifts.values()
     kinematic = layout.kinematic[: layout.n_owned]
     for field in layout.fields:
-        own = _owned(field.dofs, layout.n_owned)
+        own = owned(field.dofs, layout.n_owned)
         moves = comm.allreduce(bool(kinematic[own].any()), op=MPI.LOR)
         named = [comm.allreduce(bool(one.values[own].any()), op=MPI.LOR) for one in shifts]
-        if moves or any(named) or _is_broken(field):
+        if moves or any(named) or is_broken(field):
             continue
         for component in range(field.components.start, field.components.stop):
             unit = np.zeros(max(one.components.stop for one in layout.fields))
@@ -375,17 +324,3 @@ def refuse_unheld(K: PETSc.Mat, forms: DiscreteForms, conditions: FieldCondition
                     '{"potential": (0.0, 0.0, 0.0, 1.0)}, and give the model electrodes, conditions=[Electrode(...)]; '
                     "or hold it by surface_energy on some facets"
                 )
-
-
-def _owned(dofs: NDArray[Any], count: int) -> NDArray[Any]:
-    return dofs[dofs < count]
-
-
-def _is_broken(field: Field) -> bool:
-    """Whether a field is one of each cell."""
-    return bool(field.space.ufl_element().discontinuous)
-
-
-def _refuse_broken(field: Field, one: Condition) -> None:
-    if _is_broken(field):
-        raise FormulationError(f"{one}: the field {one.field!r} is discontinuous and has no values on facets")

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flexmbd.continuation.newton import CLOSE, Correction, newton
 from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum.finite_elements.field_conditions import FieldConditions
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
 from flexmbd.continuum.matrices.blocks import inner, total
@@ -32,8 +33,15 @@ class PrestressedModel(LinearModel):
     the model at rest.
     """
 
-    def __init__(self, model: LinearModel, state: StaticState, stiffness: PETSc.Mat) -> None:
-        """Of a model at rest; not collective."""
+    def __init__(
+        self,
+        model: LinearModel,
+        state: StaticState,
+        stiffness: PETSc.Mat,
+        *,
+        conditions: FieldConditions | None = None,
+    ) -> None:
+        """Of a model at rest, with the conditions on a field about the state; not collective."""
         rest = model.layout
         layout = MovedLayout(
             rest.space,
@@ -53,6 +61,7 @@ class PrestressedModel(LinearModel):
             M=model.M,
             state=state,
             supports=model.supports,
+            conditions=conditions,
         )
 
 

@@ -24,6 +24,7 @@ from flexmbd.continuum.history.loads import (
     Heating,
     PressureOnFacets,
     TractionOnFacets,
+    Voltage,
     factors_of,
 )
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
@@ -43,7 +44,7 @@ class AppliedLoads:
         factors: their functions of time.
         any: whether there are forces.
         any_follow: whether some of them go by the present places of the nodes.
-        any_heat: whether there are temperatures, which are no forces.
+        any_heat: whether there are temperatures or voltages, which are no forces.
     """
 
     def __init__(self, body: NonlinearModel, loads: Sequence[BodyLoad], *, mass: FloatArray | None = None) -> None:
@@ -63,7 +64,7 @@ class AppliedLoads:
         self.loads = _listed(loads)
         self.names = tuple(load.name for load in self.loads)
         self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
-        forces = [load for load in self.loads if not isinstance(load, Heating)]
+        forces = [load for load in self.loads if not isinstance(load, (Heating, Voltage))]
         self.any, self.any_heat = bool(forces), len(forces) < len(self.loads)
         if self.any and body.turns:
             raise FormulationError(
@@ -82,7 +83,9 @@ class AppliedLoads:
         rises = {k: self._rise(load) for k, load in enumerate(self.loads) if isinstance(load, Heating)}
         self._rises = {k: np.asarray(rise.x.array) for k, rise in rises.items()}
         self._held = {k: self._held_expansion(rise) for k, rise in rises.items()}
-        dead = {k: load for k, load in enumerate(self.loads) if not is_following(load) and k not in self._rises}
+        self._volts = {k: self._port(load) for k, load in enumerate(self.loads) if isinstance(load, Voltage)}
+        self._held |= {k: self._pull_of(port) for k, port in self._volts.items()}
+        dead = {k: load for k, load in enumerate(self.loads) if not is_following(load) and k not in self._held}
         self._units = {k: self._unit(load) for k, load in dead.items()}
         self.any_follow = any(is_following(load) for load in self.loads)
 
@@ -105,16 +108,21 @@ class AppliedLoads:
         return found
 
     def heat(self, values: FloatArray) -> None:
-        """Bring the body to its temperature at values of the factors; not collective."""
-        if self.any_heat:
+        """Bring the body to its temperature and its voltages at values of the factors; not collective."""
+        if self._volts:
+            efforts = np.zeros(len(self._body.ports))
+            for k, port in self._volts.items():
+                efforts[port] += values[k]
+            self._body.set_voltages(efforts)
+        if self._rises:
             self._body.set_temperature(np.asarray(sum(values[k] * rise for k, rise in self._rises.items())))
 
     def heat_factors(self, values: FloatArray) -> FloatArray:
-        """(temperatures,) of all factors those of temperatures; not collective."""
-        return values[list(self._rises)]
+        """(temperatures + voltages,) of all factors theirs; not collective."""
+        return values[list(self._held)]
 
     def size_of_heat(self, values: FloatArray) -> float:
-        """N, 2-norm of the forces that would hold what expands in shape; zero without temperatures. Collective."""
+        """N, 2-norm of the forces that would hold in shape what expands or has voltages; else zero. Collective."""
         if not self.any_heat:
             return 0.0
         return self._body.norm(np.asarray(sum(values[k] * held for k, held in self._held.items())))
@@ -147,7 +155,7 @@ class AppliedLoads:
         """(3,) N by name: the sum of each load over the body; arguments as above. Collective."""
         found = {}
         for k, load in enumerate(self.loads):
-            if k in self._rises:
+            if k in self._held:
                 continue
             alone = np.where(np.arange(len(values)) == k, values, 0.0)
             force = self.dead(alone, R) if k in self._units else self.following(alone, x)
@@ -214,6 +222,28 @@ class AppliedLoads:
         cold = CondensedStiffness(replace(body.forms, groups=body.cold_groups), body.fields)
         return cold.shared_forces(total.array)
 
+    def _port(self, load: Voltage) -> int:
+        """Its place among the body's ports."""
+        ports = self._body.ports
+        if load.electrode not in ports:
+            there = ", ".join(map(repr, ports)) or "none"
+            raise SceneError(
+                f"load {load.name!r}: the body has no electrode {load.electrode!r} whose voltage is given; it has: "
+                f'{there}. Make it with NonlinearModel(..., conditions=[Electrode("{load.electrode}")])'
+            )
+        return ports.index(load.electrode)
+
+    def _pull_of(self, port: int) -> FloatArray:
+        """(owned dofs,) N, by which 1 V pulls at the body as it is. Collective."""
+        body, still = self._body, np.zeros(self._body.layout.n_local)
+        now = np.array(body.efforts)
+        forces = []
+        for more in (1.0, 0.0):
+            body.set_voltages(now + more * (np.arange(len(now)) == port))
+            forces.append(body.force(still, dt=0.0))
+        body.revert()
+        return np.asarray(forces[0] - forces[1])
+
     def _at_nodes(self, load: ForceAtNodes) -> FloatArray:
         numbers = node_numbers(self._body)[: self._n]
         wanted = np.asarray(load.nodes, dtype=np.int64)
@@ -269,12 +299,12 @@ class TrialLoads:
     dead: FloatArray
 
     def heat(self) -> None:
-        """Bring the body to the temperature that goes with them; not collective."""
+        """Bring the body to the temperature and the voltages that go with them; not collective."""
         self.loads.heat(self.values)
 
     @property
     def rise(self) -> FloatArray:
-        """(temperatures,) their factors."""
+        """(temperatures + voltages,) their factors."""
         return self.loads.heat_factors(self.values)
 
     def force(self, increment: FloatArray) -> FloatArray:
@@ -357,7 +387,7 @@ def _listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:
         if not isinstance(load, BodyLoad):
             raise SceneError(
                 f"a load on a body with history is a PressureOnFacets, TractionOnFacets, ForceAtNodes, "
-                f"BodyAcceleration, CentrifugalLoad or Heating, got {load!r:.80}"
+                f"BodyAcceleration, CentrifugalLoad, Heating or Voltage, got {load!r:.80}"
             )
     names = [load.name for load in loads]
     for name in names:

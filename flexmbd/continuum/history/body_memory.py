@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.nodes import dof_numbers, node_numbers
+from flexmbd.continuum.history.held_fields import PortStates
 from flexmbd.continuum.history.nonlinear_model import HistorySnapshot, NonlinearModel
 
 FloatArray = NDArray[np.float64]
@@ -62,6 +63,8 @@ class BodyMemory:
             arrays["viscous work"] = np.array(snapshot.viscous_work)
         if self._body.temperature is not None:
             arrays["temperature"] = self.gather_nodes(snapshot.temperature[:, None])
+        if self._body.ports:
+            arrays["ports"] = np.stack([snapshot.ports.efforts, snapshot.ports.flows, snapshot.ports.works])
         return arrays
 
     def scatter(self, arrays: dict[str, FloatArray]) -> HistorySnapshot:
@@ -76,7 +79,8 @@ class BodyMemory:
         if layout.has_further:
             displacement[layout.further_dofs] = arrays["further unknowns"][self._further]
         warmth = self.scatter_nodes(arrays["temperature"])[:, 0] if "temperature" in arrays else np.zeros(0)
-        return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)), warmth)
+        ports = PortStates(*arrays["ports"]) if "ports" in arrays else PortStates.at_rest(0)
+        return HistorySnapshot(displacement, tuple(histories), float(arrays.get("viscous work", 0.0)), warmth, ports)
 
     def _gather(self, places: list[NDArray[np.int64]], rows: FloatArray, count: int) -> FloatArray:
         """The rows of all ranks at the places of each rank's. Collective."""

@@ -186,7 +186,31 @@ class Heating:
         object.__setattr__(self, "rise", checked_rise(self.rise, f"load {self.name!r}", kind=SceneError))
 
 
-BodyLoad = PressureOnFacets | TractionOnFacets | ForceAtNodes | BodyAcceleration | CentrifugalLoad | Heating
+@checked("electrode", "name")
+@dataclass(frozen=True, eq=False)
+class Voltage:
+    """The voltage of an electrode of the body, a port: ``NonlinearModel(..., conditions=[Electrode("top")])``.
+
+    Attributes:
+        electrode: its group of the mesh.
+        factor: V.
+        name: in messages; by default that of the electrode.
+
+    Raises:
+        SceneError: a value is not of its kind.
+    """
+
+    electrode: str
+    factor: LoadFactor
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _check(self, self.electrode)
+
+
+BodyLoad = (
+    PressureOnFacets | TractionOnFacets | ForceAtNodes | BodyAcceleration | CentrifugalLoad | Heating | Voltage
+)
 """A load on a body with history."""
 
 

@@ -23,11 +23,13 @@ from flexmbd.continuum.contract.formulation import set_symbols
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import Pairs, Source
 from flexmbd.continuum.finite_elements.discrete_forms import discretise
+from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.interface import Interface
 from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_kinetic_energy
 from flexmbd.continuum.finite_elements.temperature import at_nodes, set_at_nodes
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.damage_bands import DamageBands
+from flexmbd.continuum.history.held_fields import PortStates
 from flexmbd.continuum.history.lane_pass import check_threads
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.stress_predictor import StressPredictor, can_be_predicted
@@ -53,12 +55,14 @@ class HistorySnapshot:
         history: of each group, flat.
         viscous_work: J, dissipated by the formulations' dissipation in the whole body.
         temperature: (local nodes including ghosts,) K, its rise; empty where the body is not heated.
+        ports: their efforts and flows.
     """
 
     displacement: FloatArray
     history: tuple[FloatArray, ...]
     viscous_work: float = 0.0
     temperature: FloatArray = field(default_factory=lambda: np.zeros(0))
+    ports: PortStates = field(default_factory=lambda: PortStates.at_rest(0))
 
 
 @checked("cell_means", "condense", "heated", "threads", error=FormulationError, agree=parallel.told_to_all)
@@ -88,6 +92,7 @@ class NonlinearModel(TrialBody):
         condense: bool = True,
         heated: bool = False,
         threads: int = 1,
+        conditions: Sequence[Condition] = (),
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -107,6 +112,8 @@ class NonlinearModel(TrialBody):
                 unknowns of the body, as which it is loaded slowly alone.
             heated: whether its loads give it a temperature (`Heating`).
             threads: among which each rank shares the cells of large bodies; results are the same for any number.
+            conditions: electrodes, of a formulation whose `gauge` names a potential; loads give their voltages
+                (`Voltage`). Where none of them fixes it, the potential is zero at one node.
 
         Raises:
             FormulationError: `threads` is no number of threads; a form file breaks its contract, or does not fit its
@@ -128,7 +135,8 @@ class NonlinearModel(TrialBody):
             with_history=True,
             condense=condense,
         )
-        super().__init__(forms, means=degree == 1 if cell_means is None else cell_means, heated=heated, threads=threads)
+        means = degree == 1 if cell_means is None else cell_means
+        super().__init__(forms, means=means, heated=heated, threads=threads, conditions=conditions)
         self._bands: DamageBands | None = None
         if self.layout.has_further and mesh.dim == 3:
             self._bands = DamageBands(self.layout, lambda unknown: self.force(unknown, dt=0.0))
@@ -219,7 +227,7 @@ class NonlinearModel(TrialBody):
             springs = self.springs.tangent(self.displacement + increment)
             matrix.axpy(1.0, springs, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             springs.destroy()
-        return matrix
+        return matrix if self.conditions is None else self.conditions.constrain(matrix)
 
     def unloading_tangent(self) -> PETSc.Mat:
         """The elastic tangent at the last accepted step, at which all points unload. Collective.
@@ -289,6 +297,8 @@ class NonlinearModel(TrialBody):
         """
         self._refuse(dt, increment=increment)
         self._set_trial(increment, self._length(dt))
+        if self.conditions is not None:
+            self.conditions.complete(self._u.x.array)
         with self.present_mesh():
             self._run(increment, explicit=True)
         force = self._summed()
@@ -319,6 +329,7 @@ class NonlinearModel(TrialBody):
             tuple(history.snapshot() for history in self._histories),
             self._viscous_work,
             np.zeros(0) if self.temperature is None else at_nodes(self, self.temperature),
+            self._charged,
         )
 
     @checked(error=FormulationError)
@@ -330,7 +341,8 @@ class NonlinearModel(TrialBody):
         """
         self._evaluated = None
         self.displacement[:] = snapshot.displacement
-        self._viscous_work = snapshot.viscous_work
+        self._viscous_work, self._charged = snapshot.viscous_work, snapshot.ports
+        self.set_voltages(snapshot.ports.efforts)
         self._set_trial(np.zeros(self.layout.n_local), 0.0)
         if self.temperature is not None:
             set_at_nodes(self, self.temperature, snapshot.temperature)
@@ -341,7 +353,8 @@ class NonlinearModel(TrialBody):
         """Energies, J, of the last accepted step by name: "elastic", "plastic", "viscous", "springs". Collective.
 
         The sums of the formulations' energies, of the work that their dissipation took, and of springs on facets;
-        the same on every rank.
+        the same on every rank. Where electrodes are given voltages "elastic" is with the electric energy, and
+        "voltages" minus the work that came in by them.
         """
         self._set_trial(np.zeros(self.layout.n_local), 0.0)
         totals: dict[str, float] = {}
@@ -352,6 +365,9 @@ class NonlinearModel(TrialBody):
         energies = {name: float(self.comm.allreduce(value)) for name, value in totals.items()}
         if self.springs is not None:
             energies["springs"] = float(self.comm.allreduce(self.springs.energy(self.displacement)))
+        if self.ports:
+            energies["elastic"] = energies.get("elastic", 0.0) + float(self._charged.efforts @ self._charged.flows)
+            energies["voltages"] = -float(self._charged.works.sum())
         return {**energies, "viscous": self._viscous_work} if self.has_dissipation else energies
 
     def stress(self) -> list[FloatArray]:

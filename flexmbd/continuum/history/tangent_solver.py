@@ -30,6 +30,9 @@ FloatArray = NDArray[np.float64]
 # Krylov's method: most iterations, and the relative residual to which the systems of a block are solved.
 _MAX_ITERATIONS, _EXACT = 200, 1e-12
 
+# Part of a residual, with too much energy left, at which the energy is looked at again.
+_NEXT_LOOK = 0.1
+
 # MUMPS: controls of the last part of a factor and of the determinant; where negative pivots and its sign are told.
 _ROOT, _DETERMINES, _NEGATIVE, _DETERMINANT = 13, 33, 12, 12
 
@@ -60,8 +63,9 @@ class LinearSolver:
             factorised, or coarsened, anew; 0: every tangent is.
         reuse_below: a tangent is used for the next step too where the last one left less than this part of
             the residual; 0: every step has its own, and Newton's method is quadratic.
-        forcing_term: largest relative residual of a linear system (Eisenstat & Walker 1996,
-            doi:10.1137/0917003); the closer Newton's method comes, the smaller, so that it stays quadratic.
+        forcing_term: largest relative error of a linear system's solution, by its residual and by its energy, which
+            sees where a slender body bends beside what stretches it; the closer Newton's method comes, the smaller, so
+            that it stays quadratic (Eisenstat & Walker 1996, doi:10.1137/0917003).
         preconditioner: of Krylov's method.
     """
 
@@ -113,7 +117,7 @@ class TangentSolver:
         self._ksp: PETSc.KSP | None = None
         self._preconditioning_matrix = PETSc.Mat()  # what the preconditioner was made of
         self._stale = True
-        self._is_symmetric = False
+        self._is_symmetric = self._is_own = False
         self.factorisations = self.iterations = 0
 
     @property
@@ -167,11 +171,18 @@ class TangentSolver:
                 self._ksp = self._new_ksp(matrix, self._preconditioning_matrix)
             self.factorisations += 1
             self._stale = False
+            self._is_own = not self._uses_multigrid
         else:
+            self._is_own = False
             self._ksp.setOperators(matrix, self._preconditioning_matrix)
 
     def solve(self, load: FloatArray, tolerance: float) -> FloatArray:
-        """(owned dofs,) m, for a load (owned dofs,), to a part of it. Collective.
+        """(owned dofs,) m, for a load (owned dofs,). Collective.
+
+        Args:
+            load: (owned dofs,) N.
+            tolerance: largest error of the solution over it, by its residual and, unless the factor is the tangent's
+                own, by its energy.
 
         Raises:
             ConvergenceError: on all ranks: it takes too many iterations.
@@ -180,6 +191,7 @@ class TangentSolver:
         right, left = ksp.getOperators()[0].createVecs()
         right.setArray(load)
         ksp.setTolerances(rtol=max(tolerance, _EXACT), atol=0.0, max_it=_MAX_ITERATIONS)
+        ksp.setConvergenceTest(_Accuracy(by_energy=not self._is_own))
         ksp.solve(right, left)
         iterations = ksp.getIterationNumber()
         self.iterations += iterations
@@ -248,9 +260,7 @@ class TangentSolver:
     def _new_ksp(self, matrix: PETSc.Mat, preconditioning_matrix: PETSc.Mat) -> PETSc.KSP:
         """Krylov's method on a matrix, preconditioned by a copy of it that is kept. Collective."""
         ksp = PETSc.KSP().create(matrix.comm)
-        ksp.setType(PETSc.KSP.Type.GMRES)
-        ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        ksp.setGMRESRestart(100)
+        ksp.setType(PETSc.KSP.Type.GCR)  # as GMRES, with the residual at hand
         ksp.setOperators(matrix, preconditioning_matrix)
         if self._uses_multigrid:
             self._set_up_multigrid(ksp, preconditioning_matrix)
@@ -289,6 +299,44 @@ class TangentSolver:
         ksp.setUp()
         for item in (near, *vectors):
             item.destroy()
+
+
+class _Accuracy:
+    """Whether residual and energy of the error, r.P r by the preconditioner P, are small enough, as PETSc asks.
+
+    Of forces of one size those that bend a slender body have the most energy, by the square of its slenderness.
+    """
+
+    def __init__(self, *, by_energy: bool) -> None:
+        """``by_energy``: whether it is asked for as well."""
+        self._by_energy = by_energy
+        self._size = 0.0  # N, of the load
+        self._look_at = 0.0  # N, residual at which the energy is looked at
+
+    def __call__(self, ksp: PETSc.KSP, iteration: int, residual: float) -> int:
+        """A reason to end, or 0."""
+        if not np.isfinite(residual):
+            return int(PETSc.KSP.ConvergedReason.DIVERGED_NANORINF)
+        rtol = ksp.getTolerances()[0]
+        if iteration == 0:
+            self._size, self._look_at = residual, rtol * residual
+        if residual > self._look_at:
+            return 0
+        if self._by_energy and residual > _EXACT * self._size:
+            error = _relative_energy(ksp) ** 0.5
+            if error > rtol:
+                self._look_at = residual * max(rtol / error, _NEXT_LOOK)
+                return 0
+        return int(PETSc.KSP.ConvergedReason.CONVERGED_RTOL)
+
+
+def _relative_energy(ksp: PETSc.KSP) -> float:
+    """Of the error of the solution at hand, over its own. Collective."""
+    left = ksp.buildResidual()
+    error = left.duplicate()
+    ksp.getPC().apply(left, error)
+    whole = abs(ksp.getRhs().dot(ksp.buildSolution()))
+    return abs(left.dot(error)) / whole if whole > 0.0 else np.inf
 
 
 def is_symmetric(matrix: PETSc.Mat) -> bool:

@@ -11,6 +11,7 @@ The mesh itself is moved only while something is assembled.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import cached_property
@@ -26,7 +27,9 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.entries import is_rate_dependent
 from flexmbd.continuum.finite_elements.cell_group import refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
+from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.temperature import heated_groups, scalar_function
+from flexmbd.continuum.history.held_fields import PortStates, held_fields
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.plane_bodies import plane_axis
 from flexmbd.continuum.history.point_history import History
@@ -56,9 +59,18 @@ class TrialBody(DiscretisedBody):
         temperature: K, its rise, which the formulations read; None where the body is not heated.
         cold_groups: the groups with the formulations as they were given.
         plane_axis: of the mesh, along the normal of a plane body; None of others.
+        conditions: on fields of which these name a gauge; None where they name none.
     """
 
-    def __init__(self, forms: DiscreteForms, *, means: bool, heated: bool = False, threads: int = 1) -> None:
+    def __init__(
+        self,
+        forms: DiscreteForms,
+        *,
+        means: bool,
+        heated: bool = False,
+        threads: int = 1,
+        conditions: Sequence[Condition] = (),
+    ) -> None:
         """Compile the formulations. Collective.
 
         Args:
@@ -66,10 +78,12 @@ class TrialBody(DiscretisedBody):
             means: whether formulations with `cell_mean` use it against volumetric locking.
             heated: whether they are at a temperature, which begins at zero.
             threads: among which each rank shares the cells of large bodies.
+            conditions: on fields of which they name a gauge.
 
         Raises:
             FormulationError: formulations of both references, or with gyroscopic forces; of a heated body those
-                without an expansion.
+                without an expansion; conditions on a field of which they name no gauge.
+            MeshError: conditions that are none, or on groups that the mesh has not.
         """
         self.temperature: fem.Function | None = None
         self.cold_groups = forms.groups
@@ -94,6 +108,9 @@ class TrialBody(DiscretisedBody):
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
         self.springs = SurfaceSprings(self.surfaces, self.groups, self.space) if self.has_surface_energy else None
+        self.conditions = held_fields(conditions, forms, self.springs)
+        self._charged = PortStates.at_rest(0 if self.conditions is None else len(self.conditions.ports))
+        self._charges: FloatArray = self._charged.flows  # of the trial
         self._viscous_work = 0.0
         self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
         self._moved = MovedMesh(self.space) if self.is_updated else None
@@ -206,6 +223,42 @@ class TrialBody(DiscretisedBody):
             inverted = find_inverted_cell(self._histories, self._u)
         refuse_inverted_cell(self.mesh, inverted)
 
+    def set_voltages(self, values: FloatArray) -> None:
+        """Bring ports, as electrodes, to voltages (k,), V, in the order of ``conditions.ports``; not collective.
+
+        Raises:
+            FormulationError: the body has other ports, or the values are no finite numbers.
+        """
+        now = np.zeros(0) if self.conditions is None else self.conditions.efforts
+        given = numbers(values)
+        if given.shape != now.shape or not np.isfinite(given).all():
+            raise FormulationError(
+                f"voltages are {len(now)} finite numbers (V), one of each port of the body, got {values!r:.80}"
+            )
+        if not np.array_equal(given, now):
+            now[:] = given
+            self._evaluated = None
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Names of its ports: electrodes whose voltage is given."""
+        return () if self.conditions is None else tuple(one.name for one in self.conditions.ports)
+
+    @property
+    def efforts(self) -> FloatArray:
+        """(k,) V, of its ports, in their order, from now on."""
+        return np.zeros(0) if self.conditions is None else self.conditions.efforts.copy()
+
+    def port_states(self) -> dict[str, FloatArray]:
+        """(2,) voltage (V) and charge (C) of its ports in the last accepted step, by name."""
+        states = np.stack([self._charged.efforts, self._charged.flows], axis=1)
+        return dict(zip(self.ports, states, strict=True))
+
+    @property
+    def charges(self) -> FloatArray:
+        """(k,) C, of its ports in the last accepted step, in their order."""
+        return self._charged.flows.copy()
+
     def _refuse(self, dt: float | None = None, **vectors: FloatArray) -> None:
         """Refuse what is no displacement (local dofs including ghosts,) or step. Collective."""
         parallel.refuse_vectors(self.comm, self.layout.n_local, kind=FormulationError, dt=dt, **vectors)
@@ -226,6 +279,8 @@ class TrialBody(DiscretisedBody):
     def _evaluate(self, increment: FloatArray, dt: float | None) -> None:
         """Evaluate all cells at a trial displacement. Collective."""
         self._set_trial(increment, self._length(dt))
+        if self.conditions is not None:
+            self.conditions.complete(self._u.x.array)
         with self.present_mesh():
             self._run(increment)
         self._evaluated = increment.copy()
@@ -254,11 +309,15 @@ class TrialBody(DiscretisedBody):
             parallel.raise_collectively(self.comm, error)
         if self.viscous_forces is not None:
             self.viscous_forces.add(self._sum.array, increment, dt=self._dt)
+        if self.conditions is not None:
+            self._charges = self.conditions.flows(self._sum.array)
 
     def _summed(self) -> FloatArray:
         """(owned dofs,) N, the forces of all ranks. Collective."""
         self._sum.scatter_reverse(la.InsertMode.add)
         force: FloatArray = self._sum.array[: self.n_owned].copy()
+        if self.conditions is not None:
+            self.conditions.condense(force)
         return force
 
     def _accept(self, increment: FloatArray) -> None:
@@ -268,6 +327,9 @@ class TrialBody(DiscretisedBody):
         if self.viscous_forces is not None:
             self._viscous_work += float(self.comm.allreduce(self.viscous_forces.work(increment)))
         self.displacement += increment
+        if self.conditions is not None:
+            self.conditions.complete(self.displacement)
+            self._charged = self._charged.moved(self.conditions.efforts, self._charges)
         self._set_trial(np.zeros_like(increment), 0.0)
 
     def _set_trial(self, increment: FloatArray, dt: float) -> None:

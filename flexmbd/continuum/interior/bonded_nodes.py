@@ -22,6 +22,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
+from flexmbd.continuum.interior.thickness_mass import ThicknessMass
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame
@@ -54,6 +55,7 @@ class BondedNodes:
         *,
         rigid_parts: Mapping[str, RigidBody] | None = None,
         may_average: bool = False,
+        thickness: ThicknessMass | None = None,
     ) -> None:
         """Collect nodes and inertia.
 
@@ -62,6 +64,8 @@ class BondedNodes:
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
             may_average: whether interfaces may be averaged.
+            thickness: further mass of edges through a wall, of those that go with one frame a part of its inertia;
+                others of bonded nodes are left out of it.
 
         Raises:
             InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
@@ -96,6 +100,11 @@ class BondedNodes:
         offsets = body.layout.node_x[self.nodes] - self._origins[self.frame_of]
         self._arms = np.einsum("nba,nb->na", self._axes[self.frame_of], offsets)
         self.reach = float(max(body.comm.allgather(abs(self._arms).max(initial=0.0))))
+        self._thickness = thickness
+        self._frame_at = np.full(len(body.layout.node_x), -1)
+        self._frame_at[self.nodes] = self.frame_of
+        if thickness is not None:
+            thickness.bond(self._frame_at)
         self.frames = self._frames(body, parts)
 
     def arms(self, motion: FrameMotion) -> FloatArray:
@@ -161,6 +170,11 @@ class BondedNodes:
         for k, found in enumerate(body.interfaces):
             mine = self.own & (self.frame_of == k)
             mass = self.total(mass_of_points(self.mass[mine], self._arms[mine] @ found.R.T))
+            if self._thickness is not None:
+                edges = self._thickness
+                held = edges.mine & (self._frame_at[edges.nodes[:, 0]] == k)
+                turning = mass_of_points(edges.added[held], edges.arms[held])[3:, 3:]
+                mass[3:, 3:] = mass[3:, 3:] + self.total(turning)
             if found.name in parts:
                 mass = mass + mass_of_part(parts[found.name], found.R)
             try:

@@ -23,6 +23,7 @@ from flexmbd.continuum.interior.machine_frames import path_of_frames
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Poses, Support
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.surface_pair import FACETS, NODES, SurfacePair
+from flexmbd.continuum.interior.thickness_mass import thickness_mass
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
@@ -61,6 +62,7 @@ class ExplicitContinuum:
         damping: float = 0.0,
         bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
+        scaled_thickness: float = 0.0,
     ) -> None:
         """Collect the frames and find the stable step.
 
@@ -73,17 +75,22 @@ class ExplicitContinuum:
             damping: 1/s, of those nodes: force per mass and velocity, against inertial axes.
             bulk_viscosity: pressure by the rate of volume change, for shocks; a shorter stable step.
             loads: on all nodes; those on bonded nodes act on their frames.
+            scaled_thickness: 1: walls of one layer of layered cells vibrate through their thickness as slowly as in
+                the wall, by further mass that no translation feels, so that stable steps go by the cells' size in the
+                wall; a part of 1: as slowly as cells of that part of the size would, with the square of that part of
+                further rotary inertia; 0: as they are.
 
         Raises:
             InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
-            FormulationError: the mass cannot be lumped.
+            FormulationError: the mass cannot be lumped; as `ThicknessMass`.
             SceneError, MeshError: as `NodalMotion`, of planes, supports and loads.
         """
-        self._body, self._bonds = body, BondedNodes(body, rigid_parts=rigid_parts)
+        thickness = thickness_mass(body, scaled_thickness)
+        self._body, self._bonds = body, BondedNodes(body, rigid_parts=rigid_parts, thickness=thickness)
         self._nodes: NDArray[np.int32] = self._bonds.nodes[self._bonds.own]
         self.motion = NodalMotion(
             body, supports=supports, planes=planes, damping=damping, loads=loads, bonded=self._nodes,
-            bulk_viscosity=bulk_viscosity, turns=self._bonds.turns,
+            bulk_viscosity=bulk_viscosity, turns=self._bonds.turns, thickness=thickness,
         )
         self.frames, self.mass = self._bonds.frames, self._bonds.free_mass
         self._wrenches: FloatArray = np.zeros((len(self.frames), 6))
@@ -189,6 +196,10 @@ class ExplicitContinuum:
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
         """See `ObservedInterior`. Collective."""
         return self._observer.locate(point)
+
+    def port_states(self) -> Mapping[str, FloatArray]:
+        """See `PortedInterior`."""
+        return self._body.port_states()
 
     def outer_forces(self) -> Mapping[str, FloatArray]:
         """See `ObservedInterior`. Collective."""

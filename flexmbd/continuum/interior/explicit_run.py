@@ -18,6 +18,7 @@ from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
+from flexmbd.continuum.interior.thickness_mass import thickness_mass
 from flexmbd.errors import ConvergenceError, ExplicitRunError, SceneError
 from flexmbd.given import checked
 from flexmbd.round_off import EPSILON, TEN_DIGITS
@@ -94,6 +95,7 @@ class ExplicitRun:
         damping: float = 0.0,
         bulk_viscosity: BulkViscosity | None = None,
         loads: Sequence[BodyLoad] = (),
+        scaled_thickness: float = 0.0,
     ) -> None:
         """Set the body off, undeformed, where the mesh is.
 
@@ -106,15 +108,17 @@ class ExplicitRun:
             damping: 1/s, force per mass and velocity.
             bulk_viscosity: pressure by the rate of volume change, for shocks; a shorter stable step.
             loads: on the body, counted in the account.
+            scaled_thickness: as of `ExplicitContinuum`.
 
         Raises:
             SceneError: the body begins behind a plane, or the velocity is not of that shape.
             MeshError: a support or a load is on facets or nodes that the mesh has not.
-            FormulationError: the mass cannot be lumped.
+            FormulationError: the mass cannot be lumped; as `ThicknessMass`.
         """
         self.motion = NodalMotion(
-            body, supports=supports, planes=planes, damping=damping, bulk_viscosity=bulk_viscosity, loads=loads
-        )
+            body, supports=supports, planes=planes, damping=damping, bulk_viscosity=bulk_viscosity, loads=loads,
+            thickness=thickness_mass(body, scaled_thickness),
+        )  # fmt: skip
         self.motion.begin(np.zeros(3), np.eye(3), np.asarray(gravity, dtype=float))
         x = self.motion.x
         given = np.asarray(velocity(x) if callable(velocity) else velocity, dtype=float)

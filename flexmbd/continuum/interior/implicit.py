@@ -34,6 +34,7 @@ from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
+from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 from flexmbd.continuum.interior.step_equations import (
     BodyAxes,
     NodalState,
@@ -178,7 +179,11 @@ class ImplicitContinuum:
         self._contacts.begin(x, motion, size=self._extent_of(body.layout.node_x))
         if not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
-        # what holds the warm body in its shape at rest
+        # what holds the warm body in its shape at rest, or that with voltages
+        still: FloatArray = np.zeros(body.layout.n_local)
+        if body.layout.has_further:
+            still = StaggeredFields(body, bonds.turns.dofs[bonds.turns.own]).balanced(still, dt=0.0)[0]
+            body.commit(still, dt=0.0)
         internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
         couples = bonds.turns.wrenches(internal, R)
         found = self._start_accelerations(motion, body.layout.displacements(internal) @ R.T - self._loads.now)
@@ -389,6 +394,10 @@ class ImplicitContinuum:
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
         """See `ObservedInterior`. Collective."""
         return self._observer.locate(point)
+
+    def port_states(self) -> Mapping[str, FloatArray]:
+        """See `PortedInterior`."""
+        return self.body.port_states()
 
     def outer_forces(self) -> Mapping[str, FloatArray]:
         """See `ObservedInterior`: of loads and contacts. Collective where there are some."""

@@ -37,6 +37,7 @@ from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import ShapeContacts
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.continuum.interior.surface_pair import NODES, SurfacePair
+from flexmbd.continuum.interior.thickness_mass import ThicknessMass
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.interiors.touching_interior import Obstacle
@@ -96,6 +97,7 @@ class NodalMotion:
         loads: the applied loads.
         shapes: of the machine, which surfaces touch.
         pairs: contacts with other bodies, and on which side of each this one is.
+        thickness: further mass of edges through a wall, or None.
         plane: of a plane body, in which its nodes are held.
         t: s.
     """
@@ -111,6 +113,7 @@ class NodalMotion:
         loads: Sequence[BodyLoad] = (),
         bonded: NDArray[np.int32] | None = None,
         turns: BondedTurns | None = None,
+        thickness: ThicknessMass | None = None,
     ) -> None:
         """Find masses and the stable step.
 
@@ -123,6 +126,7 @@ class NodalMotion:
             loads: on all nodes.
             bonded: owned nodes that somebody else moves.
             turns: unknowns that turn with these, if any.
+            thickness: further mass of edges through a wall, if any.
 
         Raises:
             MeshError: a support or a load is on facets or nodes that the mesh has not.
@@ -160,7 +164,10 @@ class NodalMotion:
             held = np.array([support.x, support.y, support.z])
             self._moves[np.ix_(nodes[nodes < n], np.flatnonzero(held))] = 0.0
         self._moves[self.bonded] = 0.0
-        self.plane = PlaneMotion(body)
+        self.plane, self.thickness = PlaneMotion(body), thickness
+        if thickness is not None:
+            thickness.hold(self._moves)
+            self.surroundings["scaled_thickness"] = thickness.scale
         self._weights: FloatArray = self.masses.copy()
         self._weights[self.bonded] = 0.0
         self.loads = AppliedLoads(body, loads, mass=self.masses)
@@ -176,7 +183,9 @@ class NodalMotion:
         if both:
             raise SceneError(f"a plane and a load are both called {sorted(both)[0]!r}; give each its own name")
         self.memory = BodyMemory(body)
-        self._stable = StableStep(body, self.masses, self.memory, bulk=bulk, fields=self.mesh.fields)
+        self._stable = StableStep(
+            body, self.masses, self.memory, bulk=bulk, fields=self.mesh.fields, thickness=thickness
+        )
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
         self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
@@ -184,12 +193,10 @@ class NodalMotion:
         self.x, self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((8, n, 3))
         self._viscous, self._went = np.zeros((2, n, 3))  # N; m/s, the mean velocities of the last step
         self.plane_forces: FloatArray = np.zeros((len(planes), 3))
-        self.t = 0.0
         self._R_begun: FloatArray = np.eye(3)
         self._g: FloatArray = np.zeros(3)
-        self._h = 0.0
+        self.t, self._h, self._lost = 0.0, 0.0, 0.0
         self._works: FloatArray = np.zeros(len(_WORKING))
-        self._lost = 0.0
 
     @property
     def mass(self) -> float:
@@ -290,7 +297,7 @@ class NodalMotion:
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
         self._damped = self._drag()
-        self._lost = float(self._weights @ (self.a**2 - free**2).sum(axis=1)) * h**2 / 8
+        self._lost = (float(self._weights @ (self.a**2 - free**2).sum(axis=1)) + self._further(self.a, free)) * h**2 / 8
 
     def plan(self, h: float, bonded: FloatArray | None = None) -> FloatArray:
         """Find how far (owned nodes, 3) m nodes go in a step h (s); arguments as of `advance`. Collective."""
@@ -298,7 +305,7 @@ class NodalMotion:
             self.start(h)
         if self.loads.any:  # which may have jumped since the last step's end
             after = self.loads_at(self.t + _BESIDE * h)
-            jump = self._held((after - self.load) / self.masses[:, None])
+            jump = self._answered(self._held((after - self.load) / self.masses[:, None]))
             self.a = self.a + jump / (1.0 + self._damping * self._h / 2)
             self.load = after
         move = h * self.v + h**2 / 2 * self.a
@@ -376,6 +383,7 @@ class NodalMotion:
         body_energies = self.body.energies()
         square = (self.v**2).sum(axis=1) - (self._h / 2) ** 2 * (self.a**2).sum(axis=1)
         kinetic, weight = self._weights @ square / 2, -self._weights @ (self.x @ self._g)
+        kinetic += self._further(self.v, self._h / 2 * self.a) / 2
         _, loads, contact, friction, damping, viscous = self._works
         sums = self.mesh.sum(np.array([kinetic, weight, self._lost - contact, -friction, -damping, -loads, -viscous]))
         outer = {"loads": float(sums[5])} if self.loads.any else {}
@@ -421,6 +429,8 @@ class NodalMotion:
     def momentum(self, about: FloatArray) -> FloatArray:
         """(6,) linear momentum, N s, and angular momentum about a point (m), N m s. Collective."""
         linear = self._weights[:, None] * self.v
+        if self.thickness is not None:
+            linear = linear + self.thickness.times(self.v)
         return self.mesh.sum(np.append(linear.sum(axis=0), np.cross(self.x - about, linear).sum(axis=0)))
 
     def snapshot(self) -> dict[str, FloatArray]:
@@ -493,10 +503,20 @@ class NodalMotion:
             touches[nodes] = 1.0
         return PushedNodes(touches, np.linalg.norm(self._met, axis=1))
 
+    def _answered(self, alone: FloatArray) -> FloatArray:
+        """(owned nodes, 3) m/s^2, where they would be ``alone`` by the lumped masses. Collective."""
+        return alone if self.thickness is None else self.thickness.accelerations(alone)
+
+    def _further(self, one: FloatArray, other: FloatArray) -> float:
+        """The difference of the squares of two vectors at nodes by the further mass: this rank's part. Collective."""
+        return 0.0 if self.thickness is None else self.thickness.square(one) - self.thickness.square(other)
+
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""
         if self._damping == 0.0:
             return np.zeros_like(self.v)
+        if self.thickness is not None:
+            return np.asarray(-self._damping * (self._weights[:, None] * self.v + self.thickness.times(self.v)))
         return np.asarray(-self._damping * self._weights[:, None] * self.v)
 
     def _accelerate(self, v: FloatArray, h: float, reach: float, *, answer: float) -> FloatArray:
@@ -509,6 +529,9 @@ class NodalMotion:
             answer: the accelerations that are left of forces per mass, as these add to damping.
         """
         pull = self._held((self.force + self.load) / self.masses[:, None] + self._g - self._damping * v)
+        if self.thickness is not None:  # damping is by all mass
+            damped = self._held(-self._damping * v)
+            pull = self.thickness.accelerations(pull - damped) + damped
         free = answer * pull
         m = self._weights[:, None]
         self._met, self._rubbed = np.zeros((2, *self.x.shape))
@@ -517,18 +540,23 @@ class NodalMotion:
             self._met += m * met
             self._rubbed += m * rubbed
             self.plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
-            pull = pull + self._held(met + rubbed)
+            pull = pull + self._answered(self._held(met + rubbed))
         for shape in self.shapes.contacts:
             pushed = shape.push(self.x, v, pull, h=h, reach=answer * reach)
             nodes, on = pushed.nodes, self.masses[pushed.nodes, None]
             self._met[nodes] += on * pushed.met
             self._rubbed[nodes] += on * pushed.rubbed
             shape.take(self.x[nodes], on * pushed.met, on * pushed.rubbed)
-            pull[nodes] += self._held(pushed.met + pushed.rubbed, nodes)
+            if self.thickness is None:
+                pull[nodes] += self._held(pushed.met + pushed.rubbed, nodes)
+                continue
+            alone = np.zeros_like(pull)
+            alone[nodes] = self._held(pushed.met + pushed.rubbed, nodes)
+            pull = pull + self.thickness.accelerations(alone)
         for pair, side in self.pairs:
             met, rubbed = pair.take(side)
             self._met += met
             self._rubbed += rubbed
-            pull += self._held((met + rubbed) / self.masses[:, None])
+            pull = pull + self._answered(self._held((met + rubbed) / self.masses[:, None]))
         self.a = answer * pull
         return free

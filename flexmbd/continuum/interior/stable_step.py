@@ -28,6 +28,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.plane_bodies import inverse_jacobian
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
+from flexmbd.continuum.interior.thickness_mass import ThicknessMass
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
 from flexmbd.errors import ConvergenceError, FormulationError
 
@@ -51,6 +52,7 @@ class StableStep:
         *,
         bulk: BulkForces | None = None,
         fields: StaggeredFields | None = None,
+        thickness: ThicknessMass | None = None,
     ) -> None:
         """Collective; compiles.
 
@@ -60,11 +62,13 @@ class StableStep:
             memory: of the body, whose numbers of nodes tell where Lanczos' method begins on any ranks.
             bulk: the forces of bulk viscosity, if any.
             fields: unknowns besides the displacement, if any: the nodes vibrate with these in balance.
+            thickness: further mass of edges through a wall, if any.
 
         Raises:
             FormulationError: unknowns besides the displacement have no balance at given displacements.
         """
         self._body, self._root, self._fields = body, np.repeat(np.sqrt(masses), 3), fields
+        self._thickness = thickness
         begin = np.random.default_rng(0).standard_normal((memory.node_count, 3))
         self._begin: FloatArray = memory.scatter_nodes(begin).reshape(-1)[: len(self._root)]
         self._u = fem.Function(body.space)
@@ -152,9 +156,9 @@ class StableStep:
         x, y = matrix.createVecs()
 
         def by_rates(w: FloatArray) -> FloatArray:
-            x.array[:] = self._at_dofs(w / self._root)
+            x.array[:] = self._at_dofs(w)
             matrix.mult(x, y)
-            return np.asarray(body.layout.displacements(y.array).reshape(-1) / self._root)
+            return np.asarray(body.layout.displacements(y.array).reshape(-1))
 
         found = self._largest(by_rates)
         matrix.destroy()
@@ -171,7 +175,13 @@ class StableStep:
             return self._largest(self._by_shapes)
 
     def _largest(self, apply: Callable[[FloatArray], FloatArray]) -> float:
-        return largest_eigenvalue(self._body.comm, apply, len(self._root), begin=self._begin)
+        """The largest eigenvalue of what ``apply`` makes of displacements, by mass. Collective."""
+        half = _same if self._thickness is None else self._thickness.inverse_root
+
+        def by_mass(w: FloatArray) -> FloatArray:
+            return half(apply(half(w) / self._root) / self._root)
+
+        return largest_eigenvalue(self._body.comm, by_mass, len(self._root), begin=self._begin)
 
     def _at_dofs(self, displacements: FloatArray) -> FloatArray:
         """(owned dofs,) from (owned nodes * 3,)."""
@@ -179,23 +189,23 @@ class StableStep:
 
     def _by_shapes(self, w: FloatArray) -> FloatArray:
         owned = len(self._root)
-        self._moved.array[:owned] = w / self._root
+        self._moved.array[:owned] = w
         self._moved.scatter_forward()
         self._sum.array[:] = 0.0
         fem.assemble_vector(self._sum.array, self._shapes)
         self._sum.scatter_reverse(la.InsertMode.add)
-        image: FloatArray = self._sum.array[:owned] / self._root
+        image: FloatArray = self._sum.array[:owned].copy()
         return image
 
     def _by_differences(self, w: FloatArray) -> FloatArray:
         body, owned = self._body, self._body.n_owned
         u = self._u.x
-        u.array[:owned] = self._at_dofs(w / self._root)
+        u.array[:owned] = self._at_dofs(w)
         u.scatter_forward()
         size = _SMALL * self._size / max(body.comm.allgather(float(abs(u.array).max(initial=0.0))))
         u.array[:] *= size
         if self._fields is None:
-            return np.asarray(body.force(u.array, dt=0.0) / (size * self._root))
+            return np.asarray(body.force(u.array, dt=0.0) / size)
         try:
             force = self._fields.balanced(u.array, dt=0.0)[1]
         except ConvergenceError as reason:
@@ -203,4 +213,8 @@ class StableStep:
                 f"{body.form_name} has unknowns besides the displacement that are not determined by it, as the "
                 "pressure of what keeps its volume: explicit steps have no stable length; take ImplicitContinuum"
             ) from reason
-        return np.asarray(body.layout.displacements(force).reshape(-1) / (size * self._root))
+        return np.asarray(body.layout.displacements(force).reshape(-1) / size)
+
+
+def _same(w: FloatArray) -> FloatArray:
+    return w

@@ -66,6 +66,8 @@ class StaggeredFields:
                 "step explicitly; take ImplicitContinuum, or load the body slowly (follow)"
             )
         held = np.zeros(0, dtype=np.int32) if given is None else given
+        if body.conditions is not None:
+            held = np.union1d(held, np.flatnonzero(body.conditions.held))
         self._body, self.rows = body, np.setdiff1d(owned_further_dofs(body), held)
         self._displaced = body.displacement_dofs[: body.layout.n_owned_nodes].reshape(-1)
         self._linear = TangentSolver(body, np.union1d(self._displaced, held).astype(np.int32), LinearSolver())

@@ -31,7 +31,7 @@ from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
 
-_FEW = 6  # residuals: a step that takes fewer makes the next one longer
+_FEW = 10  # residuals: a step that takes fewer makes the next one longer
 _LONGER, _LARGER = 1.5, 1.1  # by how much, and by how much the largest step grows back with each
 
 

@@ -73,6 +73,7 @@ class Parts:
         histories: those among them that begin as the accelerations.
         behind: kernels behind addresses: the array that holds one, and the call.
         frames: calls for outputs, which are added to.
+        flows: the same, of ports.
         tangents: of model exchange: derivatives of the residual by accelerations, velocities, positions, each into
             the matrix that is its call's last argument.
         breaks: instants (s) at which steps end and begin anew.
@@ -87,6 +88,7 @@ class Parts:
     histories: tuple[FloatArray, ...] = ()
     behind: tuple[tuple[np.ndarray, Call], ...] = ()
     frames: list[FrameCall] = field(default_factory=list)
+    flows: list[Call] = field(default_factory=list)
     tangents: tuple[Call, ...] = ()
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))
     impulses: FloatArray = field(default_factory=lambda: np.zeros(0))

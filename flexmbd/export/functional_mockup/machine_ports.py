@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -14,7 +15,9 @@ from flexmbd.errors import ExportError
 from flexmbd.export.functional_mockup.machine_parts import Call, FrameCall, Parts
 from flexmbd.export.functional_mockup.model_description import Causality, Variable
 from flexmbd.given import is_list
+from flexmbd.integrate import state as st
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.bodies.port import Port, PortFlow
 from flexmbd.multibody.bodies.pseudo_rigid_body import PseudoRigidBody
 from flexmbd.multibody.force.distributed_load import DistributedLoad
 from flexmbd.multibody.force.frame_force import FrameForce
@@ -29,6 +32,7 @@ from flexmbd.multibody.kernels.reading.force_tables import (
     joint_force_times,
     keep_forces,
 )
+from flexmbd.multibody.kernels.sampling.ports import port_flow
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.motion.quantity import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -36,8 +40,9 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
-#: What a machine takes from outside: a given force, whose numbers are the start values.
+#: What a machine takes from outside: a given force, whose numbers are the start values, or the effort of a port.
 Given = JointTorque | JointForce | FrameForce | DistributedLoad
+GivenPort = Given | Port
 
 #: Columns of ``frame_series`` that an output of a frame is.
 _COLUMNS: dict[Any, tuple[int, int]] = {Position: (0, 3), Rotation: (3, 12), Velocity: (12, 15), Acceleration: (18, 21)}
@@ -80,28 +85,55 @@ def named(ports: Sequence[T] | Mapping[str, T]) -> list[tuple[str | None, T]]:
     return list(ports.items()) if isinstance(ports, Mapping) else [(None, one) for one in ports]
 
 
+@contextmanager
+def driven(ports: Sequence[Port]) -> Iterator[None]:
+    """Let ports have efforts that inputs set, within a `with` block.
+
+    Raises:
+        ExportError: the effort of one is given by a function or a signal of others.
+    """
+    for port in ports:
+        start = 0.0 if port.is_free else port.effort_now
+        (function,) = _constants(f"the {port.effort_name} of port {port.label}", [start])
+        port.drive(function)
+    try:
+        yield
+    finally:
+        for port in ports:
+            port.drive(None)
+
+
 def replaced(force: Given) -> Given:
     """The force with a function of time, which an input sets, in place of each number."""
     if not isinstance(force, Given):
         raise ExportError(
-            f"{force!r} is not an input of a machine; give a JointTorque, JointForce, FrameForce or DistributedLoad"
+            f"{force!r} is not an input of a machine; give a JointTorque, JointForce, FrameForce, DistributedLoad or "
+            "the port of a body"
         )
     if isinstance(force, FrameForce):
-        return replace(force, force=_constants(force, force.force), torque=_constants(force, force.torque))
+        return replace(force, force=_constants(force.what, force.force), torque=_constants(force.what, force.torque))
     if isinstance(force, DistributedLoad):
-        return replace(force, factor=_constants(force, [force.factor])[0])
-    return replace(force, value=_constants(force, [force.value])[0])
+        return replace(force, factor=_constants(force.what, [force.factor])[0])
+    return replace(force, value=_constants(force.what, [force.value])[0])
 
 
-def _constants(force: Given, values: Sequence[Any]) -> tuple[PPoly, ...]:
+def _constants(what: str, values: Sequence[Any]) -> tuple[PPoly, ...]:
     for value in values:
         if not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise ExportError(f"{force.what} is an input, whose values are numbers at the start; it has {value!r}")
+            raise ExportError(f"{what} is an input, whose values are numbers at the start; it has {value!r}")
     return tuple(PPoly([[float(value)]], [0.0, 1.0]) for value in values)
 
 
-def drives_of(scene: CompiledScene, force: Given, name: str | None) -> list[Drive]:
-    """The inputs that a force of `replaced` has in a scene; ``name`` as the user gave it."""
+def drives_of(scene: CompiledScene, force: GivenPort, name: str | None) -> list[Drive]:
+    """The inputs that a force of `replaced` or a port has in a scene; ``name`` as the user gave it."""
+    if isinstance(force, Port):
+        time = scene.index.efforts.get(force)
+        if time is None:
+            raise ExportError(f"port {force.label} is of no body in the scene")
+        offset, unit = constant_place(scene.plan, time), force.body.record.ports.effort_units[force.number]
+        called = name or f"{force.label}.{force.effort_name}"
+        value = float(scene.plan.time_data[offset])
+        return [Drive(Variable(called, Causality.INPUT, unit, scene.time_names[time], start=value), offset)]
     rows = scene.index.forces[force]
     own = keep_forces(scene.plan, rows.forces, rows.elements)
     times = list(dict.fromkeys(int(row) for row in (*joint_force_times(own), *force_elements(own).time)))
@@ -128,8 +160,13 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
     Raises:
         ExportError: it is none, or has no coordinates in the scene.
     """
+    if isinstance(output, PortFlow):
+        return [_observed_port(scene, output.port, name, parts)]
     if type(output) not in _COLUMNS:
-        raise ExportError(f"{output!r} is not an output; give fm.output.Position, Velocity, Acceleration or Rotation")
+        raise ExportError(
+            f"{output!r} is not an output; give fm.output.Position, Velocity, Acceleration or Rotation, or the charge "
+            "of a port"
+        )
     of = output.of
     if isinstance(of, Frame):
         return _observed_frame(scene, output, name or of.label, parts)
@@ -153,6 +190,22 @@ def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: P
         variable = Variable(names[k] + ending, Causality.OUTPUT, unit, text, direct=isinstance(output, Acceleration))
         found.append(ObservedVariable(variable, array, places.start + k))
     return found
+
+
+def _observed_port(scene: CompiledScene, port: Port, name: str | None, parts: Parts) -> ObservedVariable:
+    """The flow of a port; its call is added to ``parts``."""
+    if scene.index.efforts.get(port) is None:
+        raise ExportError(f"port {port.label} is of no body in the scene")
+    ports, state = port.body.record.ports, parts.state
+    rows = np.array([scene.index.efforts[port.body.port(other)] for other in ports.names], np.int64)
+    second = np.zeros((0, 0)) if port.second is None else np.ascontiguousarray(port.second)
+    place, capacity = scene.index.modal(port.body).x.start, np.ascontiguousarray(ports.capacity[port.number])
+    time, load, out = state.numbers[st.TIME : st.TIME + 1], np.ascontiguousarray(port.load), np.zeros(1)
+    arguments = (parts.plan, new_work(parts.plan), time, state.x, place, load, second, rows, capacity, out)
+    parts.flows.append(Call(port_flow, arguments))
+    called = name or f"{port.label}.{port.flow_name}"
+    unit, text = ports.flow_units[port.number], f"{port.flow_name} of port {port.label}"
+    return ObservedVariable(Variable(called, Causality.OUTPUT, unit, text, direct=True), out, 0)
 
 
 def states_of(scene: CompiledScene) -> tuple[Variable, ...]:

@@ -22,8 +22,9 @@ from flexmbd.export.functional_mockup.machine_parts import (
 )
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
-    Given,
+    GivenPort,
     ObservedVariable,
+    driven,
     drives_of,
     named,
     observed_by,
@@ -47,6 +48,7 @@ from flexmbd.integrate.automatic import check_method
 from flexmbd.integrate.explicit.explicit_runge_kutta import ExplicitRungeKutta
 from flexmbd.machine.system import System
 from flexmbd.multibody.bodies.body import Frame
+from flexmbd.multibody.bodies.port import Port, PortFlow
 from flexmbd.multibody.kernels.base.arrays import Plan
 from flexmbd.multibody.kernels.base.compiling import announce_compilation, mark_compiled
 from flexmbd.multibody.kernels.base.object_code import KernelProgram, deferred_kernels, kernel_for
@@ -61,8 +63,8 @@ def fmu_machine(
     path: str | Path,
     *,
     h: float,
-    inputs: Sequence[Given] | Mapping[str, Given] = (),
-    outputs: Sequence[Output] | Mapping[str, Output] = (),
+    inputs: Sequence[GivenPort] | Mapping[str, GivenPort] = (),
+    outputs: Sequence[Output | PortFlow] | Mapping[str, Output | PortFlow] = (),
     integrator: Method | None = None,
     fmi: Fmi | int = Fmi.V3,
     step: float | None = None,
@@ -85,11 +87,13 @@ def fmu_machine(
         h: longest step of the integrator (s): it divides each communication step by the next whole number.
         inputs: given forces, in the scene or not, in whose places the inputs act: ``<joint>.torque`` (N m) of a
             JointTorque, ``<joint>.force`` (N) of a JointForce, ``<frame>.Fx`` .. ``.Mz`` of a FrameForce,
-            ``<body>.<load>`` of a DistributedLoad. Their numbers are the start values. A mapping gives them other
+            ``<body>.<load>`` of a DistributedLoad, ``<body>.<port>.voltage`` (V) of a port (``body.port("top")``) of a
+            flexible body. Their numbers are the start values. A mapping gives them other
             names: that of a frame's or body's, or all of a joint's.
         outputs: places are absolute, in inertial axes: of a frame ``.x`` .. ``.z`` (m), ``.vx`` .. , ``.ax`` .. , and
             of a Rotation its matrix R_WF, ``.Rxx``, ``.Rxy`` .. ``.Rzz``; of a joint or a flexible body its
-            coordinates by their names, with ``.rate`` and ``.acceleration``. A mapping gives other names: to these of a
+            coordinates by their names, with ``.rate`` and ``.acceleration``; of ``port.charge`` the charge (C) of
+            the machine, but for model exchange. A mapping gives other names: to these of a
             frame what stands before ``.x``, to those of a joint or body the whole, with ``.1``, ``.2`` of several.
         integrator: ExplicitRungeKutta, by default, or GeneralizedAlpha for stiff machines.
         fmi: version of the interface, 2 or 3.
@@ -126,9 +130,15 @@ def fmu_machine(
             "machines are exported for Windows from x86_64 alone, for which their kernels are compiled; this is "
             f"{processor()}"
         )
-    forces = [(name, replaced(one)) for name, one in named(inputs)]
-    given = [force for _, force in named(inputs)]
-    start = scene.start_with([force for _, force in forces], instead_of=given, about=about)
+    forces: list[tuple[str | None, GivenPort]] = [
+        (name, one if isinstance(one, Port) else replaced(one)) for name, one in named(inputs)
+    ]
+    if model_exchange and any(isinstance(one, PortFlow) for _, one in named(outputs)):
+        raise ExportError("charges are no outputs of model exchange: leave them out, or model_exchange")
+    given = [force for _, force in named(inputs) if not isinstance(force, Port)]
+    acting = [force for _, force in forces if not isinstance(force, Port)]
+    with driven([one for _, one in forces if isinstance(one, Port)]):
+        start = scene.start_with(acting, instead_of=given, about=about)
     refuse_functions(start.scene)
     check_method(integrator, start.scene)
     drives = [drive for name, one in forces for drive in drives_of(start.scene, one, name)]
@@ -138,7 +148,8 @@ def fmu_machine(
     states = states_of(start.scene) if model_exchange else ()
     refuse_unstable_step(start, integrator, h)
     variables = (*(drive.variable for drive in drives), *(one.variable for one in observed), *states)
-    further = [*(one.call.arguments for one in parts.frames), *(one.arguments for one in parts.tangents)]
+    further = [one.call.arguments for one in parts.frames]
+    further += [one.arguments for one in (*parts.flows, *parts.tangents)]
     memory = lay_out([parts.run.arguments, parts.refresh.arguments, *further])
     announce_compilation(type(integrator).__name__)
     code = _compiled(parts)
@@ -168,6 +179,7 @@ def _compiled(parts: Parts) -> dict[str, KernelProgram]:
     """The kernels of all calls, by what the calls are named."""
     calls = {"run": parts.run, "refresh": parts.refresh}
     calls |= {f"frame{k}": one.call for k, one in enumerate(parts.frames)}
+    calls |= {f"flow{k}": call for k, call in enumerate(parts.flows)}
     calls |= {f"tangent{k}": call for k, call in enumerate(parts.tangents)}
     calls |= {f"behind{k}": call for k, (_, call) in enumerate(parts.behind)}
     return {name: kernel_for(call.kernel, call.arguments) for name, call in calls.items()}
@@ -245,6 +257,7 @@ def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, KernelProgram],
     """The functions of machine.h as C."""
     calls = [("run", parts.run), ("refresh", parts.refresh)]
     calls += [(f"frame{k}", one.call) for k, one in enumerate(parts.frames)]
+    calls += [(f"flow{k}", one) for k, one in enumerate(parts.flows)]
     calls += [(f"tangent{k}", one) for k, one in enumerate(parts.tangents)]
     symbols = {name: one.symbol for name, one in code.items()}
     text = "".join(
@@ -255,8 +268,9 @@ def _calls(parts: Parts, memory: MemoryImage, code: Mapping[str, KernelProgram],
             f"int64_t machine_{name}(unsigned char *m) {{\n    int64_t code = -1;\n"
             f"    return {name}(m, &code) == 0 ? code : -1;\n}}\n\n"
         )
-    for name, count in (("frame", len(parts.frames)), ("tangent", len(parts.tangents))):
-        several = "".join(f"    failed |= {name}{k}(m, &nothing);\n" for k in range(count))
+    outputs = [*(f"frame{k}" for k in range(len(parts.frames))), *(f"flow{k}" for k in range(len(parts.flows)))]
+    for name, called in (("frame", outputs), ("tangent", [f"tangent{k}" for k in range(len(parts.tangents))])):
+        several = "".join(f"    failed |= {one}(m, &nothing);\n" for one in called)
         text += (
             f"int machine_{name}s(unsigned char *m) {{\n    void *nothing = 0;\n    int failed = 0;\n    (void)m;\n"
             f"{several}    (void)nothing;\n    return failed ? -1 : 0;\n}}\n\n"

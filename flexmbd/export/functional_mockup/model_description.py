@@ -94,6 +94,8 @@ UNITS: dict[str, dict[str, int]] = {
     "rad/s2": {"rad": 1, "s": -2},
     "N": {"kg": 1, "m": 1, "s": -2},
     "N.m": {"kg": 1, "m": 2, "s": -2},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "C": {"A": 1, "s": 1},
 }
 
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)

@@ -112,6 +112,7 @@ class Port:
         self.body = body
         self.name, self.number, self._ports = name, ports.names.index(name), ports
         self._given: Any = None
+        self._driving: Any = None
         self._signal: Signal | None = None
 
     def __repr__(self) -> str:
@@ -180,9 +181,15 @@ class Port:
     def effort(self, value: Any) -> None:
         self._given = value
 
+    def drive(self, function: Any) -> None:
+        """Let a function of time be the effort for now, whatever is given; None: no longer."""
+        self._driving = function
+
     @property
     def effort_now(self) -> Any:
         """The same, and zero where neither was an effort given nor a signal asked for."""
+        if self._driving is not None:
+            return self._driving
         return 0.0 if self._given is None else self._given
 
     @property

@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import FlexibleBody, Frame
+from flexmbd.multibody.contact.patch_widths import SUPPORT, felt_forms
 from flexmbd.multibody.contact.shapes import SHAPES, TouchedShape
+from flexmbd.multibody.contact.table_shape import TableShape
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.shared_numbers import SharedNumbers
+from flexmbd.multibody.kernels.base.lanes import padded_size
+from flexmbd.multibody.kernels.contact.signed_distance import distances
 from flexmbd.record.contact_patches import ContactPatches
 from flexmbd.record.reduced_body import ReducedBody
 from flexmbd.round_off import SEVEN_DIGITS, WORTHLESS_PIVOT
@@ -25,10 +29,9 @@ from flexmbd.round_off import SEVEN_DIGITS, WORTHLESS_PIVOT
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Of the side of the largest patch: within it a patch is felt; the diagonal of a square one has to be.
-_SUPPORT = 1.75
+_EDGE = 0.45 * np.pi  # rad, between the normals of neighbours: beyond it there is an edge between them
 
-_tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float], SharedNumbers]] = WeakKeyDictionary()
+_tables: WeakKeyDictionary[ReducedBody, dict[tuple[str | None, float, bytes], SharedNumbers]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,69 @@ class ElasticSurface:
         used, places = np.unique(corners, return_inverse=True)
         return TriangleSurface(self.body.frame(), modes.x[used], places.reshape(-1, 3), open=True)
 
+    @cached_property
+    def points(self) -> FloatArray:
+        """(p, 3) m, where its patches touch, undeformed, in the body's axes: their centroids, brought onto its shape.
+
+        The centroid of a curved patch lies behind it: of an arc of the width w and radius r by w^2 / (24 r).
+        """
+        x, found = self._group.x[self.patches], self._beside
+        return x if found is None else np.asarray(x - found[:, :1] * found[:, 1:])
+
+    def check(self) -> None:
+        """Raise SceneError for a shape that is beside a patch."""
+        if self._beside is None:
+            return
+        far, width = np.abs(self._beside[:, 0]), np.sqrt(self.area)
+        beside = np.flatnonzero(~(far <= 0.5 * width))
+        if len(beside):
+            k = beside[0]
+            raise SceneError(
+                f"{self.what}: its shape, a {type(self.shape).__name__}, lies {far[k]:.3g} m from the centroid of patch "
+                f"{self.patches[k]}, which is {width[k]:.2g} m wide, and is not its surface: check its size, and where "
+                "it is in the body's axes (m)"
+            )
+
+    @cached_property
+    def _beside(self) -> FloatArray | None:
+        """(p, 4) signed distances (m) and gradients of its shape at the centroids; None without a shape of a formula."""
+        if self.shape is None or isinstance(self.shape, TableShape):
+            return None
+        found = np.zeros((len(self.patches), 4))
+        x = np.ascontiguousarray(self._group.x[self.patches])
+        distances(np.append(self.shape.numbers(), 0.0), x, found)
+        return found
+
+    @cached_property
+    def displacements(self) -> FloatArray:
+        """(p, 3, n) of its patches per unit modal coordinate, in the body's axes."""
+        group, rows = self._group, self.patches
+        return np.einsum("pab,pbn->pan", group.axes[rows], group.phi[rows])
+
+    @property
+    def normals(self) -> FloatArray:
+        """(p, 3) mean outward normals of its patches, in the body's axes."""
+        return self._group.axes[self.patches, :, 0]
+
+    @cached_property
+    def behind(self) -> FloatArray:
+        """(p,) m, about how far a patch's centroid lies behind a curved surface, by how its neighbours' normals turn.
+
+        Of an arc of the width w and radius r that is w^2 / (24 r).
+        """
+        x, n = self._group.x[self.patches], self.normals
+        far = np.linalg.norm(x[:, None] - x, axis=2)
+        turn = np.arccos(np.clip(n @ n.T, -1.0, 1.0))
+        width = np.sqrt(self.area)
+        near = (far > 0.0) & (far < 2.0 * np.maximum(width[:, None], width)) & (turn < _EDGE)
+        curvature = np.divide(turn, far, out=np.zeros_like(far), where=near).max(axis=1, initial=0.0)
+        return np.asarray(curvature * self.area / 24.0)
+
+    @property
+    def felt(self) -> float:
+        """m, how far along its normal a patch is felt by what touches between the patches, at most."""
+        return float(SUPPORT * np.sqrt(self.area.max()))
+
     @property
     def parts(self) -> tuple[ElasticSurface, ...]:
         """The named surfaces that it is of."""
@@ -138,19 +204,18 @@ class ElasticSurface:
         their distance.
         """
         known = _tables.setdefault(self.body.record, {})
-        key = self.name, modulus
+        key = self.name, modulus, self.points.tobytes()
         if key not in known:
             group, rows = self._group, self.patches
             far = np.linalg.norm(group.x[rows, None] - group.x[rows], axis=2)
             np.fill_diagonal(far, 3.0 * np.pi / 16.0 * np.sqrt(group.area[rows] / np.pi))
-            known[key] = SharedNumbers(_table(group, rows, 1.0 / (np.pi * far * modulus)))
+            known[key] = SharedNumbers(_table(group, rows, self.points, 1.0 / (np.pi * far * modulus)))
         return known[key]
 
     @property
     def is_plane(self) -> bool:
         """Whether the normals of all patches are one."""
-        normals = self._group.axes[self.patches, :, 0]
-        return bool(np.abs(normals - normals[0]).max() < SEVEN_DIGITS)
+        return bool(np.abs(self.normals - self.normals[0]).max() < SEVEN_DIGITS)
 
     @property
     def patch_radius(self) -> float:
@@ -189,16 +254,30 @@ class ElasticSurface:
             )
 
 
-def _table(group: ContactPatches, rows: IntArray, dents: FloatArray) -> FloatArray:
-    """Of some patches, less ``dents`` (p, p) m/N."""
-    p, n = len(rows), group.phi.shape[2]
-    x, axes = group.x[rows], group.axes[rows]
+def _table(group: ContactPatches, rows: IntArray, x: FloatArray, dents: FloatArray) -> FloatArray:
+    """Of some patches at x (p, 3) m, less ``dents`` (p, p) m/N."""
+    axes = group.axes[rows]
     phi = np.einsum("pab,pbn->pan", axes, group.phi[rows])
     G = group.G.reshape(len(group.area), 3, len(group.area), 3)[rows][:, :, rows]
     G = np.einsum("pab,pbqc,qdc->pqad", axes, G, axes) - dents[:, :, None, None] * np.eye(3)
+    return surface_table(x, felt_forms(x, axes[:, :, 0], group.area[rows]), phi, G)
+
+
+def surface_table(x: FloatArray, form: FloatArray, phi: FloatArray, G: FloatArray) -> FloatArray:
+    """What kernels know of a surface (``kernels.elements.surface_layout``).
+
+    Args:
+        x: (p, 3) m, centroids.
+        form: (p, 3, 3) 1/m^2, within which a patch is felt.
+        phi: (p, 3, n) displacements by the modes.
+        G: (p, p, 3, 3) m/N residual flexibility.
+    """
+    p, n = len(x), phi.shape[2]
     centre = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = np.linalg.norm(x - centre, axis=1).max()
-    support = _SUPPORT * np.sqrt(group.area[rows].max())
     most = np.linalg.norm(phi, axis=1).max(axis=0)
-    parts = ([p, n], centre, [radius, support], most, x, phi, G)
-    return np.concatenate([np.ravel(np.asarray(one, float)) for one in parts])
+    six = np.array([form[:, a, b] for a in range(3) for b in range(a, 3)])
+    planes = (x.T, six, phi.transpose(1, 2, 0), G.transpose(2, 3, 0, 1))
+    beyond = padded_size(p) - p
+    padded = [np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, beyond)]) for one in planes]
+    return np.concatenate([np.ravel(np.asarray(one, float)) for one in ([p, n], centre, [radius], most, *padded)])

@@ -92,13 +92,22 @@ class Facets:
         return np.asarray((self.across < 0) | ~((angle < crease_angle) | one_plane))
 
     def signing_normals(self, sharp: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Of edges and of corners (t, 3, 3 each) the normals that sign what is nearest to them; 0 where smooth."""
+        """Of edges and of corners (t, 3, 3 each) the normals that sign what is nearest to them; 0 where smooth.
+
+        A rim is signed as if a wall went down from it: what is beside it is not behind the surface.
+        """
         there = (self.across >= 0)[..., None]
-        edges = np.where(sharp[..., None], self.normals[:, None] + there * self.normals[self.across // 3], 0.0)
+        along = self.arms[:, [1, 2, 0]] - self.arms
+        walls = np.cross(along, self.normals[:, None])
+        walls = np.where(there, 0.0, walls / np.linalg.norm(walls, axis=2, keepdims=True))
+        beyond = np.where(there, self.normals[self.across // 3], walls)
+        edges = np.where(sharp[..., None], self.normals[:, None] + beyond, 0.0)
         count = int(self.rows.max()) + 1
         weighed = np.zeros((count, 3))
         for k in range(3):
             np.add.at(weighed, self.rows[:, k], self.angles[:, k, None] * self.normals)
+            for end in (k, (k + 1) % 3):
+                np.add.at(weighed, self.rows[:, end], 0.5 * np.pi * walls[:, k])
         creased = np.zeros(count, dtype=np.bool_)
         creased[self.rows[sharp]] = True  # where a sharp edge ends, the other triangle's, or another of the rim, begins
         return edges, np.where(creased[self.rows][..., None], weighed[self.rows], 0.0)

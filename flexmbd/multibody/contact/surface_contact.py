@@ -14,7 +14,7 @@ from flexmbd.errors import SceneError
 from flexmbd.given import refuse_other
 from flexmbd.multibody.bodies.body import Frame
 from flexmbd.multibody.contact.contact_laws import Hertz, NormalLaw
-from flexmbd.multibody.contact.elastic_surface import ElasticSurface
+from flexmbd.multibody.contact.elastic_surface import ElasticSurface, surface_table
 from flexmbd.multibody.contact.hard_contact import Hard
 from flexmbd.multibody.contact.impact_law import ImpactLaw
 from flexmbd.multibody.contact.shapes import SHAPES, ConvexPolytope, HalfSpace, Sphere, TouchedShape, TouchShape, Vertex
@@ -28,7 +28,9 @@ from flexmbd.multibody.kernels.elements.surface_layout import surface_scratch
 FloatArray = NDArray[np.float64]
 
 # The table of a surface that is one rigid point: no modes, a ball of no size, nothing felt, at the origin, no dent.
-_POINT = SharedNumbers(np.array([1.0, 0.0, *np.zeros(5), *np.zeros(3), *np.zeros(9)]))
+_POINT = SharedNumbers(
+    surface_table(np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros((1, 3, 0)), np.zeros((1, 1, 3, 3)))
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +109,9 @@ class SurfaceContact(BetweenFrames, WithSharedNumbers):
         """Raise SceneError for a law or a shape that does not fit."""
         if self.other.frame.body is self.surface.frame.body:
             raise SceneError(f"{self.what}: both are on one body, and never touch")
+        for one in (self.surface, self.other):
+            if isinstance(one, ElasticSurface):
+                one.check()
         if isinstance(self.surface, Sphere):
             self._check_law_of_point(self.surface.radius)
             return

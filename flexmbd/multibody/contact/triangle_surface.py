@@ -37,7 +37,7 @@ class TriangleSurface(TableShape):
         points: (n, 3) m; points at one place are one.
         triangles: (t, 3) rows of points, anticlockwise as seen from outside.
         crease_angle: rad between the normals of two triangles, from which on their edge is sharp; 0: all stay flat.
-        open: whether the surface may have a rim.  Then nothing is behind it but what is nearer to it than to its rim.
+        open: whether the surface may have a rim.  What is beside the rim is not behind the surface.
 
     Raises:
         SceneError: arrays that do not fit; a triangle without area; an edge of more than two triangles, or of two that

@@ -14,6 +14,7 @@ from flexmbd.multibody.bodies.body import Frame, Ground
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody, FrameMotion, Memory, PlacedInterior
 from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.interiors.observed import ObservedInterior
+from flexmbd.multibody.interiors.ported import PortedInterior
 from flexmbd.multibody.interiors.time_factor import LoadedInterior
 from flexmbd.multibody.interiors.touching_interior import Obstacle
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
@@ -80,11 +81,13 @@ class InteriorRecord:
         wrenches: (k, 6) on the frames.
         energies: J, by name, of each body.
         outer_forces: (3,) N, by name, of planes and loads on each body; none of one that does not show them.
+        ports: (2,) effort and flow by name, of each body.
     """
 
     wrenches: FloatArray
     energies: tuple[Mapping[str, float], ...]
     outer_forces: tuple[Mapping[str, FloatArray], ...]
+    ports: tuple[Mapping[str, FloatArray], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +182,9 @@ class Interiors:
         forces = tuple({} if one is None else dict(one.outer_forces()) for one in self.observed)
         for watch in self.watchers:
             watch()
-        return InteriorRecord(self.applied_wrenches(plan), energies, forces)
+        interiors = (body.interior for body in self.bodies)
+        ports = tuple(dict(one.port_states()) if isinstance(one, PortedInterior) else {} for one in interiors)
+        return InteriorRecord(self.applied_wrenches(plan), energies, forces, ports)
 
     @cached_property
     def observed(self) -> tuple[ObservedInterior | None, ...]:

@@ -11,6 +11,7 @@ from flexmbd.errors import SceneError, described
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.continuum_body import Interior
 from flexmbd.multibody.functions.compiled_function import Compiled
+from flexmbd.multibody.functions.signal import Signal
 from flexmbd.multibody.functions.spline_table import Table, is_polynomial, spline
 from flexmbd.multibody.functions.time_function import Motion, Piecewise, Sine, TimeFunction, answered, as_row
 
@@ -29,6 +30,11 @@ class TimeFactor:
         Raises:
             SceneError: it is no function of time, or not finite.
         """
+        if isinstance(function, Signal):
+            raise SceneError(
+                f"{what}: a signal, as of controllers, states and circuits, reaches no load inside a body with "
+                "history; give a number or a function of time, or reduce the body (craig_bampton)"
+            )
         as_row(function, what, motion=False)
         self.function, self.what = function, what
         self._call = _callable(function, what)

@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from flexmbd.continuation.line_search import ShareTrial, searched
 from flexmbd.continuation.newton import SETTLED, Correction, newton
+from flexmbd.continuation.space import until
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
+from flexmbd.multibody.kernels.reading.force_tables import keep_forces, rough_surfaces
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
+from flexmbd.multibody.linear.passing import Passing, landing, may_touch, passing
 from flexmbd.multibody.linear.strain_predictor import StrainPredictor
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.round_off import of_solver
@@ -26,6 +30,10 @@ _STEP = 0.3  # rad, or of the machine's extent: the longest step
 _TRIALS = 9  # of a step, each half as long as the one before
 _SLOPE = 0.9  # of the work that forces do along a step at its beginning: what they may do against it at its end
 _LEAVE = 0.01  # rad, or of the extent: by how much an unstable equilibrium is left
+
+
+class HinderedError(SceneError):
+    """A contact gives way under the load up to the middle of what it meets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +84,7 @@ class _DownhillProblem:
 
         Raises:
             ConvergenceError: the machine is unstable, and was to stay stable.
+            HinderedError: a contact allows none of it.
         """
         at, strains = here.at, self.strains
         step = _newton_step(self, at, strains.stiffness(at.x, here.predicted - strains.at(at.x)))
@@ -85,7 +94,10 @@ class _DownhillProblem:
         if self.leaves and step.unstable and size <= SETTLED:
             aside = step.softest * (_LEAVE / step_size(self.sizes, step.softest))
             return Correction(replace(step, along=aside), _LEAVE)
-        return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP)))
+        through = passing(self.scene, self.work, at.x, step.along)
+        if through.share * size <= SETTLED < size:
+            raise _hindered(self, here, through)
+        return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP), through.share))
 
     def moved(self, here: _DownhillPlace, correction: Correction[_Step], *, close: bool) -> _DownhillPlace:
         """Where a step leads.
@@ -97,7 +109,7 @@ class _DownhillProblem:
         step, searches = correction.share * correction.change.along, not (close or correction.change.unstable)
         along = step[at.by.z]
         linear = strains.at(at.x) + strains.change(at.x, step)
-        allowed = _SLOPE * abs(float(at.lacking @ along))
+        before, touch = float(at.lacking @ along), passing(scene, self.work, at.x, step).touch
 
         def trial(part: float) -> ShareTrial[_DownhillPlace]:
             x = moved(scene, self.work, at.x, part * step)
@@ -112,10 +124,21 @@ class _DownhillProblem:
             if not searches or not np.array_equal(there.by.z, at.by.z):
                 return ShareTrial(_DownhillPlace(there, then), part, 0.0)
             open_forces = there.lacking + there.by.Vz.T @ strains.force(there.x, then - strains.at(there.x))
-            return ShareTrial(_DownhillPlace(there, then), part, float(open_forces @ along) - allowed)
+            work = float(open_forces @ along)
+            return landing(_DownhillPlace(there, then), part, touch=touch, work=work, before=before, ratio=_SLOPE)
 
         fails = () if scene.interiors is None else (SceneError,)
-        return searched(trial, most=_TRIALS, fails=fails).place
+        found = searched(trial, most=_TRIALS, fails=fails)
+        return self._laid_down(found.place) if 0.0 < touch <= found.share else found.place
+
+    def _laid_down(self, here: _DownhillPlace) -> _DownhillPlace:
+        """With the patches that have come to touch sticking where they have, if there is friction."""
+        rough = rough_surfaces(self.scene.plan)
+        if not len(rough):
+            return here
+        x, at = here.at.x.copy(), here.at
+        remember(keep_forces(self.scene.plan, [], rough), self.work, x, at.v, float(self.work.time[-1, 0]))
+        return replace(here, at=balance(self.scene, self.work, x, at.v, motion=at.motion))
 
 
 def stable_below(
@@ -140,6 +163,7 @@ def stable_below(
     found = newton(search, search.begin(start), most=_ITERATIONS, close=SETTLED)
     if found.is_solution:
         return found.place.at
+    _refuse_hindered(search, found.place)
     raise SceneError(
         f"no stable equilibrium found in {found.iterations} steps downhill: {most_lacking(scene, found.place.at)}; "
         "check that something carries this load, or start nearer to the equilibrium, as from one under a part of the "
@@ -156,7 +180,7 @@ def newton_cut(
     *,
     stays_stable: bool,
 ) -> ForceBalance:
-    """The equilibrium to which few of Newton's steps lead, cut as in ``stable_below``.
+    """The equilibrium to which few of Newton's steps lead, more where bodies may touch, cut as in ``stable_below``.
 
     Args:
         scene: as of ``stable_below``, like those that follow.
@@ -168,13 +192,32 @@ def newton_cut(
 
     Raises:
         ConvergenceError: they lead to none.
+        HinderedError: the next one would pass through a contact.
         SceneError: as ``balance``.
     """
     search = _DownhillProblem(scene, work, strains, sizes, leaves=False, stays_stable=stays_stable)
-    found = newton(search, search.begin(start), most=_FEW, close=SETTLED)
+    most = _ITERATIONS if may_touch(scene) else _FEW  # each goes to what lies on the way, or a part of a turn
+    found = newton(search, search.begin(start), most=most, close=SETTLED)
     if not found.is_solution:
-        raise ConvergenceError("Newton's steps lead to no equilibrium")
+        _refuse_hindered(search, found.place)
+        raise ConvergenceError(f"Newton's steps lead to no equilibrium: {most_lacking(scene, found.place.at)}")
     return found.place.at
+
+
+def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> None:
+    """Raise HinderedError where the next step would pass through a contact."""
+    step = until(lambda: search.correction(here).change.along)
+    through = Passing() if step is None else passing(search.scene, search.work, here.at.x, step)
+    if through.share < 1.0:
+        raise _hindered(search, here, through)
+
+
+def _hindered(search: _DownhillProblem, here: _DownhillPlace, through: Passing) -> HinderedError:
+    return HinderedError(
+        f"no equilibrium found: {through.told}, does not bear the load before the middle of what it meets is reached, "
+        f"from where it is pushed out on the other side ({most_lacking(search.scene, here.at)}); take a stiffer law, a "
+        "thicker shape, larger patches or a smaller load, or begin nearer to the equilibrium (about=)"
+    )
 
 
 def most_lacking(scene: CompiledScene, at: ForceBalance) -> str:
@@ -214,5 +257,7 @@ def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray)
         except np.linalg.LinAlgError:  # its symmetric part alone shows that nothing is idle
             step = -np.linalg.lstsq(stiffness, here.lacking, rcond=None)[0]
     else:
-        step = -shapes @ (pull / np.maximum(np.abs(rates), max(floor, 1e-300)))
+        # what nothing resists goes where it is pushed, as far as the machine is large; no step is longer
+        farthest = step_size(search.sizes, Vz @ shapes[:, idle] @ pull[idle])
+        step = -shapes @ (pull / np.where(idle, farthest or 1.0, np.maximum(np.abs(rates), floor)))
     return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])

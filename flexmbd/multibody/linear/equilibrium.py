@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from flexmbd.continuation.line_search import ShareTrial, searched
 from flexmbd.continuation.newton import SETTLED, Correction, newton
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.scene_interiors import NO_INTERIORS, InteriorSnapshot
@@ -18,8 +19,9 @@ from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.reading.force_tables import element_numbers, rough_contacts
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.derivatives import DERIVING
-from flexmbd.multibody.linear.downhill import most_lacking, stable_below
-from flexmbd.multibody.linear.forces_at_play import forces_at_play
+from flexmbd.multibody.linear.downhill import HinderedError, most_lacking, stable_below
+from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
+from flexmbd.multibody.linear.passing import landing, passing
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
 from flexmbd.multibody.linear.sparse_equilibrium import stable_equilibrium
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
@@ -37,6 +39,8 @@ FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 50  # with states of users' equations
 _STEP = 0.3  # rad, or of the machine's extent: the longest step with these
+_TRIALS = 9  # of a step that lands on something
+_PUSHES_BACK = 0.9  # of the work of forces along it at its beginning: what they may do against it then
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +116,8 @@ def _search(start: Start, work: Work, motion: SteadyMotion, *, stable: bool) -> 
             # as where a symmetric body turns freely: out of balance its stiffness shows no motion that nothing resists
             try:
                 there = stable_below(scene, work, here, strains, sizes)
+            except HinderedError:
+                raise
             except SceneError:
                 raise reason from reason.__cause__
             after = spectrum(scene, there)
@@ -224,14 +230,38 @@ class _RestWithStates:
 
     def correction(self, here: ForceBalance) -> Correction[FloatArray]:
         """Newton's own step, cut to no more than ``_STEP`` of places; states have no largest step."""
-        step = _full_newton_step(self.scene, here)
+        step = _full_newton_step(self.scene, self.work, here)
+        step = step + self._falls(here, step)
         longest = step_size(self.sizes, np.where(self.scene.state_mask, 0.0, step))
-        return Correction(step, step_size(self.sizes, step), share=min(1.0, _STEP / max(longest, _STEP)))
+        share = min(1.0, _STEP / max(longest, _STEP), passing(self.scene, self.work, here.x, step).share)
+        return Correction(step, step_size(self.sizes, step), share=share)
+
+    def _falls(self, here: ForceBalance, step: FloatArray) -> FloatArray:
+        """(nv,) as far as the machine is large, along forces that nothing resists, to what it may meet there."""
+        left = here.lacking + here.by.Vz.T @ _slopes(self.scene, here) @ step
+        falls = np.where(_beyond(self.scene, self.work, here, left) > 0.0, -left / np.diag(here.mass), 0.0)
+        along = here.by.Vz @ falls
+        if not along.any():
+            return along
+        along = along / step_size(self.sizes, along)
+        return along if passing(self.scene, self.work, here.x, along).meets else np.zeros_like(along)
 
     def moved(self, here: ForceBalance, correction: Correction[FloatArray], *, close: bool) -> ForceBalance:
-        states, change = self.scene.state_mask, correction.share * correction.change
-        x = moved(self.scene, self.work, here.x, np.where(states, 0.0, change))
-        return balance(self.scene, self.work, x, here.v + np.where(states, change, 0.0), motion=here.motion)
+        """Where a step leads; less of it where it lands on something, which forces then are not to push off."""
+        scene, states, change = self.scene, self.scene.state_mask, correction.share * correction.change
+        places, rates = np.where(states, 0.0, change), np.where(states, change, 0.0)
+        touch, along = passing(scene, self.work, here.x, places).touch, places[here.by.z]
+        before = float(here.lacking @ along)
+
+        def trial(part: float) -> ShareTrial[ForceBalance]:
+            x = moved(scene, self.work, here.x, part * places)
+            there = balance(scene, self.work, x, here.v + part * rates, motion=here.motion)
+            if close or not 0.0 < touch < part or not np.array_equal(there.by.z, here.by.z):
+                return ShareTrial(there, part, 0.0)
+            work = float(there.lacking @ along)
+            return landing(there, part, touch=touch, work=work, before=before, ratio=_PUSHES_BACK)
+
+        return searched(trial, most=_TRIALS).place
 
 
 def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: FloatArray) -> ForceBalance:
@@ -252,15 +282,23 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
 
 def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> None:
     """Raise SceneError where a force stays that neither a place nor a state resists, so that Newton leaves it alone."""
-    z, bodies = here.by.z, ~scene.state_mask[here.by.z]
-    at_play = np.abs(here.by.Vz).T @ (forces_at_play(scene, work, here) / coordinate_sizes(scene))
-    beyond = (np.abs(here.lacking) - STEADY * at_play)[bodies]
-    if len(beyond) and beyond.max() > 0.0:
-        worst = int(np.flatnonzero(bodies)[np.argmax(beyond)])
+    z, beyond = here.by.z, _beyond(scene, work, here, here.lacking)
+    if beyond.max(initial=0.0) > 0.0:
+        worst = int(np.argmax(beyond))
         raise SceneError(
             f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, "
             f"N m, or modal) stays unbalanced, for neither a place nor a state resists it{_rubs(scene)}"
         )
+
+
+def _beyond(scene: CompiledScene, work: Work, here: ForceBalance, left: FloatArray) -> FloatArray:
+    """(nz,) by how much forces (nz,) are more than round-off; of states nothing."""
+    return np.where(scene.state_mask[here.by.z], 0.0, np.abs(left) - STEADY * _at_play(scene, work, here))
+
+
+def _at_play(scene: CompiledScene, work: Work, here: ForceBalance) -> FloatArray:
+    """(nz,) the forces at play along the independent changes."""
+    return np.asarray(np.abs(here.by.Vz).T @ (forces_at_play(scene, work, here) / coordinate_sizes(scene)))
 
 
 def _rubs(scene: CompiledScene) -> str:
@@ -275,14 +313,24 @@ def _rubs(scene: CompiledScene) -> str:
     )
 
 
-def _full_newton_step(scene: CompiledScene, here: ForceBalance) -> FloatArray:
-    """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them."""
+def _slopes(scene: CompiledScene, here: ForceBalance) -> FloatArray:
+    """(nv, nv) derivatives of the forces by places and, in the columns of states, by these."""
     slopes, states = here.of.stiffness.copy(), scene.state_mask
     slopes[:, states] = here.of.damping[:, states]
+    return slopes
+
+
+def _full_newton_step(scene: CompiledScene, work: Work, here: ForceBalance) -> FloatArray:
+    """Newton's own step (nv,) of places and of states, the shortest where nothing tells some of them.
+
+    What resists by less than round-off of the forces at play tells nothing.
+    """
     size = coordinate_sizes(scene)
     Vz = here.by.Vz
-    matrix = Vz.T @ slopes @ Vz * size[here.by.z]
+    matrix = Vz.T @ _slopes(scene, here) @ Vz * size[here.by.z]
     rows = np.abs(matrix).max(axis=1, initial=0.0)
-    rows[rows == 0.0] = 1.0
+    nothing = (rows <= BALANCED * _at_play(scene, work, here)) & ~scene.state_mask[here.by.z]
+    matrix[nothing] = 0.0
+    rows[nothing | (rows == 0.0)] = 1.0
     found = np.linalg.lstsq(matrix / rows[:, None], here.lacking / rows, rcond=None)[0]
     return np.asarray(Vz @ (-found * size[here.by.z]), dtype=np.float64)

@@ -20,6 +20,7 @@ from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.linear.balance import moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
+from flexmbd.multibody.linear.passing import landing, passing, passing_on_the_way
 from flexmbd.multibody.linear.stability import HAS_POTENTIAL, SOFT
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.plan.sparse_stiffness import SparseStiffness, sparse_stiffness
@@ -98,7 +99,8 @@ class _CutDescent:
         if not float(here.force @ here.step) <= 0.0:
             raise _NotSoSimpleError("on the way to the equilibrium a step leads uphill")
         length = step_size(size, here.step)
-        return Correction(here, length, share=min(1.0, _STEP / max(length, _STEP)), ends=ends)
+        share = passing(self.balance.stiffness.scene, self.balance.stiffness.work, here.x, here.step).share
+        return Correction(here, length, share=min(1.0, _STEP / max(length, _STEP), share), ends=ends)
 
     def _stiffened(self, here: _Place) -> _Place:
         """With a step of a stiffness to which so much is added that no force alone moves its coordinate too far."""
@@ -117,11 +119,14 @@ class _CutDescent:
         """Halved until the forces no longer push back: beyond there the energy rises."""
         scene, work = self.balance.stiffness.scene, self.balance.stiffness.work
         step, change = (correction.share * one for one in (correction.change.step, correction.change.change))
-        allowed = _PUSHES_BACK * abs(float(here.force @ step))
+        before, touch = float(here.force @ step), passing(scene, work, here.x, step).touch
 
         def trial(part: float) -> ShareTrial[_Place]:
             there = self.balance.at(moved(scene, work, here.x, part * step), here.multipliers + part * change)
-            return ShareTrial(there, part, 0.0 if close else float(there.force @ step) - allowed)
+            if close:
+                return ShareTrial(there, part, 0.0)
+            done = float(there.force @ step)
+            return landing(there, part, touch=touch, work=done, before=before, ratio=_PUSHES_BACK)
 
         there = searched(trial, most=_TRIALS).place
         loose, changed = (np.abs(one * self.balance.size) for one in (here.holding, there.holding - here.holding))
@@ -229,8 +234,10 @@ def _corrected(balance: _Balance, start: _Place, length: float) -> _Place:
     """The equilibrium near the end of Newton's step."""
     if not float(start.force @ start.step) < 0.0:
         raise _NotSoSimpleError("the start is unstable")
+    scene, work = balance.stiffness.scene, balance.stiffness.work
+    if passing_on_the_way(scene, work, start.x, start.step, balance.size).share < 1.0:
+        raise _NotSoSimpleError("Newton's step passes through what touches")
     if length > 1.0:  # so far that an angle may have turned round: it must go straight
-        scene, work = balance.stiffness.scene, balance.stiffness.work
         half = moved(scene, work, start.x, 0.5 * start.step)
         there = _Balance(balance.stiffness, balance.size, kept=0.5 * start.force)
         if not step_size(balance.size, there.at(half, start.multipliers + 0.5 * start.change).step) <= 0.1:

@@ -13,6 +13,7 @@ from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.lanes import padded_size
 from flexmbd.multibody.kernels.elements.table import of_surfaces
 from flexmbd.multibody.kernels.sampling import surfaces as at
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -84,7 +85,7 @@ def surface_rows(
         raise SceneError(f"{contact.what} is not in this trajectory's scene")
     area = contact.area
     other = contact.other.area if isinstance(contact.other, ElasticSurface) else np.zeros(0)
-    w, pressed = np.zeros(len(other)), np.zeros((len(x), len(other)))
+    w, pressed = np.zeros(padded_size(len(other))), np.zeros((len(x), len(other)))
     out = np.zeros((len(x), len(area), at.N_PATCH))
     at.surface_series(scene.plan, new_work(scene.plan), rows.elements.start, x, v, a, w, out, pressed)
     gap, normal, force, point = np.split(out, [at.NORMAL, at.FORCE, at.POINT], axis=2)

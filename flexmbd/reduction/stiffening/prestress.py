@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +20,7 @@ from flexmbd.continuation.newton import Correction, NewtonEnd, newton
 from flexmbd.continuation.strides import stride_along
 from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements import assembly
+from flexmbd.continuum.finite_elements.field_conditions import find_conditions
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.interface import AveragedInterface, FoundInterface, RigidInterface
 from flexmbd.continuum.finite_elements.linear_model import LinearModel, StaticState
@@ -70,7 +70,8 @@ def prestressed(
         frame: the interface that is held and carries the body frame.
         loads: distributed loads, each with its size in Pa, N/m^2, ... ; a pressure keeps the normal of the
             undeformed surface. A temperature (`TemperatureRise`) with its dimensionless size heats the body, also in
-            the stiffness and the stress of the model that is made.
+            the stiffness and the stress of the model that is made. Electrodes are in short circuit, and those that
+            float without charge.
         forces: of other rigid interfaces by their names: (6,) force (N) on the frame's origin and moment (N m),
             along the mesh's axes.
         angular_velocity: (3,) rad/s of the body about the frame's origin, along the mesh's axes; the centrifugal
@@ -93,11 +94,6 @@ def prestressed(
         raise ReductionError(
             "springs on facets (surface_energy) are possible in bodies reduced about rest alone, not about a loaded "
             "state; load the reduced body in the machine instead"
-        )
-    if model.conditions is not None:
-        raise ReductionError(
-            f"the potential of {model.form_name} is held in bodies reduced about rest alone, not about a loaded state; "
-            "load the reduced body in the machine instead"
         )
     if model.nodal:
         raise ReductionError(
@@ -132,12 +128,12 @@ def prestressed(
     search = _Equilibrium(model, at_rest, dead=dead, wrenches=wrenches, spin=spin)
     found = search.state()
     check_rotations(model, found)
-    tangent = search.tangent(found, 1.0, softened=False)
-    change = tangent - model.K
+    loaded = search.about(found, 1.0, softened=False)
+    change = loaded.K - model.K
     if change.norm() <= EQUAL * model.K.norm():
         found = replace(found, note=f"{found.note}; no change of the stiffness, as of a quadratic strain energy")
     change.destroy()
-    return PrestressedModel(model, found, tangent)
+    return PrestressedModel(model, found, loaded.K, conditions=loaded.conditions)
 
 
 def _listed(numbers: FloatArray) -> str:
@@ -276,7 +272,7 @@ class _Equilibrium:
     def newton_step(self, state: StaticState, part: float, *, softened: bool) -> _NewtonStep:
         """From a state under a part of the loads. Collective."""
         model = self._model
-        tangent = PrestressedModel(model, state, self.tangent(state, part, softened=softened))
+        tangent = self.about(state, part, softened=softened)
         lacking = -state.balance[:, None]
         for name, wrench in self._wrenches.items():
             unit = interface_loads(tangent, [tangent.interface(name)], R=np.eye(3))
@@ -317,13 +313,21 @@ class _Equilibrium:
         """The state with the forces of its displacement, under a part of the loads. Collective."""
         forms = self._set(state, part)
         outside = part * self._dead + assembled_vector(forms.centrifugal, self._model)
-        return replace(state, balance=assembled_vector(forms.internal, self._model) - outside)
+        balance, model = assembled_vector(forms.internal, self._model) - outside, self._model
+        if model.conditions is not None:
+            model.conditions.condense(model.comm, balance, first=int(model.K.getOwnershipRange()[0]))
+        return replace(state, balance=balance)
 
-    def tangent(self, state: StaticState, part: float, *, softened: bool) -> PETSc.Mat:
-        """Stiffness in a state under a part of the loads; softened: also by the centrifugal forces. Collective."""
-        forms = self._set(state, part)
+    def about(self, state: StaticState, part: float, *, softened: bool) -> PrestressedModel:
+        """The model in a state under a part of the loads; softened: also by the centrifugal forces. Collective."""
+        forms, model = self._set(state, part), self._model
         wanted = [*forms.stiffness, *(forms.softening if softened else [])]
-        return assembly.assemble({"tangent stiffness": wanted}, self._model.groups, self._model.space)[0]
+        (tangent,) = assembly.assemble({"tangent stiffness": wanted}, model.groups, model.space)
+        if model.conditions is None:
+            return PrestressedModel(model, state, tangent)
+        given = (*model.conditions.ports, *model.conditions.others)
+        tangent, found = find_conditions(given, tangent, model.forms)
+        return PrestressedModel(model, state, tangent, conditions=found)
 
     def _set(self, state: StaticState, part: float) -> LoadedForms:
         self._forms.at.x.array[:] = state.displacement
@@ -335,7 +339,7 @@ class _Equilibrium:
 
     def _check_stability(self, state: StaticState, part: float) -> None:
         """Refuse a state in which some small displacement needs no force. Collective."""
-        tangent = PrestressedModel(self._model, state, self.tangent(state, part, softened=True))
+        tangent = self.about(state, part, softened=True)
         try:
             with body_statics(tangent, frame=state.frame) as statics:
                 stable = is_stable(statics)

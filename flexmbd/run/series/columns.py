@@ -15,12 +15,14 @@ from flexmbd.errors import SceneError
 from flexmbd.files.result_table import ResultTable
 from flexmbd.given import is_number, numbers, refuse_other, shown
 from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame
+from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.protocol import Force, WithStates
 from flexmbd.multibody.force.states import States
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 from flexmbd.multibody.results.energy import Energy
+from flexmbd.multibody.results.port_series import PortSeries
 from flexmbd.rotation import to_quaternion
 from flexmbd.round_off import EQUAL, TEN_DIGITS
 
@@ -46,6 +48,9 @@ class Answers(Protocol):
     @property
     def bodies(self) -> Mapping[str, Body]:
         """By name."""
+
+    def port(self, port: Port, *, t: ArrayLike | None = None) -> PortSeries:
+        """Effort and flow over time."""
 
     def position(self, frame: Frame, *, t: ArrayLike | None = None) -> FloatArray:
         """(nt, 3) m."""
@@ -293,6 +298,18 @@ def modal_columns(body: FlexibleBody) -> ResultColumns:
     """Modal coordinates."""
     endings = [f"q{i + 1}" for i in range(body.record.n_modes)]
     return _named(body.name, endings, ["kg^(1/2) m"] * len(endings), lambda run, t: run.q(body, t=t))
+
+
+def port_columns(port: Port) -> ResultColumns:
+    """Effort and flow of a port, as the voltage and the charge of an electrode."""
+
+    def values(run: Answers, t: FloatArray | None) -> FloatArray:
+        found = run.port(port, t=t)
+        return np.column_stack([found.effort, found.flow])
+
+    ports = port.body.record.ports
+    names = tuple(f"{port.label}.{ending}" for ending in (port.effort_name, port.flow_name))
+    return ResultColumns(names, (ports.effort_units[port.number], ports.flow_units[port.number]), values)
 
 
 def reaction_columns(joint: Connection) -> ResultColumns:

@@ -1,4 +1,4 @@
-"""Forces in a machine over its rows: reactions, drives, energies, wrenches of bodies with history."""
+"""Forces in a machine over its rows: reactions, drives, energies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from flexmbd.errors import SceneError
 from flexmbd.given import checked, is_number, refuse_other, shown
 from flexmbd.integrate.moreau.moreau_jean import MoreauJean
-from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.bodies.port import Port
 from flexmbd.multibody.contact.contact import Contact
 from flexmbd.multibody.contact.hard_contact import HardContact
@@ -22,7 +21,6 @@ from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.exact_beam import ExactBeam
 from flexmbd.multibody.force.beam_strain import BeamStrain
 from flexmbd.multibody.force.protocol import Force
-from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.joint.connection import Connection
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.reading.force_tables import (
@@ -50,7 +48,8 @@ from flexmbd.multibody.results.surface_series import AnySeries, SurfaceSeries, s
 from flexmbd.multibody.start.redundancy import balancing_multipliers, minimum_norm_multipliers
 from flexmbd.overflow import finite_answer, looked_at
 from flexmbd.run.input_values import evaluate_inputs
-from flexmbd.run.series.motion_series import MotionSeries, single
+from flexmbd.run.series.interior_series import InteriorSeries
+from flexmbd.run.series.motion_series import single
 from flexmbd.run.series.repeated_impulses import (
     RepeatedImpulses,
     group_series,
@@ -66,15 +65,14 @@ _RTOL_OF_IMPULSES = 1e-6  # to which impulses are found again
 
 
 
-class ForceSeries(MotionSeries):
+class ForceSeries(InteriorSeries):
     """Questions to the rows of a `Trajectory` that its forces answer; as those of `MotionSeries` beyond numbers.
 
     Attributes:
-        row_multipliers, interior_rows, kept_rows, stats: as there.
+        row_multipliers, kept_rows, stats: as there.
     """
 
     row_multipliers: FloatArray
-    interior_rows: tuple[InteriorRecord, ...]
     kept_rows: tuple[int, ...] | None
     stats: Stats
 
@@ -241,44 +239,6 @@ class ForceSeries(MotionSeries):
         """
         return self._energy if t is None else self._energy_of(t)
 
-    def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
-        """Energies (J) of a body's interior by name, each (nt,): kinetic, elastic, plastic, ...; see ``Interior``.
-
-        Those of its frames, which are rigid bodies of the machine, are in ``energy()``.
-
-        Raises:
-            SceneError: the body is not in this trajectory.
-        """
-        k = self._interior(body)
-        told = [row.energies[k] for row in self.interior_rows]
-        return {name: np.array([energies[name] for energies in told]) for name in told[0]}
-
-    def outer_forces(self, body: ContinuumBody) -> dict[str, FloatArray]:
-        """Forces (N) of contacts, planes and loads on a body with history by name, each (nt, 3), in inertial axes.
-
-        Raises:
-            SceneError: the body is not in this trajectory.
-        """
-        k = self._interior(body)
-        told = [row.outer_forces[k] for row in self.interior_rows]
-        return {name: np.array([forces[name] for forces in told]) for name in told[0]}
-
-    def interior_wrench(self, body: ContinuumBody, interface: str) -> FloatArray:
-        """(nt, 6) force (N) and moment (N m) that a body with history exerts on the frame of one of its interfaces.
-
-        In inertial axes, about the frame's origin.  What its joints pass on to the frame tells ``reaction``.
-
-        Raises:
-            SceneError: the body is not in this trajectory.
-            InterfaceError: it has no such interface.
-        """
-        k = self._interior(body)
-        body.frame(interface)
-        placed = () if self.scene.interiors is None else self.scene.interiors.placed
-        first = sum(len(other.rows) for other in placed[:k])
-        row = first + [frame.name for frame in body.interior.frames].index(interface)
-        return np.array([one.wrenches[row] for one in self.interior_rows])
-
     @checked("t")
     def remembered(self, force: Force, *, t: ArrayLike | None = None) -> dict[str, FloatArray]:
         """The memory of a force element, by name, each (nt,); or of the step's beginning at times ``t``.
@@ -396,15 +356,6 @@ class ForceSeries(MotionSeries):
                 found = repeated_impulses(scene, self.t, self.x, self.v, self.departures, rtol=rtol)
             self._repeated[rtol] = found
         return self._repeated[rtol]
-
-    def _interior(self, body: ContinuumBody) -> int:
-        """Which of the interiors is the body's."""
-        bodies = () if self.scene.interiors is None else self.scene.interiors.bodies
-        for k, other in enumerate(bodies):
-            if other is body:
-                return k
-        what = f"body {body.name!r}" if isinstance(body, ContinuumBody) else f"{body!r:.100}"
-        raise SceneError(f"{what} has no interior in this trajectory")
 
     def _stretches(self) -> Iterator[slice]:
         """Blocks of rows with the plan of their forces: all at once, or row by row with the interiors' wrenches."""

@@ -16,6 +16,7 @@ import flexmbd as fm
 from flexmbd import contact
 from flexmbd.errors import RangeWarning, SceneError, StartWarning
 from flexmbd.multibody.kernels.base.arrays import new_work
+from flexmbd.multibody.kernels.base.lanes import padded_size
 from flexmbd.multibody.kernels.contact.complementarity import complementary_forces
 from flexmbd.multibody.kernels.contact.signed_distance import distances
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import write_potential
@@ -227,8 +228,10 @@ def test_complementarity(seed):
     for m in (1, 2, 5, 30):
         half = rng.standard_normal((m, m))
         C, b = half @ half.T / m + 1e-3 * np.eye(m), rng.standard_normal(m)
-        f, left = np.zeros((2, m))
-        complementary_forces(C, b, f, left, np.zeros((2, m)), np.zeros((m, m)))
+        size = padded_size(m)
+        f, left = np.zeros((2, size))
+        assert complementary_forces(C, b, f, left, np.zeros((2, size)), np.zeros(size**2))
+        f, left = f[:m], left[:m]
         assert (f >= 0.0).all()
         assert (left >= 0.0).all()
         assert not (f * left).any()
@@ -324,6 +327,9 @@ def test_what_is_refused():
         scene.touch(ball_surface(elastic), ball, contact.Hertz(E=1e5, restitution=0.5))
     with pytest.raises(SceneError, match="its shape must be on the body's own frame"):
         contact.ElasticSurface(elastic, shape=ball)
+    with pytest.raises(SceneError, match=r"its shape, a Sphere, lies 0.3 m from the centroid of patch 0"):
+        far = contact.ElasticSurface(elastic, shape=contact.Sphere(elastic.frame(), 0.6))
+        scene.touch(far, contact.Sphere(scene.ground.frame(), 0.1), contact.Hard())
     with pytest.raises(SceneError, match="do not stand in one list"):
         scene.touch([ball_surface(elastic), ball], ball, contact.Hard())
     with pytest.raises(SceneError, match="is not touched by patches"):

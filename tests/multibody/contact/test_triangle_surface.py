@@ -197,6 +197,17 @@ def test_a_sharp_rim_between_curved_and_flat_triangles_is_the_circle():
     assert surface.signed_distance(0.29 * circle) == pytest.approx(-0.01, abs=1e-6)
 
 
+def test_what_is_beside_a_rim_is_not_behind_the_surface():
+    points = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.0, 0.0), (0.0, 1.0, 0.0)]) @ TURN.T
+    sheet = contact.TriangleSurface(ground(), points, [(0, 1, 2), (0, 2, 3)], open=True)
+    deep = 1e-3
+    beside = np.array([(2.1, 0.5, -deep), (2.1, 1.2, -deep), (-0.3, -0.1, -deep), (1.0, -0.2, -deep), (0.4, 1.1, deep)])
+    way = np.linalg.norm(beside - np.clip(beside, 0.0, [2.0, 1.0, 0.0]), axis=1)
+    assert sheet.signed_distance(beside @ TURN.T) == pytest.approx(way, abs=1e-12)
+    under = np.array([(2.0, 0.5, -deep), (2.0, 1.0, -deep), (0.0, 0.0, -deep), (1.0, 0.4, -deep)])  # flush with it too
+    assert sheet.signed_distance(under @ TURN.T) == pytest.approx(-deep, abs=1e-12)
+
+
 def rolled(build, *, crease=0.5, friction=True, turned=TURN):
     """The share of its kinetic energy that a ball loses on a surface in turned axes."""
     r, mass = 0.05, 2.0

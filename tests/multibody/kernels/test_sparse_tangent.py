@@ -117,7 +117,7 @@ def test_elastic_surfaces():
     scene.touch(contact.ElasticSurface(bodies[2]), contact.Sphere(bodies[0].frame("tip"), 0.5), contact.Hard())
     scene.touch(contact.ElasticSurface(bodies[0]), contact.Sphere(bodies[2].frame("tip"), 0.5), contact.Hard())
     scene.touch(contact.ElasticSurface(bodies[1]), contact.HalfSpace(scene.ground.frame(), "x"), contact.Hard())
-    round_one = contact.ElasticSurface(bodies[2], shape=contact.Sphere(bodies[2].frame(), 0.5))
+    round_one = contact.ElasticSurface(bodies[2], shape=contact.Sphere(bodies[2].frame(), 0.35))
     scene.touch(contact.ElasticSurface(bodies[1]), round_one, contact.Hard())
     compiled = scene.compile().scene
     compare(compiled, 3)

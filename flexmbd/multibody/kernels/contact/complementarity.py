@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+from flexmbd.multibody.kernels.base.lanes import LANES, lanes, padded, put_lanes
+from flexmbd.multibody.kernels.contact.cholesky import backward, factor, forward
 from flexmbd.round_off import EQUAL
 
 # Newton steps without a smaller number of wrong ones, after which single ones are changed; and steps for each.
@@ -17,41 +19,21 @@ _PATIENCE, _FIRST_STEPS, _STEPS = 3, 100, 20
 
 
 @kernel
-def factor_touching(C, order, count, L):
-    """Cholesky's factor of C in the rows ``order`` (count) into L; whether there is one."""
-    for i in range(count):
-        p = int(order[i])
-        for j in range(i + 1):
-            t = C[p, int(order[j])]
-            for k in range(j):
-                t -= L[i, k] * L[j, k]
-            if i > j:
-                L[i, j] = t / L[j, j]
-            elif t > 0.0:
-                L[i, i] = math.sqrt(t)
+def _factor_touching(C, order, count, factors, place):
+    """The factor of C in the rows ``order`` (count); whether there is one."""
+    N = padded(count)
+    for first in range(0, count, LANES):
+        last = min(first + LANES, count)
+        follow = last - first == LANES and order[last - 1] - order[first] == LANES - 1
+        column = int(order[first])
+        for i in range(last):
+            row = C[int(order[i])]
+            if follow:
+                put_lanes(factors, place + N * i + first, lanes(row, column))
             else:
-                return False
-    return True
-
-
-@kernel
-def forward(L, count, b):
-    """Solve L y = b in place."""
-    for i in range(count):
-        t = b[i]
-        for k in range(i):
-            t -= L[i, k] * b[k]
-        b[i] = t / L[i, i]
-
-
-@kernel
-def backward(L, count, b):
-    """Solve L^T y = b in place."""
-    for i in range(count - 1, -1, -1):
-        t = b[i]
-        for k in range(i + 1, count):
-            t -= L[k, i] * b[k]
-        b[i] = t / L[i, i]
+                for j in range(max(i, first), last):
+                    factors[place + N * i + j] = row[int(order[j])]
+    return factor(factors, place, count)
 
 
 @kernel
@@ -64,19 +46,21 @@ def _largest(a, count):
 
 
 @kernel
-def _close_gaps(C, b, m, f, left, inside, order, L):
+def _close_gaps(C, b, m, f, left, inside, order, factors, place):
     """Write the forces that close the gaps of what is ``inside``, and the others' gaps; how many, or -1."""
     count = 0
     for i in range(m):
         if inside[i] != 0.0:
             order[count] = i
             count += 1
-    if not factor_touching(C, order, count, L):
+    if not _factor_touching(C, order, count, factors, place):
         return -1
     for i in range(count):
         left[i] = -b[int(order[i])]
-    forward(L, count, left)
-    backward(L, count, left)
+    for i in range(count, padded(count)):
+        left[i] = 0.0
+    forward(factors, place, count, left)
+    backward(factors, place, count, left)
     for i in range(m):
         f[i] = 0.0
     for i in range(count):
@@ -85,26 +69,29 @@ def _close_gaps(C, b, m, f, left, inside, order, L):
         gap = 0.0
         if inside[i] == 0.0:
             gap = b[i]
-            for k in range(count):
-                p = int(order[k])
-                gap += C[i, p] * f[p]
+            if gap < math.inf:
+                for k in range(count):
+                    p = int(order[k])
+                    gap += C[min(i, p), max(i, p)] * f[p]
         left[i] = gap
     return count
 
 
 @kernel
-def solve_complementary(C, b, m, f, left, inside, order, L):
+def solve_complementary(C, b, m, f, left, inside, order, factors, place):
     """Write forces f (m,) and what is left of the gaps; how many touch, the first of ``order``.
 
-    -1 without an answer.  C (m, m), b (m,): see the module.  ``inside``, ``order`` (m,) and L (m, m) are scratch; L is
-    left as the factor of C in the rows that touch.
+    -1 without an answer.  C (m, m), its upper triangle, b (m,): see the module; where b is infinite nothing touches,
+    and C is not looked at.  ``left`` has room for `padded` m; ``inside``, ``order`` (m,) are scratch; C's factor in the
+    rows that touch is left in ``factors`` from ``place``, see ``cholesky``.
     """
-    size = _largest(b, m)
+    size = 0.0
     for i in range(m):
         inside[i] = 1.0 if b[i] < 0.0 else 0.0
+        size = max(size, -b[i])
     fewest, patience = m + 1, _PATIENCE
     for _ in range(_FIRST_STEPS + _STEPS * m):
-        count = _close_gaps(C, b, m, f, left, inside, order, L)
+        count = _close_gaps(C, b, m, f, left, inside, order, factors, place)
         if count < 0:
             return -1
         most, wrong, last = _largest(f, m), 0, -1
@@ -130,8 +117,9 @@ def solve_complementary(C, b, m, f, left, inside, order, L):
 
 
 @entry_kernel
-def complementary_forces(C, b, f, left, scratch, L):
-    """``solve_complementary`` of C (m, m), b (m,); ``scratch`` (2, m), L (m, m); L[0, 0] is -1 without an answer."""
-    m = b.shape[0]
-    if solve_complementary(C, b, m, f, left, scratch[0], scratch[1], L) < 0:
-        L[0, 0] = -1.0
+def complementary_forces(C, b, f, left, scratch, factors):
+    """``solve_complementary`` of C (m, m), b (m,); whether there is an answer.
+
+    With P = `padded_size` of m: ``left`` (P,), ``scratch`` (2, P), ``factors`` (P^2,).
+    """
+    return solve_complementary(C, b, b.shape[0], f, left, scratch[0], scratch[1], factors, 0) >= 0

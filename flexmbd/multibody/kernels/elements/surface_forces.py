@@ -30,6 +30,8 @@ from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
+from flexmbd.multibody.kernels.base.lanes import padded
+from flexmbd.multibody.kernels.contact.cholesky import factor
 from flexmbd.multibody.kernels.contact.complementarity import solve_complementary
 from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
@@ -41,11 +43,18 @@ from flexmbd.multibody.kernels.elements.surface_points import (
     find_near,
     mean_of,
     place_points,
-    push_modes,
-    push_other_modes,
+    push_all,
+    push_others,
     tilt,
 )
-from flexmbd.multibody.kernels.elements.surface_residual import dent_other, own_residual, times_matrix
+from flexmbd.multibody.kernels.elements.surface_residual import (
+    clear_others,
+    dent_by_point,
+    dent_other,
+    own_residual,
+    share_force,
+    write_own_flexibility,
+)
 from flexmbd.round_off import EPSILON
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -53,41 +62,21 @@ _STEPS, _DOUBLINGS = 100, 30
 
 
 @kernel
-def _add_own_flexibility(plan, work, row, m):
-    """Write C of the surface's own residual flexibility."""
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
-    for k in range(m):
-        own = load3(points[k], sl.OWN_NORMAL)
-        for j in range(k + 1):
-            o = sl.flexibility(p, n, t, int(V[sl.PATCH, k]), int(V[sl.PATCH, j]))
-            C[k, j] = dot3(own, times_matrix(plan.data, o, load3(points[j], sl.OWN_NORMAL)))
-            C[j, k] = C[k, j]
-
-
-@kernel
 def _add_other_flexibility(plan, work, row, m):
-    """Add that of the other surface."""
+    """Add to C the residual flexibility of the other surface."""
     _, p, _ = sl.table_of(plan, row)
-    t, size, n = sl.other_of(plan, row)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    _, size, _ = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
     for k in range(m):
-        normal = load3(points[k], sl.NORMAL)
-        for i in range(size):
-            moved = _ZERO
-            for j in range(size):
-                if weights[k, j] != 0.0:
-                    G = times_matrix(plan.data, sl.flexibility(size, n, t, i, j), normal)
-                    moved = add3(moved, scale3(weights[k, j], G))
-            store3(others[i], sl.LOAD, moved)
-        for j in range(k + 1):
-            C[k, j] += dot3(load3(points[j], sl.NORMAL), mean_of(others, sl.LOAD, weights[j], size))
-            C[j, k] = C[k, j]
+        if V[sl.GAP, k] < math.inf:
+            dent_by_point(plan, work, row, k, load3(points[k], sl.NORMAL))
+            for j in range(k, m):
+                if V[sl.GAP, j] < math.inf:
+                    C[k, j] += dot3(load3(points[j], sl.NORMAL), mean_of(others, sl.LOAD, weights[j]))
 
 
 @kernel
@@ -132,56 +121,60 @@ def _press_point(plan, row, gap, c):
 
 @kernel
 def _solve(plan, work, row, m):
-    """Find the forces of the m near patches; how many touch, the first of ORDER."""
+    """Find the forces of the near patches on m slots; how many touch, the first of ORDER."""
     _, p, _ = sl.table_of(plan, row)
     _, size, _ = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     for k in range(m):
         if V[sl.GAP, k] != V[sl.GAP, k]:  # where the shape has no gradient
             return -1
-    _add_own_flexibility(plan, work, row, m)
+    write_own_flexibility(plan, work, row, m)
     if size > 0:
         _add_other_flexibility(plan, work, row, m)
     C = matrix_view(work.generalized, sl.matrix_place(p, 0), m, m)
-    L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
+    factors, place = work.generalized, sl.matrix_place(p, 1)
     if plan.data[row[at.EL_DATA] + sl.LAW] > 0.0:
         V[sl.ORDER, 0] = 0.0
         V[sl.FORCE, 0], slope = _press_point(plan, row, V[sl.GAP, 0], C[0, 0])
-        L[0, 0] = math.sqrt(C[0, 0] + slope) if C[0, 0] + slope > 0.0 else math.nan
-        return 1 if V[sl.FORCE, 0] >= 0.0 and L[0, 0] > 0.0 else -1
-    return solve_complementary(C, V[sl.GAP], m, V[sl.FORCE], V[sl.LEFT], V[sl.INSIDE], V[sl.ORDER], L)
+        factors[place] = C[0, 0] + slope
+        return 1 if V[sl.FORCE, 0] >= 0.0 and factor(factors, place, 1) else -1
+    return solve_complementary(
+        C, V[sl.GAP], m, V[sl.FORCE], V[sl.LEFT], V[sl.INSIDE], V[sl.ORDER], factors, place
+    )
 
 
 @kernel
-def _set_forces(work, p, count):
-    """Write the forces of all patches that touch as vectors along their normals."""
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+def _set_forces(work, p, m, count):
+    """Write the forces of all patches that touch as vectors along their normals; of all others none."""
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    for k in range(m):
+        sl.put3(V, sl.OWN_FORCE, k, _ZERO)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         store3(points[k], sl.FORCED, scale3(V[sl.FORCE, k], load3(points[k], sl.NORMAL)))
-        store3(points[k], sl.OWN_FORCE, scale3(V[sl.FORCE, k], load3(points[k], sl.OWN_NORMAL)))
+        sl.put3(V, sl.OWN_FORCE, k, scale3(V[sl.FORCE, k], sl.at3(V, sl.OWN_NORMAL, k)))
 
 
 @kernel
-def _write_directions(plan, work, row, d, R, count):
+def _write_directions(plan, work, row, d, R, m, count):
     """Write of all patches that touch how they are moved besides, and along what their forces push."""
     _, p, _ = sl.table_of(plan, row)
     _, size, _ = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     o = row[at.EL_DATA] + sl.SHAPE
     if size > 0:
         dent_other(plan, work, row, count)
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        u = own_residual(plan, work, row, int(V[sl.PATCH, k]), count)
+        u = own_residual(plan, work, row, int(V[sl.PATCH, k]), m)
         store3(points[k], sl.OWN_RESIDUAL, u)
         push, apart = load3(points[k], sl.NORMAL), rotate(R, u)
         if size > 0:
-            apart = sub3(apart, mean_of(others, sl.DENT, weights[k], size))
+            apart = sub3(apart, mean_of(others, sl.DENT, weights[k]))
         if plan.data[o] != HALF_SPACE:
             push = add3(push, gradient_variation(plan.data, o, load3(points[k], sl.FOOT), apart))
         pull = push
@@ -207,24 +200,37 @@ def _is_finite(d, R, q, q_other):
 
 
 @kernel
-def press_patches(plan, work, row, d, R, q, q_other):
-    """Write the forces of a surface's near patches where the body is at d, R and its modes at q (n,).
+def find_gaps(plan, work, row, d, R, q, q_other):
+    """Write the gaps of a surface's near patches, before forces, where the body is at d, R and its modes at q (n,).
 
-    ``q_other``: the modes of the other surface's body.  Returns how many are near, how many touch, the first of ORDER,
-    and a bound of the least gap of the undeformed (m).  -1 touch where there are no forces, which is a fault.
+    ``q_other``: the modes of the other surface's body.  Returns on how many slots there are near ones, whether any
+    overlaps, and a bound of the least gap of the undeformed (m), which is not a number where the arguments are none.
     """
-    t, p, n = sl.table_of(plan, row)
+    t, _, n = sl.table_of(plan, row)
     if not _is_finite(d, R, q, q_other):
-        return 0, -1, math.nan
+        return 0, False, math.nan
     reach = farthest(plan.data, t, n, q)
     t_other, _, n_other = sl.other_of(plan, row)
     if n_other > 0:
         reach += farthest(plan.data, t_other, n_other, q_other)
     m, least = find_near(plan, work, row, d, R, reach)
-    if m == 0 or not place_points(plan, work, row, m, d, R, q, q_other):
-        return m, 0, least
+    return m, m > 0 and place_points(plan, work, row, m, d, R, q, q_other), least
+
+
+@kernel
+def press_patches(plan, work, row, d, R, q, q_other):
+    """As ``find_gaps``, and write the forces.
+
+    Returns on how many slots there are near patches, how many touch, the first of ORDER, and that bound.  -1 touch
+    where there are no forces, which is a fault.
+    """
+    _, p, _ = sl.table_of(plan, row)
+    m, overlap, least = find_gaps(plan, work, row, d, R, q, q_other)
+    if not overlap:
+        _set_forces(work, p, m, 0)
+        return m, 0 if least == least else -1, least
     count = _solve(plan, work, row, m)
-    _set_forces(work, p, count)
+    _set_forces(work, p, m, count)
     rough = plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0
     if rough and count > 0:
         count = add_friction(plan, work, row, R, m, count)
@@ -232,23 +238,24 @@ def press_patches(plan, work, row, d, R, q, q_other):
         if plan.flag[0] == 0:
             plan.flag[0] = kinds.FLAG_ELEMENT + row[at.EL_NUMBER]
         return m, -1, least
-    _write_directions(plan, work, row, d, R, count)
+    _write_directions(plan, work, row, d, R, m, count)
     if rough and count > 0:
         push_along(plan, work, row, d, R, count)
     return m, count, least
 
 
 @kernel
-def sum_forces(plan, work, row, R, count):
+def sum_forces(plan, work, row, R, m, count):
     """Force on the body and torque about its origin, in F's axes, of what `press_patches` found.
 
     The modes' are written, see ``modal_place``; NaN where there are none.
     """
-    t, p, n = sl.table_of(plan, row)
+    _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     first = sl.modal_place(p, size, 6 + n + n_other)
     out = work.generalized[first : first + n + n_other]
     for k in range(n + n_other):
@@ -256,14 +263,23 @@ def sum_forces(plan, work, row, R, count):
     if count < 0:
         return (math.nan, math.nan, math.nan), (math.nan, math.nan, math.nan)
     total, torque = _ZERO, _ZERO
+    if count == 0:
+        return total, torque
+    for k in range(m):
+        sl.put3(V, sl.OWN_PULLED, k, _ZERO)
+    if n_other > 0:
+        clear_others(others, sl.LOAD)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         force = load3(points[k], sl.PULLED)
         couple = cross3(rotate(R, load3(points[k], sl.OWN_RESIDUAL)), load3(points[k], sl.FORCED))
         total, torque = add3(total, force), add3(torque, add3(cross3(load3(points[k], sl.PLACE), force), couple))
-        push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, force), out)
+        sl.put3(V, sl.OWN_PULLED, k, rotate_back(R, force))
         if n_other > 0:
-            push_other_modes(plan, row, weights[k], scale3(-1.0, load3(points[k], sl.PUSHED)), out[n:])
+            share_force(others, sl.LOAD, weights[k], scale3(-1.0, load3(points[k], sl.PUSHED)))
+    push_all(plan, work, row, m, out)
+    if n_other > 0:
+        push_others(plan, row, others, sl.LOAD, out[n:])
     return total, torque
 
 
@@ -273,23 +289,23 @@ def surface_wrench(plan, work, row, motion, q, q_rate, q_other, q_other_rate):
     d, R, _, _ = motion
     t, _, n = sl.table_of(plan, row)
     t_other, _, n_other = sl.other_of(plan, row)
-    _, count, least = press_patches(plan, work, row, d, R, q, q_other)
+    m, count, least = press_patches(plan, work, row, d, R, q, q_other)
     fastest = farthest(plan.data, t, n, q_rate)
     if n_other > 0:
         fastest += farthest(plan.data, t_other, n_other, q_other_rate)
     bound_step(plan, row, least, motion, fastest)
-    return sum_forces(plan, work, row, R, count)
+    return sum_forces(plan, work, row, R, m, count)
 
 
 @kernel
 def surface_energy(plan, work, row, d, R, q, q_other):
     """What the residual flexibility of a surface stores (J)."""
     _, p, _ = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     _, count, _ = press_patches(plan, work, row, d, R, q, q_other)
     if count < 0:
         return math.nan
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     energy = 0.0
     for a in range(count):
         k = int(V[sl.ORDER, a])

@@ -29,11 +29,17 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import integer_view, matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import INTEGER, deferred_kernel
+from flexmbd.multibody.kernels.base.lanes import padded, padded_size
 from flexmbd.multibody.kernels.base.native import N_SIZES, solve
 from flexmbd.multibody.kernels.contact.rough_complementarity import solve_rough, weights_of
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_points import mean_of, tilt
-from flexmbd.multibody.kernels.elements.surface_residual import dent_other, own_residual, times_matrix
+from flexmbd.multibody.kernels.elements.surface_residual import (
+    dent_by_point,
+    dent_other,
+    own_residual,
+    times_flexibility,
+)
 from flexmbd.round_off import EQUAL
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -46,7 +52,7 @@ _Y, _B, _R, _LEFT, _PIVOT, _N_VECTORS = range(6)
 def friction_scratch(p: int, modes: int) -> int:
     """How many numbers friction adds to those of ``surface_scratch``; ``modes``: of both surfaces."""
     q = 3 * p
-    return 2 * q * q + 2 * q * (6 + modes) + _N_VECTORS * q + N_SIZES + _N_ROUGH * p
+    return 2 * q * q + 2 * q * (6 + modes) + _N_VECTORS * q + N_SIZES + _N_ROUGH * padded_size(p)
 
 
 @kernel
@@ -100,32 +106,27 @@ def _direction(points, rough, k, c):
 def _write_flexibility(plan, work, row, R, count):
     """Write C of all three directions of each patch that may touch."""
     t, p, n = sl.table_of(plan, row)
-    t_other, size, n_other = sl.other_of(plan, row)
+    _, size, _ = sl.other_of(plan, row)
     o, q, unknowns = _place(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
-    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), p, _N_ROUGH)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
+    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), padded(p), _N_ROUGH)
     C = matrix_view(work.generalized, o, 3 * count, 3 * count)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         for c in range(3):
             along = _direction(points, rough, k, c)
             own = rotate_back(R, along)
-            for i in range(size):
-                moved = _ZERO
-                for j in range(size):
-                    if weights[k, j] != 0.0:
-                        G = times_matrix(plan.data, sl.flexibility(size, n_other, t_other, i, j), along)
-                        moved = add3(moved, scale3(weights[k, j], G))
-                store3(others[i], sl.LOAD, moved)
+            if size > 0:
+                dent_by_point(plan, work, row, k, along)
             for b in range(a + 1):
                 j = int(V[sl.ORDER, b])
-                G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
-                moved = rotate(R, times_matrix(plan.data, G, own))
+                i = int(V[sl.PATCH, j])
+                moved = rotate(R, times_flexibility(plan.data, p, n, t, i, int(V[sl.PATCH, k]), own))
                 if size > 0:
-                    moved = add3(moved, mean_of(others, sl.LOAD, weights[j], size))
+                    moved = add3(moved, mean_of(others, sl.LOAD, weights[j]))
                 for e in range(3):
                     C[3 * b + e, 3 * a + c] = dot3(_direction(points, rough, j, e), moved)
                     C[3 * a + c, 3 * b + e] = C[3 * b + e, 3 * a + c]
@@ -136,9 +137,9 @@ def _write_ways(plan, work, row, count):
     """Write the tangents of all patches that may touch, their gaps, and how far they are from their anchors."""
     _, p, _ = sl.table_of(plan, row)
     o, q, unknowns = _place(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), p, _N_ROUGH)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), padded(p), _N_ROUGH)
     vectors = matrix_view(work.generalized, _vectors_place(o, q, unknowns), _N_VECTORS, q)
     for a in range(count):
         k = int(V[sl.ORDER, a])
@@ -158,9 +159,9 @@ def _take_forces(plan, work, row, R, count):
     """Write the forces that were found at their points."""
     _, p, _ = sl.table_of(plan, row)
     o, q, unknowns = _place(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), p, _N_ROUGH)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), padded(p), _N_ROUGH)
     vectors = matrix_view(work.generalized, _vectors_place(o, q, unknowns), _N_VECTORS, q)
     for a in range(count):
         k, force = int(V[sl.ORDER, a]), _ZERO
@@ -168,7 +169,7 @@ def _take_forces(plan, work, row, R, count):
             force = add3(force, scale3(vectors[_Y, 3 * a + c], _direction(points, rough, k, c)))
         V[sl.FORCE, k] = vectors[_Y, 3 * a]
         store3(points[k], sl.FORCED, force)
-        store3(points[k], sl.OWN_FORCE, rotate_back(R, force))
+        sl.put3(V, sl.OWN_FORCE, k, rotate_back(R, force))
 
 
 @kernel
@@ -176,10 +177,10 @@ def _enter_closed(plan, work, row, R, m, count):
     """Add to ORDER what overlaps under the forces that were found; how many there are then."""
     _, p, _ = sl.table_of(plan, row)
     _, size, _ = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     if size > 0:
         dent_other(plan, work, row, count)
     for k in range(m):
@@ -191,9 +192,9 @@ def _enter_closed(plan, work, row, R, m, count):
     found = count
     for k in range(m):
         if V[sl.INSIDE, k] == 0.0 and V[sl.GAP, k] < math.inf:
-            apart = rotate(R, own_residual(plan, work, row, int(V[sl.PATCH, k]), count))
+            apart = rotate(R, own_residual(plan, work, row, int(V[sl.PATCH, k]), m))
             if size > 0:
-                apart = sub3(apart, mean_of(others, sl.DENT, weights[k], size))
+                apart = sub3(apart, mean_of(others, sl.DENT, weights[k]))
             if V[sl.GAP, k] + dot3(load3(points[k], sl.NORMAL), apart) < -EQUAL * deepest:
                 V[sl.ORDER, found] = k
                 V[sl.FORCE, k] = 0.0
@@ -232,8 +233,8 @@ def direction_of(plan, work, row, k, c):
     """Of near patch k its normal (0) or a tangent, and along what a unit of force along it pulls and pushes."""
     _, p, _ = sl.table_of(plan, row)
     o, q, unknowns = _place(plan, row)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), p, _N_ROUGH)
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), padded(p), _N_ROUGH)
     along = _direction(points, rough, k, c)
     if c == 0:
         return along, load3(points[k], sl.PULL), load3(points[k], sl.PUSH)
@@ -246,11 +247,11 @@ def push_along(plan, work, row, d, R, count):
     _, p, _ = sl.table_of(plan, row)
     _, size, _ = sl.other_of(plan, row)
     o, q, unknowns = _place(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), p, _N_ROUGH)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), padded(p), _N_ROUGH)
     vectors = matrix_view(work.generalized, _vectors_place(o, q, unknowns), _N_VECTORS, q)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
     for a in range(count):
         k = int(V[sl.ORDER, a])
         pulled, pushed = load3(points[k], sl.PULLED), load3(points[k], sl.PUSHED)
@@ -305,9 +306,9 @@ def remember_patches(plan, work, row, x, m, count):
     """Write into the configuration x where all patches stick, as the forces were found."""
     _, p, _ = sl.table_of(plan, row)
     o, q, unknowns = _place(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), p, _N_ROUGH)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    rough = matrix_view(work.generalized, _rows_place(o, q, unknowns), padded(p), _N_ROUGH)
     vectors = matrix_view(work.generalized, _vectors_place(o, q, unknowns), _N_VECTORS, q)
     first = row[at.EL_MEMORY] + at.N_MEMORY_HEAD
     for i in range(p):

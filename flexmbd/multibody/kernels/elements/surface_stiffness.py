@@ -12,12 +12,13 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
-from flexmbd.multibody.kernels.contact.complementarity import forward
+from flexmbd.multibody.kernels.base.lanes import LANES, lanes, padded, plus_product, spread, sum_of
+from flexmbd.multibody.kernels.contact.cholesky import ROWS, forward_rows, less_products
 from flexmbd.multibody.kernels.contact.signed_distance import HALF_SPACE, gradient_variation
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_friction import direction_of, motions_place, rough_stiffness
 from flexmbd.multibody.kernels.elements.surface_points import push_modes, push_other_modes, weighted_row
-from flexmbd.multibody.kernels.elements.surface_residual import times_matrix
+from flexmbd.multibody.kernels.elements.surface_residual import write_couples
 
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -28,146 +29,176 @@ def _unit(c):
 
 
 @kernel
-def write_row(plan, work, row, R, k, count, direction, pull, push, out):
+def _turned(V, k, own):
+    """What a unit force on near patch k, in the body's axes, changes the couple of all residuals by."""
+    return (
+        V[sl.COUPLE, k] * own[0] + V[sl.COUPLE + 1, k] * own[1] + V[sl.COUPLE + 2, k] * own[2],
+        V[sl.COUPLE + 3, k] * own[0] + V[sl.COUPLE + 4, k] * own[1] + V[sl.COUPLE + 5, k] * own[2],
+        V[sl.COUPLE + 6, k] * own[0] + V[sl.COUPLE + 7, k] * own[1] + V[sl.COUPLE + 8, k] * own[2],
+    )
+
+
+@kernel
+def write_row(plan, work, row, R, k, direction, pull, push, out):
     """Write what moves near patch k along a direction, at fixed forces, by a motion and by the modes.
 
     A unit of force along it pulls the body and pushes the other surface along two others (F's axes).
     """
     t, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
     own = rotate_back(R, direction)
-    turned = cross3(load3(points[k], sl.OWN_RESIDUAL), own)
-    for b in range(count):
-        j = int(V[sl.ORDER, b])
-        G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
-        turned = add3(turned, cross3(times_matrix(plan.data, G, own), load3(points[j], sl.OWN_FORCE)))
+    turned = add3(cross3(load3(points[k], sl.OWN_RESIDUAL), own), _turned(V, k, own))
     store3(out, 0, pull)
     store3(out, 3, add3(cross3(load3(points[k], sl.PLACE), pull), rotate(R, turned)))
-    for i in range(6, 6 + n + n_other):
+    for i in range(6, out.shape[0]):
         out[i] = 0.0
-    push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, rotate_back(R, pull), out[6:])
+    push_modes(plan.data, p, n, t, int(V[sl.PATCH, k]), rotate_back(R, pull), out[6:])
     if n_other > 0:
         push_other_modes(plan, row, weights[k], scale3(-1.0, push), out[6 + n :])
 
 
 @kernel
 def _add_turns(plan, work, row, R, count, K):
-    """Add to K what the couples change by as the body turns, at fixed forces."""
-    t, p, n = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
+    """Add to K what torque and couples change by as the body turns, at fixed forces."""
+    _, p, _ = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
     for a in range(count):
         k = int(V[sl.ORDER, a])
-        for b in range(count):
-            j = int(V[sl.ORDER, b])
-            G = sl.flexibility(p, n, t, int(V[sl.PATCH, j]), int(V[sl.PATCH, k]))
-            for c in range(3):
-                tilted = rotate_back(R, cross3(_unit(c), load3(points[k], sl.FORCED)))
-                couple = rotate(R, cross3(times_matrix(plan.data, G, tilted), load3(points[j], sl.OWN_FORCE)))
-                for r in range(3):
-                    K[3 + r, 3 + c] -= couple[r]
+        force, push = load3(points[k], sl.PULLED), load3(points[k], sl.FORCED)
+        place, u = load3(points[k], sl.PLACE), rotate(R, load3(points[k], sl.OWN_RESIDUAL))
+        for c in range(3):
+            e = _unit(c)
+            couple = rotate(R, _turned(V, k, rotate_back(R, cross3(e, push))))
+            torque = add3(cross3(cross3(e, place), force), cross3(cross3(e, u), push))
+            for r in range(3):
+                K[3 + r, 3 + c] += torque[r] - couple[r]
 
 
 @kernel
-def _add_smooth(plan, work, row, R, m, count, K):
-    """Subtract B^T C^-1 B."""
+def _add_smooth(plan, work, row, R, count):
+    """Subtract B^T C^-1 B from K."""
     _, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    unknowns = 6 + n + n_other
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    B = matrix_view(work.generalized, sl.rows_place(p, size), count, unknowns)
-    L = matrix_view(work.generalized, sl.matrix_place(p, 1), m, m)
+    values, rows, width = work.generalized, sl.rows_place(p, size), padded(6 + n + n_other)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    B = matrix_view(values, rows, count, width)
     for a in range(count):
         row_of = points[int(V[sl.ORDER, a])]
         normal, pull, push = load3(row_of, sl.NORMAL), load3(row_of, sl.PULL), load3(row_of, sl.PUSH)
-        write_row(plan, work, row, R, int(V[sl.ORDER, a]), count, normal, pull, push, B[a])
-    for i in range(unknowns):
-        forward(L, count, B[:, i])
-    for a in range(count):
-        for i in range(unknowns):
-            for j in range(unknowns):
-                K[i, j] -= B[a, i] * B[a, j]
+        write_row(plan, work, row, R, int(V[sl.ORDER, a]), normal, pull, push, B[a])
+    forward_rows(values, sl.matrix_place(p, 1), count, values, rows, width)
+    to = sl.stiffness_place(p, size, 6 + n + n_other)
+    for i in range(0, 6 + n + n_other, ROWS):
+        less_products(values, to + width * i, values, rows + i, width, values, rows, width, count, 0)
+
+
+@kernel
+def _add_moved_arms(plan, work, row, R, m, K):
+    """Add to K what the torque changes by as the modes move the patches under their forces, and the modes' by turns."""
+    t, p, n = sl.table_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    o, P, data = sl.displacements(p, n, t), padded(p), plan.data
+    for i in range(n):
+        x0 = x1 = x2 = y0 = y1 = y2 = spread(0.0)
+        for b in range(0, m, LANES):
+            c = o + i * P + int(V[sl.PATCH, b])
+            u0, u1, u2 = lanes(data, c), lanes(data, c + n * P), lanes(data, c + 2 * n * P)
+            f0, f1, f2 = lanes(V[sl.OWN_PULLED], b), lanes(V[sl.OWN_PULLED + 1], b), lanes(V[sl.OWN_PULLED + 2], b)
+            x0, y0 = plus_product(x0, u1, f2), plus_product(y0, u2, f1)
+            x1, y1 = plus_product(x1, u2, f0), plus_product(y1, u0, f2)
+            x2, y2 = plus_product(x2, u0, f1), plus_product(y2, u1, f0)
+        turned = rotate(R, (sum_of(x0) - sum_of(y0), sum_of(x1) - sum_of(y1), sum_of(x2) - sum_of(y2)))
+        for c in range(3):
+            K[3 + c, 6 + i] += turned[c]
+            K[6 + i, 3 + c] += turned[c]
 
 
 @deferred_kernel()
 def _add_rough(plan, work, row, R, count, K):
     """Subtract B^T J^-1 (the residuals' change by B)."""
     _, p, _ = sl.table_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
     first, unknowns = motions_place(plan, row)
     B = matrix_view(work.generalized, first, 3 * count, unknowns)
     for a in range(count):
         k = int(V[sl.ORDER, a])
         for c in range(3):
             along, pull, push = direction_of(plan, work, row, k, c)
-            write_row(plan, work, row, R, k, count, along, pull, push, B[3 * a + c])
+            write_row(plan, work, row, R, k, along, pull, push, B[3 * a + c])
     rough_stiffness(plan, work, row, count, K)
 
 
 @kernel
-def _add_geometric(plan, work, row, k, R, column, dz, turn, moved, K):
-    """Add to a column of K what the force of near patch k, at fixed size, changes with.
+def _add_bent(plan, work, row, k, R, column, dz, K):
+    """Add to a column of K what the force of near patch k, at fixed size, bends with the gradient.
 
-    For a motion of its centroid against the shape by ``dz``, with a turn and a displacement ``moved`` by its own modes,
-    in F's axes.
+    For a motion of its centroid against the shape by ``dz``, in F's axes.
     """
     t, p, n = sl.table_of(plan, row)
     _, size, n_other = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    o, f = row[at.EL_DATA] + sl.SHAPE, V[sl.FORCE, k]
-    force, push = load3(points[k], sl.PULLED), load3(points[k], sl.FORCED)
-    u, place = rotate(R, load3(points[k], sl.OWN_RESIDUAL)), load3(points[k], sl.PLACE)
-    bent = _ZERO
-    if plan.data[o] != HALF_SPACE:
-        bent = scale3(f, gradient_variation(plan.data, o, load3(points[k], sl.FOOT), dz))
-    torque = add3(cross3(add3(place, u), bent), cross3(add3(cross3(turn, place), moved), force))
-    torque = add3(torque, cross3(cross3(turn, u), push))
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    o = row[at.EL_DATA] + sl.SHAPE
+    bent = scale3(V[sl.FORCE, k], gradient_variation(plan.data, o, load3(points[k], sl.FOOT), dz))
+    arm = add3(load3(points[k], sl.PLACE), rotate(R, load3(points[k], sl.OWN_RESIDUAL)))
+    torque = cross3(arm, bent)
     for c in range(3):
         K[c, column] += bent[c]
         K[3 + c, column] += torque[c]
-    own = rotate_back(R, add3(bent, cross3(force, turn)))
-    if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
-        push_modes(plan.data, sl.displacements(p, n, t, int(V[sl.PATCH, k])), n, own, K[6:, column])
-    if n_other > 0 and (bent[0] != 0.0 or bent[1] != 0.0 or bent[2] != 0.0):
+    push_modes(plan.data, p, n, t, int(V[sl.PATCH, k]), rotate_back(R, bent), K[6 : 6 + n, column])
+    if n_other > 0:
         push_other_modes(plan, row, weights[k], scale3(-1.0, bent), K[6 + n :, column])
+
+
+@kernel
+def _add_bends(plan, work, row, k, R, K):
+    """The same for all unknowns."""
+    t, p, n = sl.table_of(plan, row)
+    t_other, size, n_other = sl.other_of(plan, row)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
+    place = load3(points[k], sl.PLACE)
+    for c in range(3):
+        e = _unit(c)
+        _add_bent(plan, work, row, k, R, c, e, K)
+        _add_bent(plan, work, row, k, R, 3 + c, cross3(e, place), K)
+    o, P = sl.displacements(p, n, t) + int(V[sl.PATCH, k]), padded(p)
+    for i in range(n):
+        c = o + i * P
+        moved = rotate(R, (plan.data[c], plan.data[c + n * P], plan.data[c + 2 * n * P]))
+        _add_bent(plan, work, row, k, R, 6 + i, moved, K)
+    for i in range(n_other):
+        moved = weighted_row(plan.data, t_other, size, n_other, weights[k], i)
+        _add_bent(plan, work, row, k, R, 6 + n + i, scale3(-1.0, moved), K)
 
 
 @kernel
 def write_stiffness(plan, work, row, R, m, count):
     """Write K: what force, torque and modal forces change by for a translation, a turn (F's axes) and the modes.
 
-    Of ``m`` near patches of which ``count`` touch, as `press_patches` left them.
+    Of the near patches on ``m`` slots, of which ``count`` touch, as `press_patches` left them.
     """
-    t, p, n = sl.table_of(plan, row)
-    t_other, size, n_other = sl.other_of(plan, row)
+    _, p, n = sl.table_of(plan, row)
+    _, size, n_other = sl.other_of(plan, row)
     unknowns = 6 + n + n_other
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
-    K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, unknowns)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    K = matrix_view(work.generalized, sl.stiffness_place(p, size, unknowns), unknowns, padded(unknowns))
     K[:, :] = 0.0
+    for a in range(count):
+        write_couples(plan, work, row, int(V[sl.ORDER, a]), m)
     _add_turns(plan, work, row, R, count, K)
+    _add_moved_arms(plan, work, row, R, m, K)
     if plan.data[row[at.EL_DATA] + sl.FRICTION] > 0.0:
         _add_rough(plan, work, row, R, count, K)
     else:
-        _add_smooth(plan, work, row, R, m, count, K)
-    for a in range(count):
-        k = int(V[sl.ORDER, a])
-        place = load3(points[k], sl.PLACE)
-        for c in range(3):
-            e = _unit(c)
-            _add_geometric(plan, work, row, k, R, c, e, _ZERO, _ZERO, K)
-            _add_geometric(plan, work, row, k, R, 3 + c, cross3(e, place), e, _ZERO, K)
-        o = sl.displacements(p, n, t, int(V[sl.PATCH, k]))
-        for i in range(n):
-            moved = rotate(R, (plan.data[o + i], plan.data[o + n + i], plan.data[o + 2 * n + i]))
-            _add_geometric(plan, work, row, k, R, 6 + i, moved, _ZERO, moved, K)
-        for i in range(n_other):
-            moved = weighted_row(plan.data, t_other, size, n_other, weights[k], i)
-            _add_geometric(plan, work, row, k, R, 6 + n + i, scale3(-1.0, moved), _ZERO, _ZERO, K)
+        _add_smooth(plan, work, row, R, count)
+    if plan.data[row[at.EL_DATA] + sl.SHAPE] != HALF_SPACE:
+        for a in range(count):
+            _add_bends(plan, work, row, int(V[sl.ORDER, a]), R, K)

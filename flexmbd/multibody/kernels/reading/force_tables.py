@@ -12,7 +12,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base import kinds
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.arrays import Plan
-from flexmbd.multibody.kernels.elements.contact_wrench import ROUGH_CONTACT
+from flexmbd.multibody.kernels.elements.contact_wrench import CONTACT, ROUGH_CONTACT
 from flexmbd.multibody.kernels.elements.element import Behaviour, Stiffness
 from flexmbd.multibody.kernels.elements.hard_element import (
     FRICTION,
@@ -23,6 +23,8 @@ from flexmbd.multibody.kernels.elements.hard_element import (
 )
 from flexmbd.multibody.kernels.elements.homogeneous_energy import HOMOGENEOUS_ENERGY
 from flexmbd.multibody.kernels.elements.pairs import HEAD
+from flexmbd.multibody.kernels.elements.surface_forces import ROUGH_SURFACE
+from flexmbd.multibody.kernels.elements.surface_layout import POINT_RADIUS, SHAPE
 from flexmbd.multibody.kernels.elements.table import are_of, behaviours, kind_of, stores
 from flexmbd.multibody.kernels.reading.constraint_tables import constraint_rows
 
@@ -173,6 +175,25 @@ def _has_springs(plan: Plan) -> bool:
 def rough_contacts(plan: Plan) -> IntArray:
     """(k,) rows of ``Plan.elements`` of contacts with friction."""
     return np.flatnonzero(are_of(plan, ROUGH_CONTACT))
+
+
+def contacts_by_law(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.elements`` of contacts with a law, not of those of elastic surfaces."""
+    return np.flatnonzero(are_of(plan, CONTACT) | are_of(plan, ROUGH_CONTACT))
+
+
+def touched_shape(plan: Plan, row: int) -> tuple[int, float]:
+    """Where in ``Plan.data`` the shape is that the elastic surface in this row of the elements touches; the points' radius.
+
+    The radius (m) is 0 but of a sphere that is its only point.
+    """
+    o = int(plan.elements[row, at.EL_DATA])
+    return o + SHAPE, float(plan.data[o + POINT_RADIUS])
+
+
+def rough_surfaces(plan: Plan) -> IntArray:
+    """(k,) rows of ``Plan.elements`` of elastic surfaces with friction."""
+    return np.flatnonzero(are_of(plan, ROUGH_SURFACE))
 
 
 def slid_ways(plan: Plan) -> IntArray:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from flexmbd.multibody.kernels.algebra.so3 import add3, dot3, load3, rotate, scale3, store3, sub3
 from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import entry_kernel
+from flexmbd.multibody.kernels.base.lanes import padded
 from flexmbd.multibody.kernels.contact.contact_law import way_to_middle
 from flexmbd.multibody.kernels.elements import surface_layout as sl
-from flexmbd.multibody.kernels.elements.surface_forces import point_depth, press_patches
-from flexmbd.multibody.kernels.elements.surface_points import displaced, mean_of, move_others, place_point
-from flexmbd.multibody.kernels.elements.surface_residual import own_residual
+from flexmbd.multibody.kernels.elements.surface_forces import find_gaps, point_depth, press_patches
+from flexmbd.multibody.kernels.elements.surface_points import displacement, mean_of, move_others, place_point
+from flexmbd.multibody.kernels.elements.surface_residual import clear_others, own_residual
 from flexmbd.multibody.kernels.elements.table import is_of_surface
 from flexmbd.multibody.kernels.inverse_dynamics.closure import relative_rates
 from flexmbd.multibody.kernels.inverse_dynamics.recursion import forward_kinematics, frame_motion
@@ -28,8 +27,8 @@ GAP, NORMAL, FORCE, POINT, N_PATCH = 0, 1, 4, 7, 10
 def surface_series(plan, work, i, x, v, a, w, out, others_force):
     """out[k, j] of patch j of the surface in row i of ``plan.elements`` at x[k], v[k]; out (nt, p, N_PATCH).
 
-    ``w``: scratch, as many as the patches of the other surface.  ``others_force`` (nt, p_other), zeros: the normal
-    forces on these, by the weights with which they feel the patches (N).
+    ``w``: scratch, `padded_size` of the patches of the other surface.  ``others_force`` (nt, p_other), zeros: the
+    normal forces on these, by the weights with which they feel the patches (N).
     """
     row = plan.elements[i]
     f, g = row[at.EL_F], row[at.EL_G]
@@ -37,25 +36,25 @@ def surface_series(plan, work, i, x, v, a, w, out, others_force):
     rx, _, n_other = other_modes_of(plan, row)
     t, p, _ = sl.table_of(plan, row)
     _, size, _ = sl.other_of(plan, row)
-    V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
-    points = matrix_view(work.generalized, sl.points_place(p), p, sl.N_POINT)
-    others = matrix_view(work.generalized, sl.others_place(p, size), size, sl.N_OTHER)
-    weights = matrix_view(work.generalized, sl.weights_place(p), p, size)
+    V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
+    points = matrix_view(work.generalized, sl.points_place(p), padded(p), sl.N_POINT)
+    others = matrix_view(work.generalized, sl.others_place(p, size), sl.N_OTHER, padded(size))
+    weights = matrix_view(work.generalized, sl.weights_place(p), padded(p), padded(size))
     for k in range(x.shape[0]):
         forward_kinematics(plan, work, x[k], v[k], a[k])
         d, R, _, _ = relative_rates(plan, work, f, g)
         q, q_other = x[k, qx : qx + n], x[k, rx : rx + n_other]
-        _, count, _ = press_patches(plan, work, row, d, R, q, q_other)
+        m, count, _ = press_patches(plan, work, row, d, R, q, q_other)
         if count == 0:
-            for j in range(size):
-                store3(others[j], sl.DENT, (0.0, 0.0, 0.0))
+            clear_others(others, sl.DENT)
         move_others(plan, work, row, q_other)
         p_F, R_F, _, _, _, _ = frame_motion(plan, work, f)
         for j in range(p):
-            arm = rotate(R, displaced(plan.data, p, n, t, j, q))
+            arm = add3(sl.centroid(plan.data, p, n, t, j), displacement(plan.data, p, n, t, j, q))
+            arm = rotate(R, arm)
             gap, normal, _ = place_point(plan, row, d, arm, w, others)
-            u = rotate(R, own_residual(plan, work, row, j, count))
-            apart = sub3(u, mean_of(others, sl.DENT, w, size)) if gap < np.inf else u
+            u = rotate(R, own_residual(plan, work, row, j, m))
+            apart = sub3(u, mean_of(others, sl.DENT, w)) if gap < math.inf else u
             out[k, j, GAP] = gap + dot3(normal, apart)
             store3(out[k, j], NORMAL, rotate(R_F, normal))
             store3(out[k, j], FORCE, (0.0, 0.0, 0.0))
@@ -88,9 +87,9 @@ def surface_depth_series(plan, work, elements, x, v, out):
             qx, _, n = modes_of(plan, row)
             rx, _, n_other = other_modes_of(plan, row)
             _, p, _ = sl.table_of(plan, row)
-            V = matrix_view(work.generalized, 0, sl.N_VECTOR, p)
+            V = matrix_view(work.generalized, 0, sl.N_VECTOR, padded(p))
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
-            m, _, _ = press_patches(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other])
+            m, _, _ = find_gaps(plan, work, row, d, R, x[k, qx : qx + n], x[k, rx : rx + n_other])
             deepest = 0.0
             for j in range(m):
                 deepest = max(deepest, -V[sl.GAP, j])
@@ -108,5 +107,5 @@ def surface_overlaps(plan, work, x, v, out):
             qx, _, n = modes_of(plan, row)
             d, R, _, _ = relative_rates(plan, work, row[at.EL_F], row[at.EL_G])
             rx, _, n_other = other_modes_of(plan, row)
-            _, _, out[k] = press_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
+            _, _, out[k] = find_gaps(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
             k += 1

@@ -7,6 +7,7 @@ from flexmbd.multibody.kernels.base import plan_layout as at
 from flexmbd.multibody.kernels.base.block_view import matrix_view
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.multibody.kernels.base.deferred import deferred_kernel
+from flexmbd.multibody.kernels.base.lanes import padded
 from flexmbd.multibody.kernels.elements import surface_layout as sl
 from flexmbd.multibody.kernels.elements.surface_forces import press_patches, sum_forces
 from flexmbd.multibody.kernels.elements.surface_stiffness import write_stiffness
@@ -64,7 +65,7 @@ def put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     m, touching, _ = press_patches(plan, work, row, d, R, x[qx : qx + n], x[rx : rx + n_other])
     if touching <= 0:
         return 0, 0
-    force, torque = sum_forces(plan, work, row, R, touching)
+    force, torque = sum_forces(plan, work, row, R, m, touching)
     force, torque = scale3(-1.0, force), scale3(-1.0, torque)
     pull = rotate(R_F, force)
     moment = add3(rotate(R_F, torque), cross3(c_G, pull))
@@ -74,7 +75,7 @@ def put_surface(plan, work, tw, row, x, v, a, per_x, per_v, per_a, at_f, at_g):
     _, p, _ = sl.table_of(plan, row)
     _, p_other, _ = sl.other_of(plan, row)
     size, moved = 6 + n + n_other, 0
-    K = matrix_view(work.generalized, sl.stiffness_place(p, p_other, size), size, size)
+    K = matrix_view(work.generalized, sl.stiffness_place(p, p_other, size), size, padded(size))
     for j in range(count):
         k = tw.path[j]
         mode = _number_of_mode(k, qv, n, rv, n_other)

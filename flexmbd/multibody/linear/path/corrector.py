@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from flexmbd.continuation.newton import corrected
 from flexmbd.continuation.space import ALIKE, APART, PathDirection, unit
+from flexmbd.errors import ConvergenceError
 from flexmbd.multibody.kernels.algebra.rotation_update import coordinate_slots
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.linear.balance import ForceBalance, balance, moved, step_size
 from flexmbd.multibody.linear.forces_at_play import BALANCED
+from flexmbd.multibody.linear.passing import passing_on_the_way
 from flexmbd.multibody.linear.path.loading import Loading, LoadSlopes
 from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness, spectrum
 from flexmbd.multibody.linear.steady_motion import SteadyMotion
@@ -197,10 +199,26 @@ class MachineSpace:
         Strains of slender bodies are unknowns of their own, as in ``find_equilibrium``.  So near to a bifurcation that
         round-off moves it along the modes, corrections leave out as many directions as are ``undetermined``.
 
+        What comes to touch is stopped, and a plane across its motion may be met far away or nowhere: then it is the
+        equilibrium under the factor at the step's end.
+
         Raises:
-            ConvergenceError: Newton's method does not converge.
+            ConvergenceError: Newton's method does not converge, or the step passes through a contact.
             SceneError: as ``balance``, or the loops do not close.
         """
+        through = passing_on_the_way(self.scene, self.work, start.x, step.xi, self.size)
+        if through.share < 1.0:
+            raise ConvergenceError(f"the step passes through what touches: {through.told}")
+        try:
+            return self._corrected(start, step, across, undetermined)
+        except ConvergenceError:
+            if not (through.meets and across.xi.any() and step.factor != 0.0):
+                raise
+        return self._corrected(start, step, self.along_factor(np.sign(step.factor)), undetermined)
+
+    def _corrected(
+        self, start: MachinePoint, step: PathDirection, across: PathDirection, undetermined: int
+    ) -> MachinePoint:
         x, factor, strained = start.x, start.factor, self.strains.at(start.x)
         still = self.still(start)
 

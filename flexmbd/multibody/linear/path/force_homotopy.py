@@ -21,9 +21,11 @@ from flexmbd.continuation.space import PathDirection, typical_motion, unit, unti
 from flexmbd.continuation.station import station
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
+from flexmbd.multibody.kernels.reading.force_tables import rough_surfaces
 from flexmbd.multibody.linear.balance import ForceBalance, step_size
-from flexmbd.multibody.linear.downhill import newton_cut
+from flexmbd.multibody.linear.downhill import HinderedError, newton_cut
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
+from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
 from flexmbd.multibody.linear.path.loading import LackingTakenAway
 from flexmbd.multibody.linear.stability import SOFT, MotionSpectrum, own_stiffness
@@ -83,7 +85,18 @@ def forces_let_go(
     step, before = space.newton_step(goal, space.along_factor(1.0)), space.spectrum(goal)
     open_ = _unresolved(space, goal, step) if np.any(space.at_play) else np.zeros(len(start.by.z))
     if open_.any():
-        return _along_the_path(space, goal, before, open_)
+        found, reason = _to_touch(space, goal, open_)
+        if found is not None:
+            return found
+        try:
+            return _along_the_path(space, goal, before, open_)
+        except SceneError:
+            if reason is None:
+                raise
+            bears = "; friction bears mu N at most" if len(rough_surfaces(scene.plan)) else ""
+            raise SceneError(
+                f"no equilibrium found where the machine falls onto what it meets: {reason}{bears}"
+            ) from reason
     if space.largest(step) <= SETTLED:
         x, _ = space.moved(start.x, 1.0, step)
         there = space.at(x, 1.0)
@@ -124,6 +137,28 @@ def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool
     """The equilibrium to which cut steps lead, as ``newton_cut``."""
     found = newton_cut(space.scene, space.work, goal.at, space.strains, space.size, stays_stable=stays_stable)
     return MachinePoint(found.x, 1.0, found, goal.slopes, 0)
+
+
+def _to_touch(
+    space: MachineSpace, goal: MachinePoint, open_: FloatArray
+) -> tuple[Settled | None, ConvergenceError | None]:
+    """The equilibrium on what forces that nothing resists, yet, press the machine against; or why there is none.
+
+    Raises:
+        HinderedError: it is pressed through that.
+    """
+    falls = space.against(goal, open_)
+    if not passing(space.scene, space.work, goal.x, falls.xi).meets:
+        return None, None
+    try:
+        found = _by_cut_steps(space, goal, stays_stable=False)
+    except ConvergenceError as reason:
+        return None, reason
+    except HinderedError:
+        raise
+    except (SceneError, np.linalg.LinAlgError):
+        return None, None
+    return _balanced(space, goal, Settled(found, space.spectrum(found), True, False)), None
 
 
 def _along_the_path(

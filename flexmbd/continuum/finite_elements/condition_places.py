@@ -1,0 +1,131 @@
+"""Where conditions on a field lie on a mesh: the dofs of each, which lie apart, and those by which a field is held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from numpy.typing import NDArray
+
+from flexmbd.continuum import parallel
+from flexmbd.continuum.contract.dof_layout import Field
+from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
+from flexmbd.continuum.finite_elements.electrode import Condition, refuse_no_conditions
+from flexmbd.continuum.finite_elements.interface import mesh_group
+from flexmbd.continuum.finite_elements.nodes import dof_numbers
+from flexmbd.errors import FormulationError, MeshError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+def checked_conditions(
+    conditions: Sequence[Condition], forms: DiscreteForms, shifts: Mapping[str, Any]
+) -> Sequence[Condition]:
+    """Conditions that are the same on all ranks, on fields of which there is a gauge. Collective.
+
+    Raises:
+        MeshError: on all ranks: what is no condition, or one named twice.
+        FormulationError: on all ranks: the formulation has no such gauge.
+    """
+    parallel.check_same(forms.comm, MeshError, conditions=repr(conditions))
+    given = refuse_no_conditions(conditions)
+    for one in given:
+        if one.field not in shifts:
+            there = ", ".join(map(repr, shifts)) or "none"
+            raise FormulationError(
+                f"{one}: {forms.form_name} has no gauge {one.field!r}, which would say what one {one.EFFORT[1]} of the "
+                f"field is: write gauge(p) into the form; it has: {there}"
+            )
+    return given
+
+
+def dofs_on(one: Condition, forms: DiscreteForms, shift: FloatArray) -> IntArray:
+    """(m,) dofs of this rank that a condition holds. Collective.
+
+    Args:
+        one: the condition.
+        forms: the formulations on the mesh.
+        shift: (owned dofs,) one unit of its field.
+
+    Raises:
+        MeshError: on all ranks: the mesh has no such group, or no dofs there.
+        FormulationError: on all ranks: the field is discontinuous.
+    """
+    mesh, comm = forms.mesh, forms.comm
+    known = {**mesh.facet_groups, **mesh.edge_groups, **mesh.vertex_groups, **mesh.cell_groups}
+    if one.name not in known:
+        there = ", ".join(map(repr, sorted(known))) or "none"
+        raise MeshError(f"{one}: the mesh has no such group of facets, edges, vertices or cells; it has: {there}")
+    group, found = mesh_group(one.name, mesh), []
+    for field in forms.layout.fields:
+        if comm.allreduce(bool(shift[owned(field.dofs, len(shift))].any()), op=MPI.LOR):
+            if is_broken(field):
+                raise FormulationError(f"{one}: the field {one.field!r} is discontinuous and has no values on facets")
+            blocks = fem.locate_dofs_topological(field.space, group.dim, group.entities)
+            size = field.space.dofmap.index_map_bs
+            found.append(field.dofs[(size * blocks[:, None] + np.arange(size)).reshape(-1)])
+    dofs = owned(np.unique(np.concatenate(found)), len(shift)).astype(np.int64)
+    dofs = dofs[shift[dofs] != 0.0]
+    if not comm.allreduce(len(dofs)):
+        raise MeshError(f"{one}: the group has no nodes of the field {one.field!r}")
+    return dofs
+
+
+def check_apart(comm: MPI.Comm, conditions: Sequence[Condition], places: Sequence[IntArray]) -> None:
+    """Refuse conditions that share dofs. Collective.
+
+    Raises:
+        MeshError: on all ranks: names two.
+    """
+    for k, one in enumerate(conditions):
+        for other, dofs in zip(conditions[:k], places[:k], strict=True):
+            if comm.allreduce(len(np.intersect1d(dofs, places[k]))):
+                raise MeshError(
+                    f"{other} and {one} touch: they share nodes, which cannot have two potentials; leave a gap "
+                    "between the groups, or make one group of both"
+                )
+
+
+def lowest(comm: MPI.Comm, dofs: IntArray, *, first: int) -> int:
+    """Global number of the first of dofs on any rank; first: that of this rank's own. Collective."""
+    mine = first + int(dofs.min()) if len(dofs) else np.iinfo(np.int64).max
+    return int(comm.allreduce(mine, op=MPI.MIN))
+
+
+def free_dof(forms: DiscreteForms, shift: FloatArray, held: BoolArray) -> IntArray:
+    """The dof by which a field is held that nothing else holds, on its rank; no partition changes it. Collective."""
+    there = np.flatnonzero((shift != 0.0) & ~held)
+    numbers_of = dof_numbers(forms, there)
+    least = forms.comm.allreduce(int(numbers_of.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)
+    return there[numbers_of == least]
+
+
+def mean_of(forms: DiscreteForms, shift: FloatArray) -> FloatArray:
+    """(owned dofs,) whose product with an unknown is the mean of a field in units of its shift. Collective."""
+    space = forms.layout.space
+    unit, v = fem.Function(space), ufl.TestFunction(space)
+    unit.x.array[: forms.layout.n_owned] = shift
+    unit.x.scatter_forward()
+    degree = 2 * space.ufl_element().embedded_superdegree
+    vector = fem.assemble_vector(fem.form(ufl.inner(unit, v) * ufl.dx(metadata={"quadrature_degree": degree})))
+    vector.scatter_reverse(la.InsertMode.add)
+    weights: FloatArray = vector.array[: forms.layout.n_owned].copy()
+    weights /= forms.comm.allreduce(float(weights @ shift))
+    return weights
+
+
+def owned(dofs: NDArray[Any], count: int) -> NDArray[Any]:
+    """Those of local dofs that this rank owns, of so many."""
+    return dofs[dofs < count]
+
+
+def is_broken(field: Field) -> bool:
+    """Whether a field is one of each cell."""
+    return bool(field.space.ufl_element().discontinuous)
