@@ -15,9 +15,11 @@ def grid(counts, widths, R):
     return x @ R.T, np.tile(R[:, 2], (len(x), 1)), np.full(len(x), widths[0] * widths[1])
 
 
+SQUARES, ONE, STRIPS = ((5, 4), (1.0, 1.0)), ((1, 1), (2.0, 2.0)), (10.0, 0.087)
+
+
 @pytest.mark.parametrize(
-    ("counts", "widths"),
-    [((5, 4), (1.0, 1.0)), ((5, 4), (2e-3, 1e-3)), ((2, 9), (10.0, 0.087)), ((1, 9), (10.0, 0.087)), ((1, 1), (2.0, 2.0))],
+    ("counts", "widths"), [SQUARES, ONE, ((5, 4), (2e-3, 1e-3)), ((2, 9), STRIPS), ((1, 9), STRIPS)]
 )
 def test_rectangles_are_felt_by_their_widths(counts, widths):
     """In any frame, at edges and corners of the surface too; a row of strips is as wide as the area says."""
