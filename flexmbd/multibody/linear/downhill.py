@@ -266,8 +266,9 @@ def step_downhill(
     rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
     floor = of_solver(len(rates)) * float(np.abs(rates).max())
     parts = np.abs(Vz @ shapes)
+    size = (parts / sizes[:, None]).max(axis=0, initial=0.0)
     nothing = BALANCED * parts.T @ (at_play / sizes)  # of the forces at play: their round-off is no stiffness either
-    idle = np.abs(rates) <= np.maximum(floor, nothing * (parts / sizes[:, None]).max(axis=0, initial=0.0))
+    idle = np.abs(rates) <= np.maximum(floor, nothing * size)
     unstable = int(((rates < 0.0) & ~idle).sum())
     pull = shapes.T @ lacking
     pull[idle & (np.abs(pull) <= nothing)] = 0.0

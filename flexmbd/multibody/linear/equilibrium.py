@@ -284,22 +284,25 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
         SceneError: they do not converge.
     """
     found = newton(_RestWithStates(scene, work, sizes), here, most=_ITERATIONS, close=SETTLED)
+    here = found.place
     if found.is_solution:
-        _refuse_unresisted(scene, work, found.place)
-        return found.place
+        _refuse_unresisted(scene, work, here, here.lacking)
+        return here
+    step = _full_newton_step(scene, work, here)
+    _refuse_unresisted(scene, work, here, here.lacking + here.by.Vz.T @ _slopes(scene, here) @ step)
     raise SceneError(
-        f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, found.place)}; check that something "
+        f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, here)}; check that something "
         "carries this load, or start nearer to the equilibrium"
     )
 
 
-def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> None:
-    """Raise SceneError where a force stays that neither a place nor a state resists, so that Newton leaves it alone."""
-    z, beyond = here.by.z, _beyond(scene, work, here, here.lacking)
+def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance, left: FloatArray) -> None:
+    """Raise SceneError where of the forces (nz,) that Newton leaves alone one is such: no place and no state resists it."""
+    z, beyond = here.by.z, _beyond(scene, work, here, left)
     if beyond.max(initial=0.0) > 0.0:
         worst = int(np.argmax(beyond))
         raise SceneError(
-            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, "
+            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-left[worst]:.6g} (N, "
             f"N m, or modal) stays unbalanced, for neither a place nor a state resists it{_rubs(scene)}"
         )
 
