@@ -36,6 +36,10 @@ class HinderedError(SceneError):
     """A contact gives way under the load up to the middle of what it meets."""
 
 
+class UnbalancedContactError(ConvergenceError):
+    """Newton's steps lead to no equilibrium, and to a contact."""
+
+
 @dataclass(frozen=True, eq=False)
 class _DownhillPlace:
     """Forces and derivatives at a configuration, and the strains there by the linear equations of the last step."""
@@ -199,17 +203,19 @@ def newton_cut(
     most = _ITERATIONS if may_touch(scene) else _FEW  # each goes to what lies on the way, or a part of a turn
     found = newton(search, search.begin(start), most=most, close=SETTLED)
     if not found.is_solution:
-        _refuse_hindered(search, found.place)
-        raise ConvergenceError(f"Newton's steps lead to no equilibrium: {most_lacking(scene, found.place.at)}")
+        presses = _refuse_hindered(search, found.place)
+        error = UnbalancedContactError if presses else ConvergenceError
+        raise error(f"Newton's steps lead to no equilibrium: {most_lacking(scene, found.place.at)}")
     return found.place.at
 
 
-def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> None:
-    """Raise HinderedError where the next step would pass through a contact."""
+def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> bool:
+    """Raise HinderedError where the next step would pass through a contact; whether it presses one."""
     step = until(lambda: search.correction(here).change.along)
     through = Passing() if step is None else passing(search.scene, search.work, here.at.x, step)
     if through.share < 1.0:
         raise _hindered(search, here, through)
+    return through.touch == 0.0
 
 
 def _hindered(search: _DownhillProblem, here: _DownhillPlace, through: Passing) -> HinderedError:
@@ -228,36 +234,51 @@ def most_lacking(scene: CompiledScene, at: ForceBalance) -> str:
 
 
 def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray) -> _Step:
+    """The step downhill, with a stiffness ``more`` (nv, nv) beside that of the state."""
+    Vz = here.by.Vz
+    stiffness = Vz.T @ (here.of.stiffness + more) @ Vz
+    if not len(stiffness):
+        return _Step(np.zeros(len(Vz)), 0, np.zeros(len(Vz)))
+    at_play = forces_at_play(search.scene, search.work, here)
+    step, unstable, softest = step_downhill(stiffness, here.mass, here.lacking, Vz=Vz, sizes=search.sizes, at_play=at_play)
+    return _Step(Vz @ step, unstable, Vz @ softest)
+
+
+def step_downhill(
+    stiffness: FloatArray, mass: FloatArray, lacking: FloatArray, *, Vz: FloatArray, sizes: FloatArray, at_play: FloatArray
+) -> tuple[FloatArray, int, FloatArray]:
     """Newton's own step where nothing is unstable.
 
     Along vibrations of negative stiffness it goes the other way, and along those without any it goes nowhere if they
     are balanced.
 
     Args:
-        search: it.
-        here: the unbalanced forces.
-        more: (nv, nv) stiffness beside that of the state.
+        stiffness: (nz, nz).
+        mass: (nz, nz).
+        lacking: (nz,) unbalanced forces.
+        Vz: (nv, nz) the changes.
+        sizes: (nv,) of ``motion_sizes``.
+        at_play: (nv,) J, of ``forces_at_play``.
+
+    Returns:
+        The step (nz,), how many motions are unstable, and the most unstable or softest of them (nz,).
     """
-    Vz = here.by.Vz
-    stiffness = Vz.T @ (here.of.stiffness + more) @ Vz
-    if not len(stiffness):
-        return _Step(np.zeros(len(Vz)), 0, np.zeros(len(Vz)))
-    rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), here.mass)
+    rates, shapes = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
     floor = of_solver(len(rates)) * float(np.abs(rates).max())
-    unstable = int((rates < -floor).sum())
-    idle = np.abs(rates) <= floor
-    pull = shapes.T @ here.lacking
-    if idle.any():
-        at_play = forces_at_play(search.scene, search.work, here)
-        parts = np.abs(Vz @ shapes).T @ (at_play / search.sizes)
-        pull[idle & (np.abs(pull) <= BALANCED * parts)] = 0.0
+    parts = np.abs(Vz @ shapes)
+    size = (parts / sizes[:, None]).max(axis=0, initial=0.0)
+    nothing = BALANCED * parts.T @ (at_play / sizes)  # of the forces at play: their round-off is no stiffness either
+    idle = np.abs(rates) <= np.maximum(floor, nothing * size)
+    unstable = int(((rates < 0.0) & ~idle).sum())
+    pull = shapes.T @ lacking
+    pull[idle & (np.abs(pull) <= nothing)] = 0.0
     if unstable == 0 and not idle.any():
         try:
-            step = -np.linalg.solve(stiffness, here.lacking)
+            step = -np.linalg.solve(stiffness, lacking)
         except np.linalg.LinAlgError:  # its symmetric part alone shows that nothing is idle
-            step = -np.linalg.lstsq(stiffness, here.lacking, rcond=None)[0]
+            step = -np.linalg.lstsq(stiffness, lacking, rcond=None)[0]
     else:
         # what nothing resists goes where it is pushed, as far as the machine is large; no step is longer
-        farthest = step_size(search.sizes, Vz @ shapes[:, idle] @ pull[idle])
+        farthest = step_size(sizes, Vz @ shapes[:, idle] @ pull[idle])
         step = -shapes @ (pull / np.where(idle, farthest or 1.0, np.maximum(np.abs(rates), floor)))
-    return _Step(Vz @ step, unstable, Vz @ shapes[:, 0])
+    return np.asarray(step, dtype=np.float64), unstable, np.asarray(shapes[:, 0])

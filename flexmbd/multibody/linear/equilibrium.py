@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -16,12 +17,12 @@ from flexmbd.multibody.interiors.steady import steady
 from flexmbd.multibody.kernels.base.arrays import Work, memories_end
 from flexmbd.multibody.kernels.base.compiling import compiling
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
-from flexmbd.multibody.kernels.reading.force_tables import element_numbers, rough_contacts
+from flexmbd.multibody.kernels.reading.force_tables import element_numbers, rough_contacts, slid_ways
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.derivatives import DERIVING
-from flexmbd.multibody.linear.downhill import HinderedError, most_lacking, stable_below
+from flexmbd.multibody.linear.downhill import HinderedError, most_lacking, stable_below, step_downhill
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
-from flexmbd.multibody.linear.passing import landing, passing
+from flexmbd.multibody.linear.passing import Passing, landing, passing
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
 from flexmbd.multibody.linear.sparse_equilibrium import stable_equilibrium
 from flexmbd.multibody.linear.stability import MotionSpectrum, has_potential, spectrum
@@ -39,7 +40,7 @@ FloatArray = NDArray[np.float64]
 
 _ITERATIONS = 50  # with states of users' equations
 _STEP = 0.3  # rad, or of the machine's extent: the longest step with these
-_TRIALS = 9  # of a step that lands on something
+_TRIALS = 9  # of a step downhill
 _PUSHES_BACK = 0.9  # of the work of forces along it at its beginning: what they may do against it then
 
 
@@ -229,25 +230,37 @@ class _RestWithStates:
         return close
 
     def correction(self, here: ForceBalance) -> Correction[FloatArray]:
-        """Newton's own step, cut to no more than ``_STEP`` of places; states have no largest step."""
-        step = _full_newton_step(self.scene, self.work, here)
-        step = step + self._falls(here, step)
+        """Newton's own step, cut to no more than ``_STEP`` of places; states have no largest step.
+
+        Where the states are ways that contacts have slid, and it presses something, it is the step downhill.
+        """
+        step, through = self._downhill(here), Passing()
+        if step is not None:
+            through = passing(self.scene, self.work, here.x, step)
+        if step is None or not through.meets:
+            step = _full_newton_step(self.scene, self.work, here)
+            through = passing(self.scene, self.work, here.x, step)
         longest = step_size(self.sizes, np.where(self.scene.state_mask, 0.0, step))
-        share = min(1.0, _STEP / max(longest, _STEP), passing(self.scene, self.work, here.x, step).share)
+        share = min(1.0, _STEP / max(longest, _STEP), through.share)
         return Correction(step, step_size(self.sizes, step), share=share)
 
-    def _falls(self, here: ForceBalance, step: FloatArray) -> FloatArray:
-        """(nv,) as far as the machine is large, along forces that nothing resists, to what it may meet there."""
-        left = here.lacking + here.by.Vz.T @ _slopes(self.scene, here) @ step
-        falls = np.where(_beyond(self.scene, self.work, here, left) > 0.0, -left / np.diag(here.mass), 0.0)
-        along = here.by.Vz @ falls
-        if not along.any():
-            return along
-        along = along / step_size(self.sizes, along)
-        return along if passing(self.scene, self.work, here.x, along).meets else np.zeros_like(along)
+    def _downhill(self, here: ForceBalance) -> FloatArray | None:
+        """(nv,) the step downhill of places; None where states are others than ways that contacts have slid."""
+        scene, bodies = self.scene, ~self.scene.state_mask[here.by.z]
+        if not bodies.any() or not self.slides:
+            return None
+        Vz = here.by.Vz[:, bodies]
+        stiffness, mass = Vz.T @ here.of.stiffness @ Vz, here.mass[np.ix_(bodies, bodies)]
+        at_play = forces_at_play(scene, self.work, here)
+        return Vz @ step_downhill(stiffness, mass, here.lacking[bodies], Vz=Vz, sizes=self.sizes, at_play=at_play)[0]
+
+    @cached_property
+    def slides(self) -> bool:
+        """Whether all states are ways that contacts have slid."""
+        return bool(np.isin(np.flatnonzero(self.scene.state_mask), slid_ways(self.scene.plan)).all())
 
     def moved(self, here: ForceBalance, correction: Correction[FloatArray], *, close: bool) -> ForceBalance:
-        """Where a step leads; less of it where it lands on something, which forces then are not to push off."""
+        """Where a step leads; less of it where it goes downhill, and forces push back before its end."""
         scene, states, change = self.scene, self.scene.state_mask, correction.share * correction.change
         places, rates = np.where(states, 0.0, change), np.where(states, change, 0.0)
         touch, along = passing(scene, self.work, here.x, places).touch, places[here.by.z]
@@ -256,7 +269,7 @@ class _RestWithStates:
         def trial(part: float) -> ShareTrial[ForceBalance]:
             x = moved(scene, self.work, here.x, part * places)
             there = balance(scene, self.work, x, here.v + part * rates, motion=here.motion)
-            if close or not 0.0 < touch < part or not np.array_equal(there.by.z, here.by.z):
+            if close or not (self.slides and touch < np.inf) or not np.array_equal(there.by.z, here.by.z):
                 return ShareTrial(there, part, 0.0)
             work = float(there.lacking @ along)
             return landing(there, part, touch=touch, work=work, before=before, ratio=_PUSHES_BACK)
@@ -271,22 +284,25 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
         SceneError: they do not converge.
     """
     found = newton(_RestWithStates(scene, work, sizes), here, most=_ITERATIONS, close=SETTLED)
+    here = found.place
     if found.is_solution:
-        _refuse_unresisted(scene, work, found.place)
-        return found.place
+        _refuse_unresisted(scene, work, here, here.lacking)
+        return here
+    step = _full_newton_step(scene, work, here)
+    _refuse_unresisted(scene, work, here, here.lacking + here.by.Vz.T @ _slopes(scene, here) @ step)
     raise SceneError(
-        f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, found.place)}; check that something "
+        f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, here)}; check that something "
         "carries this load, or start nearer to the equilibrium"
     )
 
 
-def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance) -> None:
-    """Raise SceneError where a force stays that neither a place nor a state resists, so that Newton leaves it alone."""
-    z, beyond = here.by.z, _beyond(scene, work, here, here.lacking)
+def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance, left: FloatArray) -> None:
+    """Raise SceneError where of the forces (nz,) that Newton leaves alone one is such: no place and no state resists it."""
+    z, beyond = here.by.z, _beyond(scene, work, here, left)
     if beyond.max(initial=0.0) > 0.0:
         worst = int(np.argmax(beyond))
         raise SceneError(
-            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-here.lacking[worst]:.6g} (N, "
+            f"no equilibrium found: at {scene.velocity_names[z[worst]]!r} a force of {-left[worst]:.6g} (N, "
             f"N m, or modal) stays unbalanced, for neither a place nor a state resists it{_rubs(scene)}"
         )
 

@@ -178,3 +178,20 @@ def test_a_column_that_buckles_is_stopped_by_a_wall():
     np.testing.assert_allclose(moment, 0.0, atol=1e-4)
     assert angle[-1] == pytest.approx(np.arcsin(0.29), abs=1e-4)
     assert path.factors[-1] == 1000.0
+
+
+@pytest.mark.parametrize("friction", [None, ROUGH], ids=["smooth", "rough"])
+@pytest.mark.parametrize("tilt", [0.02, 0.2])
+def test_a_table_that_falls_aslant_comes_to_stand_on_its_legs(friction, tilt):
+    """Upright, a fourth of its weight on each, and not aside of where it was."""
+    scene = fm.System(gravity=(0.0, 0.0, -9.81))
+    table = scene.add(fm.RigidBody(10.0, (1, 1, 1)), name="table")
+    fall = scene.connect(fm.joint.Free(), scene.ground.frame(), table.frame())
+    fall.position = (0.0, 0.0, 0.6, np.cos(tilt / 2), 0.6 * np.sin(tilt / 2), 0.8 * np.sin(tilt / 2), 0.0)
+    feet = [contact.Sphere(table.frame(p=(x, y, -0.49)), RADIUS) for x in (-0.4, 0.4) for y in (-0.3, 0.3)]
+    floor = contact.Box(scene.ground.frame(p=(0.0, 0.0, -0.005)), (3.0, 3.0, 0.01))
+    scene.touch(floor, feet, contact.PowerLaw(k=1e6), friction=friction)
+    rest = scene.equilibrium()
+    np.testing.assert_allclose(rest.rotation(table.frame())[:, 2], (0.0, 0.0, 1.0), atol=1e-6)
+    np.testing.assert_allclose(rest.position(table.frame())[:2], 0.0, atol=1e-3)
+    assert rest.position(table.frame())[2] == pytest.approx(0.5 - 98.1 / 4e6, abs=1e-9)

@@ -23,7 +23,7 @@ from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.reading.force_tables import rough_surfaces
 from flexmbd.multibody.linear.balance import ForceBalance, step_size
-from flexmbd.multibody.linear.downhill import HinderedError, newton_cut
+from flexmbd.multibody.linear.downhill import HinderedError, UnbalancedContactError, newton_cut
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
 from flexmbd.multibody.linear.passing import passing
 from flexmbd.multibody.linear.path.corrector import MachinePoint, MachineSpace
@@ -141,7 +141,7 @@ def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool
 
 def _to_touch(
     space: MachineSpace, goal: MachinePoint, open_: FloatArray
-) -> tuple[Settled | None, ConvergenceError | None]:
+) -> tuple[Settled | None, UnbalancedContactError | None]:
     """The equilibrium on what forces that nothing resists, yet, press the machine against; or why there is none.
 
     Raises:
@@ -152,11 +152,11 @@ def _to_touch(
         return None, None
     try:
         found = _by_cut_steps(space, goal, stays_stable=False)
-    except ConvergenceError as reason:
+    except UnbalancedContactError as reason:
         return None, reason
     except HinderedError:
         raise
-    except (SceneError, np.linalg.LinAlgError):
+    except (ConvergenceError, SceneError, np.linalg.LinAlgError):
         return None, None
     return _balanced(space, goal, Settled(found, space.spectrum(found), True, False)), None
 
