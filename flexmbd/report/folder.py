@@ -40,6 +40,11 @@ def refuse_folder(folder: Path) -> None:
         PictureError: matplotlib is not installed.
     """
     require("matplotlib")
+    if folder.suffix in (".html", ".htm", ".pdf"):
+        raise ExportError(
+            f"{folder}: a report is a folder, in which {PAGE} and its tables and figures are; give "
+            f"{folder.with_suffix('')}"
+        )
     os.rmdir(_new_folder(folder))
 
 

@@ -152,20 +152,6 @@ class Trajectory(ContactPressures):
         rank = sum(place.rank for place in decompose_rows(self.scene, work, self.x[row]))
         return balancing_multipliers(self.scene, work, x, v, a, rank=rank)
 
-    def recorded(self, body: ContinuumBody) -> BodyRecording:
-        """The fields of a body with history over time: nodes' motion, stress, its form's history.
-
-        Raises:
-            SceneError: the body is not in this trajectory, or the simulation had no recording.
-        """
-        self._interior(body)
-        for one in self.recordings:
-            if one.body is body:
-                return one
-        raise SceneError(
-            f"the fields of body {body.name!r} were not kept; simulate with recording=fm.Recording(path, every=...)"
-        )
-
     @checked("reactions", "energies")
     def table(
         self,

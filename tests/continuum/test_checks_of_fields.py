@@ -20,7 +20,7 @@ from flexmbd.continuum.contract_suite.history_trial import FIRST, HistoryTrial, 
 from flexmbd.continuum.contract_suite.outcome import Remark, attempt, verdict
 from flexmbd.continuum.contract_suite.ranks import same_on_all_ranks
 from flexmbd.continuum.contract_suite.trial import Trial
-from flexmbd.forms import solid_mixed, solid_nearly_incompressible
+from flexmbd.forms import plane_stress, solid_mixed, solid_nearly_incompressible
 from flexmbd.reduction import Pressure, load_vectors
 
 DATA = Path(__file__).parents[1] / "data"
@@ -159,7 +159,7 @@ def test_what_is_held_to_its_place_does_not_expand_freely():
 
 
 def test_a_slice_that_is_held_along_its_normal_is_told_and_not_failed():
-    sheet = load_form(FORMS / "plane_stress.py")
+    sheet = plane_stress
     material = sheet.Parameters(E=7e10, nu=0.3, rho=2700.0, t=0.05, plane_strain=True)
     form = own("plane_stress", reference=lambda: sheet.Reference(material))
     told = free_expansion(Trial(form, "quadrilateral", 2))

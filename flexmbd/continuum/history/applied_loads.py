@@ -26,6 +26,8 @@ from flexmbd.continuum.history.loads import (
     TractionOnFacets,
     Voltage,
     factors_of,
+    listed,
+    told,
 )
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.errors import FormulationError, MeshError, SceneError
@@ -61,7 +63,7 @@ class AppliedLoads:
             MeshError: on all ranks: facets or nodes that the mesh has not.
         """
         self._body, self._comm = body, body.comm
-        self.loads = _listed(loads)
+        self.loads = listed(loads)
         self.names = tuple(load.name for load in self.loads)
         self.factors: tuple[TimeFactor, ...] = factors_of(self.loads)
         forces = [load for load in self.loads if not isinstance(load, (Heating, Voltage))]
@@ -71,7 +73,7 @@ class AppliedLoads:
                 f"loads act on nodes that move without turning, and {body.groups[0].form_name} has unknowns that turn; "
                 "give follow its forces as load=, a vector over the load parameter"
             )
-        parallel.check_same(body.comm, SceneError, loads=[_told(load) for load in self.loads])
+        parallel.check_same(body.comm, SceneError, loads=[told(load) for load in self.loads])
         self._n = body.layout.n_owned_nodes
         facets = {load.facets for load in self.loads if isinstance(load, (PressureOnFacets, TractionOnFacets))}
         self._patches = {name: SurfacePatch(body, surface_facets(body, name)) for name in sorted(facets)}
@@ -378,29 +380,3 @@ def _row_sums(body: NonlinearModel) -> FloatArray:
     matrix.mult(right, left)
     matrix.destroy()
     return np.asarray(left.array[dofs[:, 0]])
-
-
-def _listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:
-    if isinstance(loads, BodyLoad) or not isinstance(loads, Sequence):
-        raise SceneError(f"loads must be a list, as loads=[PressureOnFacets(...)], got {loads!r:.80}")
-    for load in loads:
-        if not isinstance(load, BodyLoad):
-            raise SceneError(
-                f"a load on a body with history is a PressureOnFacets, TractionOnFacets, ForceAtNodes, "
-                f"BodyAcceleration, CentrifugalLoad, Heating or Voltage, got {load!r:.80}"
-            )
-    names = [load.name for load in loads]
-    for name in names:
-        if names.count(name) > 1:
-            raise SceneError(f"two loads are called {name!r}; give each its own name")
-    return tuple(loads)
-
-
-def _told(load: BodyLoad) -> str:
-    """A load by its kind, place and size; of its factor the kind alone, which is rank 0's anyway."""
-    parts = [type(load).__name__, load.name]
-    if isinstance(load, (PressureOnFacets, TractionOnFacets)):
-        parts += [load.facets, str(load.follows)]
-    if isinstance(load, ForceAtNodes):
-        parts += [str(list(load.nodes)), str(np.asarray(load.force).tolist())]
-    return " ".join([*parts, type(load.factor).__name__])

@@ -219,6 +219,37 @@ def factors_of(loads: Sequence[BodyLoad]) -> tuple[TimeFactor, ...]:
     return tuple(TimeFactor(load.factor, f"load {load.name!r}") for load in loads)
 
 
+def listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:
+    """Loads of unlike names; not collective.
+
+    Raises:
+        SceneError: they are no list of loads, or two have one name.
+    """
+    if isinstance(loads, BodyLoad) or not isinstance(loads, Sequence):
+        raise SceneError(f"loads must be a list, as loads=[PressureOnFacets(...)], got {loads!r:.80}")
+    for load in loads:
+        if not isinstance(load, BodyLoad):
+            raise SceneError(
+                f"a load on a body with history is a PressureOnFacets, TractionOnFacets, ForceAtNodes, "
+                f"BodyAcceleration, CentrifugalLoad, Heating or Voltage, got {load!r:.80}"
+            )
+    names = [load.name for load in loads]
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(f"two loads are called {name!r}; give each its own name")
+    return tuple(loads)
+
+
+def told(load: BodyLoad) -> str:
+    """A load by its kind, place and size; of its factor the kind alone, which is rank 0's anyway."""
+    parts = [type(load).__name__, load.name]
+    if isinstance(load, (PressureOnFacets, TractionOnFacets)):
+        parts += [load.facets, str(load.follows)]
+    if isinstance(load, ForceAtNodes):
+        parts += [str(list(load.nodes)), str(np.asarray(load.force).tolist())]
+    return " ".join([*parts, type(load.factor).__name__])
+
+
 def _check(load: Any, name: str) -> None:
     if not isinstance(name, str) or not name:
         raise SceneError(f"{type(load).__name__}: it needs the name of a facet group, got {name!r}")

@@ -6,7 +6,6 @@ Its axes and configurations are those of `trial_body`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +28,7 @@ from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_ki
 from flexmbd.continuum.finite_elements.temperature import at_nodes, set_at_nodes
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.damage_bands import DamageBands
-from flexmbd.continuum.history.held_fields import PortStates
+from flexmbd.continuum.history.history_snapshot import HistorySnapshot as HistorySnapshot
 from flexmbd.continuum.history.lane_pass import check_threads
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.stress_predictor import StressPredictor, can_be_predicted
@@ -44,25 +43,6 @@ from flexmbd.errors import ConvergenceError, FormulationError
 from flexmbd.given import checked
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class HistorySnapshot:
-    """The state of a body after an accepted step: this rank's part.
-
-    Attributes:
-        displacement: (local dofs including ghosts,) m, from the undeformed mesh.
-        history: of each group, flat.
-        viscous_work: J, dissipated by the formulations' dissipation in the whole body.
-        temperature: (local nodes including ghosts,) K, its rise; empty where the body is not heated.
-        ports: their efforts and flows.
-    """
-
-    displacement: FloatArray
-    history: tuple[FloatArray, ...]
-    viscous_work: float = 0.0
-    temperature: FloatArray = field(default_factory=lambda: np.zeros(0))
-    ports: PortStates = field(default_factory=lambda: PortStates.at_rest(0))
 
 
 @checked("cell_means", "condense", "heated", "threads", error=FormulationError, agree=parallel.told_to_all)

@@ -154,7 +154,7 @@ def drives_of(scene: CompiledScene, force: GivenPort, name: str | None) -> list[
     return found
 
 
-def observed_by(scene: CompiledScene, output: Output, name: str | None, parts: Parts) -> list[ObservedVariable]:
+def observed_by(scene: CompiledScene, output: Output | PortFlow, name: str | None, parts: Parts) -> list[ObservedVariable]:
     """The variables of an output; ``name`` as the user gave it. Frames are added to ``parts``.
 
     Raises:

@@ -9,6 +9,7 @@ from flexmbd.errors import SceneError
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.interiors.scene_interiors import InteriorRecord
 from flexmbd.multibody.results.port_series import PortSeries
+from flexmbd.run.recording import BodyRecording
 from flexmbd.run.series.motion_series import MotionSeries
 
 FloatArray = NDArray[np.float64]
@@ -18,10 +19,11 @@ class InteriorSeries(MotionSeries):
     """What bodies with history tell at the rows of a trajectory, of which it is a part.
 
     Attributes:
-        interior_rows: as there.
+        interior_rows, recordings: as there.
     """
 
     interior_rows: tuple[InteriorRecord, ...]
+    recordings: tuple[BodyRecording, ...]
 
     def energies(self, body: ContinuumBody) -> dict[str, FloatArray]:
         """Energies (J) of a body's interior by name, each (nt,): kinetic, elastic, plastic, ...; see ``Interior``.
@@ -73,6 +75,20 @@ class InteriorSeries(MotionSeries):
         told = [row.ports[k] for row in self.interior_rows]
         series = {name: np.array([ports[name] for ports in told]) for name in told[0]}
         return {name: PortSeries(self.t.copy(), part[:, 0], part[:, 1]) for name, part in series.items()}
+
+    def recorded(self, body: ContinuumBody) -> BodyRecording:
+        """The fields of a body with history over time: nodes' motion, stress, its form's history.
+
+        Raises:
+            SceneError: the body is not in this trajectory, or the simulation had no recording.
+        """
+        self._interior(body)
+        for one in self.recordings:
+            if one.body is body:
+                return one
+        raise SceneError(
+            f"the fields of body {body.name!r} were not kept; simulate with recording=fm.Recording(path, every=...)"
+        )
 
     def _interior(self, body: ContinuumBody) -> int:
         """Which of the interiors is the body's."""
