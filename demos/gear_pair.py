@@ -287,7 +287,7 @@ turn.prescribe(lambda t: (cycle[0] + RATE * t, RATE, 0.0))
 lag.position, lag.velocity = 0.5 * STEP - cycle[0], -RATE
 shape = contact.Profile(driven.frame(), outline())
 # one surface of all patches of a gear, so that teeth that bear together feel each other's dents
-scene.touch(contact.ElasticSurface(driver), contact.ElasticSurface(driven, shape=shape), contact.Hard())
+pairs = scene.touch(contact.ElasticSurface(driver), contact.ElasticSurface(driven, shape=shape), contact.Hard())
 scene.add_force(fm.force.JointTorque(lag, TORQUE - DAMPING * RATE))
 scene.add_force(fm.force.JointDamper(lag, DAMPING))
 began = time.process_time()

@@ -65,9 +65,10 @@ def kinetic_energy(v: Expr, p: Parameters) -> Terms:
 
 
 def stress(u: Expr, state: None, p: Parameters) -> Expr:
-    """Cauchy stress of the small-strain solid, Pa, 3 x 3, of the assumed strain; linear in u."""
-    strain, _ = _thin_wall.assumed_strain(u, p.E, finite=False)
-    return _stress(strain, p)
+    """Cauchy stress F S F^T / det F, Pa, 3 x 3, of the assumed strain, in the axes of the body's frame."""
+    strain, _ = _thin_wall.assumed_strain(u, p.E, finite=True)
+    f = ufl.Identity(3) + ufl.grad(_thin_wall.displacement(u))
+    return f * _stress(strain, p) * f.T / ufl.det(f)
 
 
 def reference() -> Reference:

@@ -102,7 +102,7 @@ def craig_bampton(
             they do reach); a singular stiffness; a failed accuracy check; loads or a damping that are not
             well formed.
         MeshError: a load's facet group is not there, or not on the boundary.
-        FormulationError: stress modes of a stress that is not linear in the displacement.
+        FormulationError: stress modes of a body under load.
         ConvergenceError: the eigensolver or conjugate gradients did not converge.
         RecordError: the file cannot be written, of which what can be known is known before the reduction begins.
     """

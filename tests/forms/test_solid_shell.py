@@ -12,7 +12,16 @@ import scipy.sparse.linalg
 from full_model import gather
 
 from flexmbd import meshes
-from flexmbd.continuum import ContinuumModel, ForceAtNodes, LinearSolver, NonlinearModel, follow
+from flexmbd.continuum import (
+    BodyAcceleration,
+    ContinuumModel,
+    ForceAtNodes,
+    LinearSolver,
+    NonlinearModel,
+    PressureOnFacets,
+    follow,
+)
+from flexmbd.continuum.history.nodal_fields import NodalFields
 from flexmbd.errors import LockingWarning
 from flexmbd.forms import solid_shell
 
@@ -198,6 +207,57 @@ def test_a_reduced_plate_vibrates_as_kirchhoffs():
     lowest = scipy.sparse.linalg.eigsh(K, 1, M, sigma=0.0, return_eigenvectors=False)[0]
     exact = 35.985 * np.sqrt(E * t**2 / 12 / (1 - nu**2) / rho)
     assert np.sqrt(lowest) == pytest.approx(exact, rel=0.01)
+
+
+def test_stress_is_told_at_the_faces_of_a_wall_that_bends():
+    """Of a strip under its weight: 6 M / t^2, M = q (l - x)^2 / 2; at the points of the rule it is 0.58 of that."""
+    length, t, rho, g = 0.2, 1e-3, 2700.0, 9.81
+    part = Part(wall(40, 2, lambda i, j: (length * i, 0.02 * j, 0.0), t), E=7e10, nu=0.0, rho=rho)
+    part.hold(abs(part.x[:, 0]) < 1e-9, [0, 1, 2])
+    follow(part.body, [1.0], prescribed=part.held, loads=[BodyAcceleration((0.0, 0.0, -g))])
+    shown = NodalFields(part.body)
+    fields, _, _ = shown.evaluate(np.eye(3))
+    x, _, z = shown.nodes.x.T
+    exact = np.sign(z) * 3.0 * rho * g * (length - x) ** 2 / t
+    inside = (x > 0.01) & (x < 0.15)
+    assert fields["stress"][inside, 0] == pytest.approx(exact[inside], rel=0.01)
+
+
+def test_a_wall_that_is_turned_far_has_the_stress_of_its_bending():
+    """A cantilever rolled by 0.9 rad: E times curvature times half the thickness, along its turned axis."""
+    length, t, E = 10.0, 0.1, 1.2e6
+    part = Part(wall(20, 1, lambda i, j: (length * i, j, 0.0), t), E=E, nu=0.0)
+    angle = 0.9
+    bent = part.x.copy()
+    radius, s, z = length / angle, part.x[:, 0], part.x[:, 2]
+    bent[:, 0], bent[:, 2] = (radius - z) * np.sin(s / radius), radius - (radius - z) * np.cos(s / radius)
+    part.hold(np.arange(len(part.x)), [0, 1, 2])
+    follow(part.body, [1.0], prescribed=part.held, displacement=lambda f: f * (bent - part.x).ravel())
+    shown = NodalFields(part.body)
+    fields, _, _ = shown.evaluate(np.eye(3))
+    x, _, across = shown.nodes.x.T
+    along = np.stack([np.cos(x / radius), np.sin(x / radius)])  # of x and z
+    xx, zz, xz = (fields["stress"][:, k] for k in (0, 2, 4))
+    axial = along[0] ** 2 * xx + along[1] ** 2 * zz + 2 * along[0] * along[1] * xz
+    inside = (x > 0.1) & (x < 9.9)
+    assert axial[inside] == pytest.approx(-E * across[inside] / radius, rel=0.02)
+
+
+def test_a_tube_of_thin_wall_widens_by_a_pressure_that_follows():
+    """By p R^2 / (E t) while it is small, and by p of the present radius where it is not."""
+    radius, t, E, pressure = 1.0, 0.01, 1e6, 1000.0
+    def place(i, j):
+        return radius * np.sin(np.pi / 2 * i), 0.2 * j, radius * np.cos(np.pi / 2 * i)
+
+    part = Part(wall(12, 1, place, t, normals=lambda x: x * [[1.0], [0.0], [1.0]]), E=E, nu=0.0)
+    for axis in (0, 2):
+        part.hold(abs(part.x[:, axis]) < 1e-9, [axis])
+    part.hold(abs(part.x[:, 1]) < 1e-9, [1])
+    follow(part.body, [1.0], prescribed=part.held, loads=[PressureOnFacets("bottom", pressure)])
+    u = part.body.displacement[part.dofs]
+    grown = 1 + np.hypot(*(part.x + u)[:, ::2].T).mean() - np.hypot(*part.x[:, ::2].T).mean()
+    # E t (s^2 - 1) / 2 s = p R s of the stretch s, as the second Piola-Kirchhoff stress is that of its Green strain
+    assert E * t / radius * (grown**2 - 1) / 2 == pytest.approx(pressure, rel=0.02)
 
 
 def test_a_mesh_whose_third_edges_are_no_thickness_is_told():

@@ -7,9 +7,10 @@ import pytest
 import ufl
 from bracket import ALUMINIUM, GROUPS, TURN, bracket, turned
 
+from flexmbd import meshes
 from flexmbd.continuum import ContinuumModel, Interface
 from flexmbd.errors import FormulationError
-from flexmbd.forms import solid_linear
+from flexmbd.forms import solid_linear, st_venant_kirchhoff
 from flexmbd.reduction import Keep, craig_bampton, guyan
 
 AXES = turned(0.4, 0.7, -0.2)
@@ -87,8 +88,19 @@ def quadratic(u, state, p):
     return p.E * h.T * h
 
 
+def test_of_a_stress_that_is_not_linear_they_are_the_linear_part():
+    """The two forms are one solid where displacements are small."""
+    mesh = meshes.block(1.0, 0.2, 0.1, divisions=(3, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF)
+    found = []
+    for form in (solid_linear, st_venant_kirchhoff):
+        steel = form.Parameters(E=2.1e11, nu=0.3, rho=7850.0)
+        model = ContinuumModel(mesh, form, steel, degree=2, interfaces=[Interface("x_min"), Interface("x_max")])
+        found.append(guyan(model, frame="x_min", keep=Keep(stress=True)).stress.sigma)
+    assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-9 * abs(found[0]).max())
+
+
 @pytest.mark.mpi
-def test_a_stress_that_is_not_linear_is_refused(monkeypatch):
+def test_a_stress_that_small_displacements_do_not_make_is_refused(monkeypatch):
     monkeypatch.setattr(solid_linear, "stress", quadratic)
     with pytest.raises(FormulationError, match="its stress is not linear in the displacement"):
         guyan(bracket("root", "tip", degree=1), frame="root", keep=Keep(stress=True))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -33,7 +35,7 @@ class StressRecovery:
     """Stress of the bodies reduced from one model. Constructing one is collective.
 
     The formulation's stress of u = sum phi_i q_i is evaluated in every cell at the displacement's
-    nodes. On straight tetrahedra a displacement of degree 1 or 2 has a constant or linear stress in
+    nodes; of linear bodies, whose rotations are small, what of it is linear in u. On straight tetrahedra a displacement of degree 1 or 2 has a constant or linear stress in
     each cell, whose von Mises value is largest in a vertex: so the largest value is found exactly.
     """
 
@@ -81,8 +83,12 @@ class StressRecovery:
             )
         nodes, model = self._nodes, self._model
         displacement = self._modes_of(body) @ modal
-        self._set(displacement + self._rest)
-        sigma = self._stresses() + self._held_expansion(body, heat)
+        if body.nonlinear is None:
+            sigma = self._linear_stresses(displacement)
+        else:
+            self._set(displacement + self._rest)
+            sigma = self._stresses()
+        sigma = sigma + self._held_expansion(body, heat)
         largest, at_largest = nodes.largest(von_mises(sigma))
         u = displacement[model.displacement_dofs[nodes.places]]
         averaged = nodes.average(np.hstack([u, sigma]))
@@ -110,7 +116,7 @@ class StressRecovery:
         return self._nodes.x
 
     def nodal(self, u: FloatArray) -> FloatArray:
-        """Stress of a displacement at the nodes, averaged over the cells, in the mesh's axes. Collective.
+        """Stress at the nodes, averaged over the cells, in the mesh's axes: what is linear in u. Collective.
 
         Args:
             u: (local dofs including ghosts,).
@@ -119,7 +125,38 @@ class StressRecovery:
             (k, 3, 3) Pa, in the order of `node`, the same on every rank.
         """
         self._set(u)
-        return self._nodes.average(self._stresses()).reshape(-1, 3, 3)
+        return self._nodes.average(self._stresses(self._slopes)).reshape(-1, 3, 3)
+
+    def _linear_stresses(self, displacement: FloatArray) -> FloatArray:
+        """Stress of a small displacement beside that of ``rest``, as `_stresses`."""
+        if self._is_linear:
+            self._set(displacement + self._rest)
+            return self._stresses()
+        self._set(self._rest)
+        at_rest = self._stresses()
+        self._set(displacement)
+        return at_rest + self._stresses(self._slopes)
+
+    @cached_property
+    def _slopes(self) -> list[tuple[IntArray, fem.Expression]]:
+        """Derivatives of the stresses at ``rest`` along the displacement; compiles."""
+        if self._is_linear:
+            return self._sigma
+        base = fem.Function(self._model.unknown_space)
+        is_still = not self._model.comm.allreduce(bool(self._rest.any()), op=MPI.LOR)
+        base.x.array[:] = self._model.unknown_columns(self._rest[:, None])[:, 0]
+        points = compat.interpolation_points(self._model.layout.node_space)
+        found = []
+        for group in self._groups:
+            slope = ufl.algorithms.expand_derivatives(ufl.derivative(_tensor(group, base), base, self._u))
+            if is_still:  # much of it is nothing
+                slope = ufl.algorithms.expand_derivatives(ufl.replace(slope, {base: ufl.zero(*base.ufl_shape)}))
+            if self._u not in ufl.algorithms.extract_coefficients(slope):
+                raise FormulationError(
+                    f"{group.form_name}: its stress is not linear in the displacement, and small displacements make none"
+                )
+            found.append((group.cells, fem.Expression(slope, points)))
+        return found
 
     @cached_property
     def _is_linear(self) -> bool:
@@ -155,10 +192,10 @@ class StressRecovery:
             self._heat = _HeldExpansion(self._model)
         return self._heat.stress(body.heat, factors, self._nodes)
 
-    def _stresses(self) -> FloatArray:
+    def _stresses(self, expressions: list[tuple[IntArray, fem.Expression]] | None = None) -> FloatArray:
         """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
         sigma = np.empty((self._nodes.n_cells, self._nodes.per_cell, 9))
-        for cells, expression in self._sigma:
+        for cells, expression in self._sigma if expressions is None else expressions:
             values = expression.eval(self._model.mesh.mesh, cells)
             sigma[cells] = values.reshape(-1, self._nodes.per_cell, 9)
         return sigma.reshape(-1, 9)

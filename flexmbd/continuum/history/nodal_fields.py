@@ -1,11 +1,13 @@
 """Stress and history of a body at its nodes, for series and pictures.
 
 At a node of a cell stands what the cell has at the quadrature point nearest to it; at a node of the mesh the average
-over the cells that share it.  So nothing is extrapolated: a plastic strain is never negative.
+over the cells that share it.  So no history is extrapolated: a plastic strain is never negative.  Stress without
+history is a polynomial through the points: of a cell that bends, the stress at the surface.
 """
 
 from __future__ import annotations
 
+import basix
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +33,7 @@ class NodalFields:
     """
 
     def __init__(self, body: NonlinearModel) -> None:
-        """Number the nodes, and find the quadrature point nearest to each node of a cell.
+        """Number the nodes, and say what the quadrature points count at each node of a cell.
 
         Raises:
             FormulationError: the body is not made of solid cells.
@@ -43,6 +45,12 @@ class NodalFields:
         corners = compat.interpolation_points(body.layout.node_space)
         self._nearest = [
             np.linalg.norm(corners[:, None] - points[None], axis=2).argmin(axis=1) for points in body.points()
+        ]
+        self._weights = [
+            np.eye(len(points))[nearest]
+            if group.optional.state is not None
+            else _polynomial_weights(body, points, corners)
+            for group, points, nearest in zip(body.groups, body.points(), self._nearest, strict=True)
         ]
 
     def evaluate(self, R: FloatArray) -> tuple[dict[str, FloatArray], float, int]:
@@ -57,8 +65,8 @@ class NodalFields:
         """
         body, nodes = self._body, self.nodes
         sigma = np.zeros((nodes.n_cells, nodes.per_cell, 9))
-        for group, values, nearest in zip(body.groups, body.stress(), self._nearest, strict=True):
-            sigma[group.cells] = values.reshape(len(group.cells), -1, 9)[:, nearest]
+        for group, values, weights in zip(body.groups, body.stress(), self._weights, strict=True):
+            sigma[group.cells] = weights @ values.reshape(len(group.cells), -1, 9)
         body.revert()
         flat = sigma.reshape(-1, 9)
         single = von_mises(flat)
@@ -109,6 +117,19 @@ class NodalFields:
                 part.reshape(nodes.n_cells, nodes.per_cell, count)[group.cells] = rows[:, :, first : first + count]
                 first += count
         return found
+
+
+def _polynomial_weights(body: NonlinearModel, points: FloatArray, corners: FloatArray) -> FloatArray:
+    """(nodes, points) of a cell: by the polynomial of the displacement's degree, or of less where points are few."""
+    element = body.layout.node_space.element.basix_element
+    for degree in range(element.degree, 0, -1):
+        basis = basix.create_element(
+                basix.ElementFamily.P, element.cell_type, degree, basix.LagrangeVariant.gll_warped
+            )
+        at_points, at_nodes = (basis.tabulate(0, places)[0, :, :, 0] for places in (points, corners))
+        if np.linalg.matrix_rank(at_points) == at_points.shape[1]:
+            return np.asarray(at_nodes @ np.linalg.pinv(at_points))
+    return np.full((len(corners), len(points)), 1.0 / len(points))
 
 
 def _names(group: CellGroup, count: int) -> dict[str, int]:
