@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.spatial
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -41,13 +40,15 @@ def _form_beside(others: FloatArray, area: float) -> FloatArray:
     The others' distances say how slender it is, as far as they surround it: by the second moments of what is nearer to
     it than to them and to their mirror images.  What they leave open is as wide as the area needs.
     """
+    from scipy.spatial import ConvexHull  # on need: 0.1 s
+
     if not len(others):
-        return np.eye(2) / area
+        return np.asarray(np.eye(2) / area, np.float64)
     open_at = 1e3 * (np.linalg.norm(others, axis=1).max() + area / np.linalg.norm(others, axis=1).min())
     ends = np.concatenate([others, open_at * np.eye(2)])
     # the lines half-way to them are the dual points, and corners of the cell are the edges of their hull
     dual = 2.0 * ends / np.sum(ends**2, axis=1)[:, None]
-    edges = scipy.spatial.ConvexHull(np.concatenate([dual, -dual])).equations
+    edges = ConvexHull(np.concatenate([dual, -dual])).equations
     corners = -edges[:, :2] / edges[:, 2:]
     corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
     following = np.roll(corners, -1, axis=0)
