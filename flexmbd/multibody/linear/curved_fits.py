@@ -46,8 +46,8 @@ def tell_curved_fits(scene: CompiledScene, work: Work, x: FloatArray) -> None:
             warn(
                 f"{contact.what}: it is a fit, of patches whose centroids lie up to {behind:.2g} m behind the curved "
                 f"surface, beside an overlap of {overlap:.2g} m, which is counted from there: say what the surface is, "
-                "undeformed, ElasticSurface(..., shape=), as contact.HollowCylinder(body.frame(), radius) of a bore, so "
-                "that they are brought onto it",
+                "undeformed, ElasticSurface(..., shape=), as contact.HollowCylinder(body.frame(), radius) of a bore, "
+                "so that they are brought onto it",
                 RangeWarning,
                 subject=f"fit of {contact.what}",
             )
