@@ -9,7 +9,7 @@ from flexmbd.errors import RangeWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.sampling.passing import GAP
+from flexmbd.multibody.kernels.sampling.passing_shares import GAP
 from flexmbd.multibody.linear.passing import surfaces_that_touch, touching_points
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 

@@ -15,7 +15,7 @@ from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.elements.table import of_surfaces
 from flexmbd.multibody.kernels.reading.force_tables import contacts_by_law, element_numbers, touched_shape
-from flexmbd.multibody.kernels.sampling.passing import (
+from flexmbd.multibody.kernels.sampling.passing_shares import (
     GAP,
     N_PASSING,
     SHARE,
