@@ -73,7 +73,7 @@ LAME = E * OVERLAP / (BORE * widening(BORE, OUTSIDE, NU))
 
 @pytest.mark.parametrize(("around", "size", "patches"), [(32, 0.02, 8), (32, 0.0142, 16), (64, 0.0099, 32)])
 def test_a_ring_on_a_shaft_is_pressed_as_lame_says(around, size, patches):
-    """But for the patches: of 2 phi of the bore one feels sin phi / phi of what widens it, and is pressed by as much."""
+    """But for the patches: of 2 phi of the bore one feels sin phi / phi of what widens it, and presses alike."""
     found = pressures(*on_a_shaft(ring(around, size)))
     assert len(found) == patches
     assert np.ptp(found) < 1e-6 * LAME

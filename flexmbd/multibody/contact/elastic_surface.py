@@ -134,14 +134,14 @@ class ElasticSurface:
         if len(beside):
             k = beside[0]
             raise SceneError(
-                f"{self.what}: its shape, a {type(self.shape).__name__}, lies {far[k]:.3g} m from the centroid of patch "
-                f"{self.patches[k]}, which is {width[k]:.2g} m wide, and is not its surface: check its size, and where "
-                "it is in the body's axes (m)"
+                f"{self.what}: its shape, a {type(self.shape).__name__}, lies {far[k]:.3g} m from the centroid of "
+                f"patch {self.patches[k]}, which is {width[k]:.2g} m wide, and is not its surface: check its size, "
+                "and where it is in the body's axes (m)"
             )
 
     @cached_property
     def _beside(self) -> FloatArray | None:
-        """(p, 4) signed distances (m) and gradients of its shape at the centroids; None without a shape of a formula."""
+        """(p, 4) signed distances (m) and gradients of its shape at the centroids; None if no formula tells it."""
         if self.shape is None or isinstance(self.shape, TableShape):
             return None
         found = np.zeros((len(self.patches), 4))

@@ -9,7 +9,7 @@ from flexmbd.errors import RangeWarning, warn
 from flexmbd.multibody.bodies.body import FlexibleBody
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.kernels.base.arrays import Work
-from flexmbd.multibody.kernels.sampling.passing import GAP
+from flexmbd.multibody.kernels.sampling.passing_shares import GAP
 from flexmbd.multibody.linear.passing import surfaces_that_touch, touching_points
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
@@ -46,8 +46,8 @@ def tell_curved_fits(scene: CompiledScene, work: Work, x: FloatArray) -> None:
             warn(
                 f"{contact.what}: it is a fit, of patches whose centroids lie up to {behind:.2g} m behind the curved "
                 f"surface, beside an overlap of {overlap:.2g} m, which is counted from there: say what the surface is, "
-                "undeformed, ElasticSurface(..., shape=), as contact.HollowCylinder(body.frame(), radius) of a bore, so "
-                "that they are brought onto it",
+                "undeformed, ElasticSurface(..., shape=), as contact.HollowCylinder(body.frame(), radius) of a bore, "
+                "so that they are brought onto it",
                 RangeWarning,
                 subject=f"fit of {contact.what}",
             )

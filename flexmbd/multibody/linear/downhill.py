@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from flexmbd.continuation.line_search import ShareTrial, searched
 from flexmbd.continuation.newton import SETTLED, Correction, newton
-from flexmbd.continuation.space import until
 from flexmbd.errors import ConvergenceError, SceneError
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
@@ -211,8 +210,11 @@ def newton_cut(
 
 def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> bool:
     """Raise HinderedError where the next step would pass through a contact; whether it presses one."""
-    step = until(lambda: search.correction(here).change.along)
-    through = Passing() if step is None else passing(search.scene, search.work, here.at.x, step)
+    try:
+        step = search.correction(here).change.along
+    except ConvergenceError:
+        return False
+    through = passing(search.scene, search.work, here.at.x, step)
     if through.share < 1.0:
         raise _hindered(search, here, through)
     return through.touch == 0.0
@@ -240,12 +242,20 @@ def _newton_step(search: _DownhillProblem, here: ForceBalance, more: FloatArray)
     if not len(stiffness):
         return _Step(np.zeros(len(Vz)), 0, np.zeros(len(Vz)))
     at_play = forces_at_play(search.scene, search.work, here)
-    step, unstable, softest = step_downhill(stiffness, here.mass, here.lacking, Vz=Vz, sizes=search.sizes, at_play=at_play)
+    step, unstable, softest = step_downhill(
+        stiffness, here.mass, here.lacking, Vz=Vz, sizes=search.sizes, at_play=at_play
+    )
     return _Step(Vz @ step, unstable, Vz @ softest)
 
 
 def step_downhill(
-    stiffness: FloatArray, mass: FloatArray, lacking: FloatArray, *, Vz: FloatArray, sizes: FloatArray, at_play: FloatArray
+    stiffness: FloatArray,
+    mass: FloatArray,
+    lacking: FloatArray,
+    *,
+    Vz: FloatArray,
+    sizes: FloatArray,
+    at_play: FloatArray,
 ) -> tuple[FloatArray, int, FloatArray]:
     """Newton's own step where nothing is unstable.
 

@@ -297,7 +297,7 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
 
 
 def _refuse_unresisted(scene: CompiledScene, work: Work, here: ForceBalance, left: FloatArray) -> None:
-    """Raise SceneError where of the forces (nz,) that Newton leaves alone one is such: no place and no state resists it."""
+    """Raise SceneError where one of the forces (nz,) that Newton leaves alone is resisted by no place and no state."""
     z, beyond = here.by.z, _beyond(scene, work, here, left)
     if beyond.max(initial=0.0) > 0.0:
         worst = int(np.argmax(beyond))

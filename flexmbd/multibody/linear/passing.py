@@ -15,7 +15,7 @@ from flexmbd.multibody.contact.surface_contact import SurfaceContact
 from flexmbd.multibody.kernels.base.arrays import Work
 from flexmbd.multibody.kernels.elements.table import of_surfaces
 from flexmbd.multibody.kernels.reading.force_tables import contacts_by_law, element_numbers, touched_shape
-from flexmbd.multibody.kernels.sampling.passing import (
+from flexmbd.multibody.kernels.sampling.passing_shares import (
     GAP,
     N_PASSING,
     SHARE,
@@ -72,7 +72,7 @@ def passing(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -
     if not may_touch(scene) or not np.isfinite(step).all():
         return Passing()
     rows, step = contacts_by_law(scene.plan), np.ascontiguousarray(step)
-    found = np.zeros((len(rows), N_PASSING))
+    found: FloatArray = np.zeros((len(rows), N_PASSING))
     passing_shares(scene.plan, work, rows, x, step, found)
     names = [scene.element_names[k] for k in element_numbers(scene.plan, [*rows])]
     for contact in surfaces_that_touch(scene):
@@ -87,10 +87,12 @@ def passing(scene: CompiledScene, work: Work, x: FloatArray, step: FloatArray) -
     return Passing(float(found[least, SHARE]), names[least], float(found[least, GAP]), touch)
 
 
-def landing(place: AnyPlace, share: float, *, touch: float, work: float, before: float, ratio: float) -> ShareTrial[AnyPlace]:
+def landing(
+    place: AnyPlace, share: float, *, touch: float, work: float, before: float, ratio: float
+) -> ShareTrial[AnyPlace]:
     """A trial of a share of a step down the energy, that is good where forces push back by a ratio of before at most.
 
-    Forces change where something is touched, and from there on about linearly: the next trial is where these do no work.
+    From where something is touched forces change about linearly: the next trial is where they do no work.
 
     Args:
         place: at the share.
@@ -148,7 +150,8 @@ def touching_points(
     row, motion = scene.index.forces[contact].elements.start, np.zeros(18)
     step_between_frames(scene.plan, work, row, x, step, motion)
     d, R, rate, spin = motion[:3], motion[3:12].reshape(3, 3), motion[12:15], motion[15:]
-    arms, by_modes = np.zeros((1, 3)), np.zeros((1, 3))
+    arms: FloatArray = np.zeros((1, 3))
+    by_modes: FloatArray = np.zeros((1, 3))
     if not isinstance(contact.surface, Sphere):
         modes, phi = scene.index.modes[contact.surface.body], contact.surface.displacements
         arms, by_modes = contact.surface.points + phi @ x[modes.x], phi @ step[modes.v]

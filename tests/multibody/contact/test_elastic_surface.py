@@ -351,8 +351,8 @@ def test_what_is_refused():
         scene.touch(ball_surface(elastic), ball, contact.Hertz(E=1e5, restitution=0.5))
     with pytest.raises(SceneError, match="its shape must be on the body's own frame"):
         contact.ElasticSurface(elastic, shape=ball)
+    far = contact.ElasticSurface(elastic, shape=contact.Sphere(elastic.frame(), 0.6))
     with pytest.raises(SceneError, match=r"its shape, a Sphere, lies 0.3 m from the centroid of patch 0"):
-        far = contact.ElasticSurface(elastic, shape=contact.Sphere(elastic.frame(), 0.6))
         scene.touch(far, contact.Sphere(scene.ground.frame(), 0.1), contact.Hard())
     with pytest.raises(SceneError, match="do not stand in one list"):
         scene.touch([ball_surface(elastic), ball], ball, contact.Hard())

@@ -183,7 +183,7 @@ def contacts_by_law(plan: Plan) -> IntArray:
 
 
 def touched_shape(plan: Plan, row: int) -> tuple[int, float]:
-    """Where in ``Plan.data`` the shape is that the elastic surface in this row of the elements touches; the points' radius.
+    """Where in ``Plan.data`` the shape is that an elastic surface, in this row, touches; and its points' radius.
 
     The radius (m) is 0 but of a sphere that is its only point.
     """

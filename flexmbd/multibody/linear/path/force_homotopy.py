@@ -85,18 +85,7 @@ def forces_let_go(
     step, before = space.newton_step(goal, space.along_factor(1.0)), space.spectrum(goal)
     open_ = _unresolved(space, goal, step) if np.any(space.at_play) else np.zeros(len(start.by.z))
     if open_.any():
-        found, reason = _to_touch(space, goal, open_)
-        if found is not None:
-            return found
-        try:
-            return _along_the_path(space, goal, before, open_)
-        except SceneError:
-            if reason is None:
-                raise
-            bears = "; friction bears mu N at most" if len(rough_surfaces(scene.plan)) else ""
-            raise SceneError(
-                f"no equilibrium found where the machine falls onto what it meets: {reason}{bears}"
-            ) from reason
+        return _where_pushed(space, goal, before, open_)
     if space.largest(step) <= SETTLED:
         x, _ = space.moved(start.x, 1.0, step)
         there = space.at(x, 1.0)
@@ -137,6 +126,22 @@ def _by_cut_steps(space: MachineSpace, goal: MachinePoint, *, stays_stable: bool
     """The equilibrium to which cut steps lead, as ``newton_cut``."""
     found = newton_cut(space.scene, space.work, goal.at, space.strains, space.size, stays_stable=stays_stable)
     return MachinePoint(found.x, 1.0, found, goal.slopes, 0)
+
+
+def _where_pushed(space: MachineSpace, goal: MachinePoint, before: MotionSpectrum, open_: FloatArray) -> Settled:
+    """The equilibrium to which forces (nz,) lead that nothing resists at first: on what they press, or by the path."""
+    found, reason = _to_touch(space, goal, open_)
+    if found is not None:
+        return found
+    try:
+        return _along_the_path(space, goal, before, open_)
+    except SceneError:
+        if reason is None:
+            raise
+        bears = "; friction bears mu N at most" if len(rough_surfaces(space.scene.plan)) else ""
+        raise SceneError(
+            f"no equilibrium found where the machine falls onto what it meets: {reason}{bears}"
+        ) from reason
 
 
 def _to_touch(

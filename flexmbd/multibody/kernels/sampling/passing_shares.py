@@ -27,7 +27,7 @@ def _room(way, gap):
 
 @kernel
 def _on_one_side(data, o, place, n, speed, share):
-    """As much of a share as leaves a point inside on the side it is pushed out of along n, not past an edge's middle."""
+    """As much of a share as leaves a point inside on the side it is pushed out of along n, not past a middle."""
     for _ in range(_HALVINGS):
         far, normal = distance(data, o, add3(place, scale3(share, speed)))
         if not far < 0.0 or dot3(n, normal) > 0.5:
@@ -82,7 +82,7 @@ def passing_shares(plan, work, elements, x, step, out):
 
 @entry_kernel
 def step_between_frames(plan, work, row, x, step, out):
-    """Of frame G of a row of ``plan.elements`` for F, in F's axes: place (3), R (9), and how a step (nv,) moves it (6)."""
+    """Of frame G for F of a row of ``plan.elements``, in F's axes: place (3), R (9), how a step (nv,) moves it (6)."""
     forward_kinematics(plan, work, x, step, step)
     d, R, rate, spin = relative_rates(plan, work, plan.elements[row, at.EL_F], plan.elements[row, at.EL_G])
     store3(out, 0, d)
