@@ -67,6 +67,7 @@ from flexmbd.continuum.grid.mesh_division import PieceSummary as PieceSummary
 from flexmbd.continuum.grid.mesh_division import Region as Region
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh as TaggedMesh
 from flexmbd.continuum.history.displacement_newton import Convergence as Convergence
+from flexmbd.continuum.history.held_fields import PortStates as PortStates
 from flexmbd.continuum.history.loads import BodyAcceleration as BodyAcceleration
 from flexmbd.continuum.history.loads import BodyLoad as BodyLoad
 from flexmbd.continuum.history.loads import CentrifugalLoad as CentrifugalLoad

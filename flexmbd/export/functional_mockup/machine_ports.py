@@ -32,7 +32,7 @@ from flexmbd.multibody.kernels.reading.force_tables import (
     joint_force_times,
     keep_forces,
 )
-from flexmbd.multibody.kernels.sampling.ports import port_flow
+from flexmbd.multibody.kernels.sampling.port_flows import port_flow
 from flexmbd.multibody.kernels.sampling.series import frame_series
 from flexmbd.multibody.motion.quantity import Acceleration, Output, Position, Rotation, Velocity
 from flexmbd.multibody.plan.compiled_scene import CompiledScene
@@ -40,9 +40,8 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
-#: What a machine takes from outside: a given force, whose numbers are the start values, or the effort of a port.
+#: What a machine takes from outside beside efforts of ports: a given force, whose numbers are the start values.
 Given = JointTorque | JointForce | FrameForce | DistributedLoad
-GivenPort = Given | Port
 
 #: Columns of ``frame_series`` that an output of a frame is.
 _COLUMNS: dict[Any, tuple[int, int]] = {Position: (0, 3), Rotation: (3, 12), Velocity: (12, 15), Acceleration: (18, 21)}
@@ -124,7 +123,7 @@ def _constants(what: str, values: Sequence[Any]) -> tuple[PPoly, ...]:
     return tuple(PPoly([[float(value)]], [0.0, 1.0]) for value in values)
 
 
-def drives_of(scene: CompiledScene, force: GivenPort, name: str | None) -> list[Drive]:
+def drives_of(scene: CompiledScene, force: Given | Port, name: str | None) -> list[Drive]:
     """The inputs that a force of `replaced` or a port has in a scene; ``name`` as the user gave it."""
     if isinstance(force, Port):
         time = scene.index.efforts.get(force)
@@ -154,7 +153,9 @@ def drives_of(scene: CompiledScene, force: GivenPort, name: str | None) -> list[
     return found
 
 
-def observed_by(scene: CompiledScene, output: Output | PortFlow, name: str | None, parts: Parts) -> list[ObservedVariable]:
+def observed_by(
+    scene: CompiledScene, output: Output | PortFlow, name: str | None, parts: Parts
+) -> list[ObservedVariable]:
     """The variables of an output; ``name`` as the user gave it. Frames are added to ``parts``.
 
     Raises:

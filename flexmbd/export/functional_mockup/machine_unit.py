@@ -22,7 +22,7 @@ from flexmbd.export.functional_mockup.machine_parts import (
 )
 from flexmbd.export.functional_mockup.machine_ports import (
     Drive,
-    GivenPort,
+    Given,
     ObservedVariable,
     driven,
     drives_of,
@@ -63,7 +63,7 @@ def fmu_machine(
     path: str | Path,
     *,
     h: float,
-    inputs: Sequence[GivenPort] | Mapping[str, GivenPort] = (),
+    inputs: Sequence[Given | Port] | Mapping[str, Given | Port] = (),
     outputs: Sequence[Output | PortFlow] | Mapping[str, Output | PortFlow] = (),
     integrator: Method | None = None,
     fmi: Fmi | int = Fmi.V3,
@@ -130,7 +130,7 @@ def fmu_machine(
             "machines are exported for Windows from x86_64 alone, for which their kernels are compiled; this is "
             f"{processor()}"
         )
-    forces: list[tuple[str | None, GivenPort]] = [
+    forces: list[tuple[str | None, Given | Port]] = [
         (name, one if isinstance(one, Port) else replaced(one)) for name, one in named(inputs)
     ]
     if model_exchange and any(isinstance(one, PortFlow) for _, one in named(outputs)):
