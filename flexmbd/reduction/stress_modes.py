@@ -40,8 +40,8 @@ def stress_group(
     comm, recovery = model.comm, StressRecovery(model)
     if comm.allreduce(bool(model.displacement.any()), op=MPI.LOR):
         raise FormulationError(
-            f"{model.form_name}: the body is under load, and stress modes lack the stress that it has at rest; keep the "
-            "modes (Keep(modes=True)) and take stresses from the model"
+            f"{model.form_name}: the body is under load, and stress modes lack the stress that it has at rest; keep "
+            "the modes (Keep(modes=True)) and take stresses from the model"
         )
     # all ranks have a mode's stress at all nodes, and keep that of some nodes
     own = share_of(comm.rank, comm.size, len(recovery.node))

@@ -35,8 +35,9 @@ class StressRecovery:
     """Stress of the bodies reduced from one model. Constructing one is collective.
 
     The formulation's stress of u = sum phi_i q_i is evaluated in every cell at the displacement's
-    nodes; of linear bodies, whose rotations are small, what of it is linear in u. On straight tetrahedra a displacement of degree 1 or 2 has a constant or linear stress in
-    each cell, whose von Mises value is largest in a vertex: so the largest value is found exactly.
+    nodes; of linear bodies, whose rotations are small, the part of it that is linear in u. On straight
+    tetrahedra a displacement of degree 1 or 2 has a constant or linear stress in each cell, whose
+    von Mises value is largest in a vertex: so the largest value is found exactly.
     """
 
     def __init__(self, model: ReductionModel, *, rest: FloatArray | None = None) -> None:
@@ -138,7 +139,7 @@ class StressRecovery:
         return at_rest + self._stresses(self._slopes)
 
     @cached_property
-    def _slopes(self) -> list[tuple[IntArray, fem.Expression]]:
+    def _slopes(self) -> list[tuple[NDArray[np.int32], fem.Expression]]:
         """Derivatives of the stresses at ``rest`` along the displacement; compiles."""
         if self._is_linear:
             return self._sigma
@@ -153,7 +154,7 @@ class StressRecovery:
                 slope = ufl.algorithms.expand_derivatives(ufl.replace(slope, {base: ufl.zero(*base.ufl_shape)}))
             if self._u not in ufl.algorithms.extract_coefficients(slope):
                 raise FormulationError(
-                    f"{group.form_name}: its stress is not linear in the displacement, and small displacements make none"
+                    f"{group.form_name}: its stress is not linear in the displacement; small ones make none"
                 )
             found.append((group.cells, fem.Expression(slope, points)))
         return found
@@ -192,7 +193,7 @@ class StressRecovery:
             self._heat = _HeldExpansion(self._model)
         return self._heat.stress(body.heat, factors, self._nodes)
 
-    def _stresses(self, expressions: list[tuple[IntArray, fem.Expression]] | None = None) -> FloatArray:
+    def _stresses(self, expressions: list[tuple[NDArray[np.int32], fem.Expression]] | None = None) -> FloatArray:
         """Stress of the present displacement at the nodes of each cell, (len(places), 9)."""
         sigma = np.empty((self._nodes.n_cells, self._nodes.per_cell, 9))
         for cells, expression in self._sigma if expressions is None else expressions:
