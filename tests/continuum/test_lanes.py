@@ -19,7 +19,7 @@ from flexmbd.continuum.history.lane_code import NotRewrittenError, lane_code
 from flexmbd.errors import FormulationError
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
-from flexmbd.forms import neo_hookean
+from flexmbd.forms import neo_hookean, solid_shell
 
 METAL = {"E": 210e9, "nu": 0.3, "rho": 7800.0, "yield_stress": 0.24e9}
 SOIL = load_form(Path(__file__).parents[1] / "data" / "mohr_coulomb.py")
@@ -105,6 +105,8 @@ def built(form, parameters, cell, *, lanes, threads=1, heated=False, monkeypatch
         monkeypatch.setattr(lane_pass, "common_lanes", lambda comm: lanes)
     if cell == "quadrilateral":
         mesh = meshes.sheet(1.0, 0.5, divisions=(33, 17), comm=MPI.COMM_SELF)
+    elif cell == "wall":
+        mesh = meshes.wall(meshes.sheet(1.0, 0.5, divisions=(29, 19), comm=MPI.COMM_SELF), 0.02)
     else:
         divisions = (11, 7, 7) if cell == "hexahedron" else (5, 5, 5)
         mesh = meshes.block(1.0, 0.5, 0.5, divisions=divisions, cell=cell, comm=MPI.COMM_SELF)
@@ -183,6 +185,31 @@ def test_lanes_change_no_bit_of_a_heated_body(form, parameters, monkeypatch):
     one, many = (body.energies() for body in bodies)
     assert many == pytest.approx(one, rel=1e-13)
     assert one["elastic"] > 0.0
+
+
+ENHANCED = load_form(Path(__file__).parents[1] / "data" / "enhanced_plasticity.py")
+OF_CELLS = {
+    "elastic": (solid_shell, solid_shell.Parameters(E=2e11, nu=0.3, rho=7800.0)),
+    "yields": (ENHANCED, metal(ENHANCED, hardening=j2.LinearHardening(2e9))),
+    "yields, a local unknown": (ENHANCED, metal(ENHANCED, hardening=j2.VoceHardening(0.1e9, 200.0))),
+}
+
+
+@pytest.mark.parametrize("case", OF_CELLS.values(), ids=OF_CELLS)
+def test_lanes_and_threads_change_no_bit_of_fields_of_one_cell(case, monkeypatch):
+    """Nor of their values, solved for implicitly and, at the end, as explicit steps do."""
+    found: list[list[np.ndarray]] = []
+    for lanes, threads in ((0, 1), (1, 1), (ours()[-1], 1), (2, 3)):
+        body = built(*case, "wall", lanes=lanes, threads=threads, monkeypatch=monkeypatch)
+        if lanes:
+            assert body._histories[0]._pass._blocks._lanes == lanes
+        ends = stepped(body)
+        ends += [body.step(1e-4 * np.sin(np.arange(body.layout.n_local))), body._histories[0].solved.accepted.copy()]
+        found.append(ends)
+    assert abs(found[0][-1]).max() > 0.0
+    for others in found[1:]:
+        for one, many in zip(found[0], others, strict=True):
+            np.testing.assert_array_equal(many, one)
 
 
 @pytest.mark.parametrize("name", ["finite strain", "Newton steps that run away", "no history"])

@@ -97,6 +97,46 @@ def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def change_fields(cell, room, inner, search, accuracy):  # type: ignore[no-untyped-def]
+    """A step of the fields of a cell by the forces at hand in ``inner.force``, which follow it.
+
+    Args:
+        cell: of them.
+        room: with the cell's row.
+        inner: the fields.
+        search: (3,) the change of the forces by the step before, the work of that step, how often it was halved;
+            infinite, 0 and 0 to begin with.
+        accuracy: change of a cell's forces over these at which the fields end.
+
+    Returns:
+        0 where forces are wanted anew, 1 where the fields are solved for, 2 where they want a new tangent.
+    """
+    m = inner.places.shape[0]
+    left = 0.0
+    for i in range(m):
+        left += inner.force[inner.places[i]] * inner.change[i]
+    if search[1] != 0.0 and search[2] < HALVINGS and not abs(left) <= WORK_RATIO * abs(search[1]):
+        # too far: the step does no less work on what is lacking at its end than at its begin
+        search[1], search[2] = 0.5 * search[1], search[2] + 1.0
+        for i in range(m):
+            inner.change[i] *= 0.5
+            inner.values[cell, i] -= inner.change[i]
+            room.row[inner.places[i]] = inner.values[cell, i]
+        return 0
+    moved, largest = _newton_step(cell, inner)
+    # forces that are no numbers are told by whoever sums them
+    done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
+    if not done and moved > CONTRACTION * search[0]:
+        return 2
+    search[0], search[1], search[2] = moved, 0.0, 0.0
+    for i in range(m):
+        search[1] += inner.force[inner.places[i]] * inner.change[i]
+        inner.values[cell, i] += inner.change[i]
+        room.row[inner.places[i]] = inner.values[cell, i]
+    return 1 if done else 0
+
+
+@kernel
 def solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy):  # type: ignore[no-untyped-def]
     """Forces of a cell whose fields are solved for, in ``inner.force``; ``inner.solved`` tells whether they are.
 
@@ -104,7 +144,7 @@ def solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, acc
         As `solve_points`.
     """
     n, m = inner.shared.shape[0], inner.places.shape[0]
-    before, work, halved = np.inf, 0.0, 0
+    inner.search[0], inner.search[1], inner.search[2] = np.inf, 0.0, 0.0
     for _ in range(CELL_SWEEPS):
         if fields.local.shape[1] > 0:
             change = solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
@@ -116,28 +156,9 @@ def solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, acc
             tabulate(kernels, k, room, begin)
             for i in range(n + m):
                 inner.force[i] += room.tensor[i]
-        left = 0.0
-        for i in range(m):
-            left += inner.force[inner.places[i]] * inner.change[i]
-        if work != 0.0 and halved < HALVINGS and not abs(left) <= WORK_RATIO * abs(work):
-            # too far: the step does no less work on what is lacking at its end than at its begin
-            work, halved = 0.5 * work, halved + 1
-            for i in range(m):
-                inner.change[i] *= 0.5
-                inner.values[cell, i] -= inner.change[i]
-                room.row[inner.places[i]] = inner.values[cell, i]
-            continue
-        moved, largest = _newton_step(cell, inner)
-        # forces that are no numbers are told by whoever sums them
-        done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
-        if not done and moved > CONTRACTION * before:
-            return 0.0
-        before, work, halved = moved, 0.0, 0
-        for i in range(m):
-            work += inner.force[inner.places[i]] * inner.change[i]
-            inner.values[cell, i] += inner.change[i]
-            room.row[inner.places[i]] = inner.values[cell, i]
-        if done:
+        found = change_fields(cell, room, inner, inner.search, accuracy)
+        if found == 1:
             inner.solved[cell] = 1
+        if found != 0:
             return 0.0
     return 0.0

@@ -19,7 +19,7 @@ from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved, no_cell_fields
 from flexmbd.continuum.history.cell_kernels import CellCompiler, CellForms, CellKernel, LawCall, Unknowns, values_of
 from flexmbd.continuum.history.cell_loop import pass_cells
-from flexmbd.continuum.history.lane_pass import LanePass, lane_pass
+from flexmbd.continuum.history.lane_pass import lane_pass
 from flexmbd.continuum.history.point_loop import FORCES, Fields, Kernels, Room
 from flexmbd.errors import ConvergenceError, FormulationError
 
@@ -115,12 +115,12 @@ class CellPass:
             made_by_law=np.zeros(each + 37),
         )
         # many cells are evaluated in blocks
-        self._blocks: LanePass | None = None
-        if solved is None:
-            self._blocks = lane_pass(
-                self._domain.comm, group.cells, blocks=dofmap.list, width=dofmap.bs, kernels=self._kernels,
-                room=self._room, modules=_modules(code if code is not self._law else None for code in self._codes),
-            )  # fmt: skip
+        shared = unknowns.shared.function_space.dofmap
+        self._blocks = lane_pass(
+            self._domain.comm, group.cells, blocks=shared.list, width=shared.bs, kernels=self._kernels,
+            room=self._room, inner=self._inner,
+            modules=_modules(code if code is not self._law else None for code in self._codes),
+        )  # fmt: skip
 
     def share(self, threads: int) -> None:
         """Share the cells of later passes among threads; not collective."""
@@ -133,7 +133,7 @@ class CellPass:
         None where there are few cells, or terms have other rules than the history; collective, compiles. The function
         is not.
         """
-        code = None if self._blocks is None else self._compiler.totals(terms)
+        code = None if self._blocks is None or self._solved is not None else self._compiler.totals(terms)
         if self._blocks is None or code is None:
             return None
         codes = [self._codes[0], None, None, code]
@@ -167,7 +167,7 @@ class CellPass:
             self._take_known()
             cells = self._blocks.run(
                 self._fields, compat.cell_nodes(self._domain), self._domain.geometry.x, forces,
-                sweeps=_SWEEPS[0], tolerance=_LOCAL,
+                sweeps=_SWEEPS[0], tolerance=_LOCAL, accuracy=accuracy,
             )  # fmt: skip
         if len(cells):
             self._check(self._pass(self._fields, self._kernels, forces, accuracy=accuracy, cells=cells))

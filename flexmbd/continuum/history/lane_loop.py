@@ -44,6 +44,9 @@ class LaneRoom(NamedTuple):
         before: (lanes,) the last change of the local unknowns, or what their law says is wrong; 0 where they are
             solved for.
         one: what work at one cell needs besides.
+        found: (lanes,) what has become of cells with fields of their own.
+        values: (lanes, m) these fields before.
+        force: (lanes, n + m), change: (lanes, m), moved: (lanes, n), search: (lanes, 3), as in `CellUnknowns`.
     """
 
     cells: NDArray[np.int64]
@@ -54,10 +57,16 @@ class LaneRoom(NamedTuple):
     sizes: FloatArray
     before: FloatArray
     one: Room
+    found: NDArray[np.int64]
+    values: FloatArray
+    force: FloatArray
+    change: FloatArray
+    moved: FloatArray
+    search: FloatArray
 
 
 @kernel
-def _tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
+def tabulate_lanes(kernels, k, room, size):  # type: ignore[no-untyped-def]
     """Let the kernel k write the first ``size`` entries of its tensor."""
     lanes = room.row.shape[1]
     given = room.row[kernels.begins[k, 0] :].ctypes.data
@@ -100,7 +109,7 @@ def _gather(room, nodes, x, blocks, width, fields):  # type: ignore[no-untyped-d
 @kernel
 def _average(kernels, room, place, fields):  # type: ignore[no-untyped-def]
     """The means over a block's cells, which stand in their rows at ``place``."""
-    _tabulate(kernels, MEAN, room, 2)
+    tabulate_lanes(kernels, MEAN, room, 2)
     for lane in range(room.row.shape[1]):
         mean = room.tensor[0, lane] / room.tensor[1, lane]
         room.row[place, lane] = mean
@@ -108,7 +117,7 @@ def _average(kernels, room, place, fields):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _of_lane(room, lane):  # type: ignore[no-untyped-def]
+def of_lane(room, lane):  # type: ignore[no-untyped-def]
     """Work at one of the cells."""
     one = room.one
     return Room(
@@ -120,7 +129,7 @@ def _of_lane(room, lane):  # type: ignore[no-untyped-def]
 @kernel
 def _change_lane(kernels, room, lane, begin, slopes, tolerance):  # type: ignore[no-untyped-def]
     """A Newton step of the local unknowns of one cell."""
-    one = _of_lane(room, lane)
+    one = of_lane(room, lane)
     sizes, before = room.sizes[lane], room.before[lane]
     sizes[1] = 0.0
     for point in range(kernels.weights.shape[0]):
@@ -137,12 +146,11 @@ def _change_lane(kernels, room, lane, begin, slopes, tolerance):  # type: ignore
 
 @kernel
 def _solve_local(kernels, room, fields, begin, sweeps, tolerance):  # type: ignore[no-untyped-def]
-    """Solve for the local unknowns of a block by whole Newton steps."""
+    """Solve for the local unknowns of cells of a block by whole Newton steps."""
     lanes, points, n = room.row.shape[1], kernels.weights.shape[0], room.one.matrix.shape[0]
     room.sizes[:] = 0.0
-    room.before[:] = np.inf
     for _ in range(sweeps):
-        _tabulate(kernels, LOCAL, room, points * n * (n + 1))
+        tabulate_lanes(kernels, LOCAL, room, points * n * (n + 1))
         goes_on = False
         for lane in range(lanes):
             if room.before[lane] > 0.0:  # neither solved for nor NaN
@@ -154,11 +162,32 @@ def _solve_local(kernels, room, fields, begin, sweeps, tolerance):  # type: igno
 
 @kernel
 def _apply_law(kernels, room, fields, state, begin):  # type: ignore[no-untyped-def]
-    """Let the law make the local unknowns of a block."""
-    _tabulate(kernels, LOCAL, room, 6 * kernels.weights.shape[0])
+    """Let the law make the local unknowns of cells of a block."""
+    tabulate_lanes(kernels, LOCAL, room, 6 * kernels.weights.shape[0])
     for lane in range(room.row.shape[1]):
+        if room.before[lane] == 0.0:
+            continue
         slopes = fields.slopes[room.cells[lane]]
-        room.before[lane] = law_at_points(kernels, _of_lane(room, lane), state, begin, slopes)
+        room.before[lane] = law_at_points(kernels, of_lane(room, lane), state, begin, slopes)
+
+
+@kernel
+def solve_points_of_lanes(kernels, room, fields, state, begin, sweeps, tolerance):  # type: ignore[no-untyped-def]
+    """Solve for the local unknowns, in their rows, of those cells of a block whose change before is infinite, not 0."""
+    if kernels.addresses[LAW] != 0:
+        _apply_law(kernels, room, fields, state, begin)
+    else:
+        _solve_local(kernels, room, fields, begin, sweeps, tolerance)
+
+
+@kernel
+def keep_lane(room, lane, first, fields, kernels):  # type: ignore[no-untyped-def]
+    """Keep the history of one cell at the step's end, which stands in the tensor from ``first`` on."""
+    points = kernels.weights.shape[0]
+    each = fields.trial.shape[1] // points
+    for point in range(points):
+        for i in range(each * point, each * (point + 1)):
+            fields.trial[room.cells[lane], i] = room.tensor[first + i, lane] / kernels.weights[point]
 
 
 @kernel
@@ -225,10 +254,8 @@ def pass_blocks(  # type: ignore[no-untyped-def]
         if kernels.addresses[MEAN] != 0:
             _average(kernels, room, begin + locals_, fields)
         if locals_ > 0:
-            if kernels.addresses[LAW] != 0:
-                _apply_law(kernels, room, fields, dofs, begin)
-            else:
-                _solve_local(kernels, room, fields, begin, sweeps, tolerance)
+            room.before[:] = np.inf
+            solve_points_of_lanes(kernels, room, fields, dofs, begin, sweeps, tolerance)
             for lane in range(count):
                 if room.before[lane] != 0.0:
                     left[lanes * b + lane] = 1
@@ -236,7 +263,7 @@ def pass_blocks(  # type: ignore[no-untyped-def]
                 for i in range(locals_):
                     fields.local[room.cells[lane], i] = room.row[begin + i, lane]
         for k in range(FORCES, kernels.addresses.shape[0]):
-            _tabulate(kernels, k, room, begin)
+            tabulate_lanes(kernels, k, room, begin)
             if kept.shape[0] == 0:
                 _add(room, count, blocks, width, forces)
             else:
@@ -273,7 +300,7 @@ def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, r
         if kernels.addresses[MEAN] != 0:
             _average(kernels, room, begin + fields.local.shape[1], fields)
         for k in range(totals.shape[1]):
-            _tabulate(kernels, FORCES + k, room, totals.shape[2])
+            tabulate_lanes(kernels, FORCES + k, room, totals.shape[2])
             for lane in range(count):
                 for i in range(totals.shape[2]):
                     totals[lanes * b + lane, k, i] = room.tensor[i, lane]

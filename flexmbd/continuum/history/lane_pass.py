@@ -15,9 +15,10 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.lane_field_loop import pass_field_blocks
 from flexmbd.continuum.history.lane_library import common_lanes, lane_kernel
 from flexmbd.continuum.history.lane_loop import LaneRoom, block_totals, pass_blocks, sum_kept
-from flexmbd.continuum.history.point_loop import FORCES, LAW, Fields, Kernels, Room
+from flexmbd.continuum.history.point_loop import FORCES, LAW, CellUnknowns, Fields, Kernels, Room
 from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +48,16 @@ class LanePass:
     """
 
     def __init__(
-        self, cells: Indices, blocks: Indices, width: int, *, kernels: Kernels, room: Room, lanes: int, keep: Any
+        self,
+        cells: Indices,
+        blocks: Indices,
+        width: int,
+        *,
+        kernels: Kernels,
+        room: Room,
+        inner: CellUnknowns,
+        lanes: int,
+        keep: Any,
     ) -> None:
         """Not collective.
 
@@ -57,11 +67,12 @@ class LanePass:
             width: dofs of a block.
             kernels: for lanes.
             room: in which one cell is worked on.
+            inner: fields of one cell.
             lanes: cells of a block.
             keep: what the kernels' addresses lie in.
         """
         self._cells, self._blocks, self._width, self._kernels = cells, blocks, width, kernels
-        self._room, self._lanes, self._held = room, lanes, keep
+        self._room, self._inner, self._lanes, self._held = room, inner, lanes, keep
         self.threads = 1
         self._rooms: list[LaneRoom] = []
         self._kept: FloatArray = np.zeros((0, 1, 1))
@@ -70,7 +81,15 @@ class LanePass:
         self._left = np.zeros(len(cells), dtype=np.int64)
 
     def run(
-        self, fields: Fields, nodes: Indices, x: FloatArray, forces: FloatArray, *, sweeps: int, tolerance: float
+        self,
+        fields: Fields,
+        nodes: Indices,
+        x: FloatArray,
+        forces: FloatArray,
+        *,
+        sweeps: int,
+        tolerance: float,
+        accuracy: float,
     ) -> Indices:
         """Evaluate, and add the internal forces; not collective.
 
@@ -81,14 +100,22 @@ class LanePass:
             forces: (dofs,) N, to which they are added.
             sweeps: the most local Newton steps.
             tolerance: change of the local unknowns over their sizes at which they end.
+            accuracy: of a cell's forces, to which its own fields are solved for.
 
         Returns:
-            The cells whose local unknowns were not solved for, and of which nothing was added or kept.
+            The cells whose local unknowns were not solved for, or whose own fields have no tangent yet, and of which
+            nothing was added or kept.
         """
         self._left[:] = 0
         self._prepare(nodes.shape[1])
 
         def part(first: int, last: int, room: LaneRoom) -> None:
+            if self._inner.places.size:
+                pass_field_blocks(
+                    self._cells, first, last, nodes, x, self._blocks, self._width, fields, self._kernels, room,
+                    self._inner, forces, self._kept, self._left, sweeps, tolerance, accuracy,
+                )  # fmt: skip
+                return
             pass_blocks(
                 self._cells, first, last, nodes, x, self._blocks, self._width, fields, self._kernels, room, forces,
                 self._kept, self._left, sweeps, tolerance,
@@ -155,14 +182,14 @@ class LanePass:
         """Rooms for the threads, and where they keep forces."""
         if len(self._rooms) == self.threads:
             return
-        self._rooms = [_lane_room(self._room, self._lanes, nodes) for _ in range(self.threads)]
+        self._rooms = [_lane_room(self._room, self._inner, self._lanes, nodes) for _ in range(self.threads)]
         self._kept = np.zeros((0, 1, 1))
         if self.threads > 1:
             dofs = self._blocks[self._cells]
             counted = np.bincount(dofs.ravel()) if dofs.size else np.zeros(0, dtype=np.int64)
             self._starts = np.concatenate([[0], np.cumsum(counted)]).astype(np.int64)
             self._places = np.argsort(dofs.ravel(), kind="stable").astype(np.int64)
-            forms = len(self._kernels.addresses) - FORCES
+            forms = 1 if self._inner.places.size else len(self._kernels.addresses) - FORCES
             self._kept = np.zeros((len(self._cells), forms, self._width * self._blocks.shape[1]))
 
 
@@ -175,6 +202,7 @@ def lane_pass(
     modules: Sequence[Any],
     kernels: Kernels,
     room: Room,
+    inner: CellUnknowns,
 ) -> LanePass | None:
     """The passes over a group's cells in lanes; None where there are few. Collective, compiles.
 
@@ -186,15 +214,17 @@ def lane_pass(
         modules: of FFCx, of the kernels; None for those that are none of its.
         kernels: for one cell.
         room: in which one cell is worked on.
+        inner: fields of one cell.
     """
     if comm.allreduce(len(cells)) < FEWEST_CELLS:
         return None
     lanes = common_lanes(comm)
     found = _all_in_lanes(comm, modules, lanes=lanes)
     if found is None:
-        return LanePass(cells, blocks, width, kernels=kernels, room=room, lanes=1, keep=modules)
+        return LanePass(cells, blocks, width, kernels=kernels, room=room, inner=inner, lanes=1, keep=modules)
     wide = _with_addresses(kernels, found)
-    return LanePass(cells, blocks, width, kernels=wide, room=room, lanes=lanes, keep=(found, modules))
+    keep = (found, modules)
+    return LanePass(cells, blocks, width, kernels=wide, room=room, inner=inner, lanes=lanes, keep=keep)
 
 
 def _with_addresses(kernels: Kernels, found: Sequence[Any]) -> Kernels:
@@ -215,7 +245,7 @@ def _all_in_lanes(comm: MPI.Comm, modules: Sequence[Any], *, lanes: int) -> list
     return None if comm.allreduce(lacks, op=MPI.LOR) else found
 
 
-def _lane_room(one: Room, lanes: int, nodes: int) -> LaneRoom:
+def _lane_room(one: Room, inner: CellUnknowns, lanes: int, nodes: int) -> LaneRoom:
     rows = len(one.row)
     apart = Room._make(part.copy() for part in one)
     return LaneRoom(
@@ -227,6 +257,12 @@ def _lane_room(one: Room, lanes: int, nodes: int) -> LaneRoom:
         sizes=np.zeros((lanes, *one.sizes.shape)),
         before=np.zeros(lanes),
         one=apart,
+        found=np.zeros(lanes, dtype=np.int64),
+        values=np.zeros((lanes, len(inner.places))),
+        force=np.zeros((lanes, len(inner.force))),
+        change=np.zeros((lanes, len(inner.places))),
+        moved=np.zeros((lanes, len(inner.moved))),
+        search=np.zeros((lanes, 3)),
     )
 
 

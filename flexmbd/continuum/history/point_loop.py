@@ -81,6 +81,7 @@ class CellUnknowns(NamedTuple):
         force: (n + m,) room for what a cell's terms make.
         change: (m,) room for a Newton step.
         moved: (n,) room for what goes with it.
+        search: (3,) room for what is remembered of Newton's last step.
     """
 
     shared: NDArray[np.int64]
@@ -94,6 +95,7 @@ class CellUnknowns(NamedTuple):
     force: FloatArray
     change: FloatArray
     moved: FloatArray
+    search: FloatArray
 
 
 class Room(NamedTuple):

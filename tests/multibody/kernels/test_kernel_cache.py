@@ -111,3 +111,40 @@ def test_entries_of_other_sources_are_not_taken(filled: Path, tmp_path: Path) ->
     shutil.copyfile(ours, theirs)
     assert hits() == [0, 1]
     assert hits() == [1, 1]
+
+
+# A kernel that is given named numbers, and one that it calls.
+NAMED = """
+import sys
+from typing import NamedTuple
+import numpy as np
+from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
+
+class Parts(NamedTuple):
+    {fields}
+
+@kernel
+def write(parts):
+    parts.first[0] = 1.0
+
+@entry_kernel
+def enter(parts):
+    write(parts)
+    parts.last[0] = 2.0
+
+parts = Parts(**dict((name, np.zeros(1)) for name in Parts._fields))
+enter(parts)
+assert (parts.first[0], parts.last[0]) == (1.0, 2.0), parts
+"""
+
+
+def test_named_numbers_in_another_order_are_other_arguments(tmp_path: Path) -> None:
+    """As a later version may have them: machine code of the old order would write into the wrong array."""
+    fields = "first: np.ndarray", "middle: np.ndarray", "last: np.ndarray"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    for order in (fields, fields[::-1], (fields[1], fields[0], fields[2])):
+        (tmp_path / "named.py").write_text(NAMED.format(fields="\n    ".join(order)))
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", "import named"], capture_output=True, text=True, cwd=tmp_path, env=environment
+        )
+        assert done.returncode == 0, done.stderr

@@ -208,7 +208,10 @@ def _text(value: Any) -> str:
         marks = f"{'' if flags.writeable else ' constant'}{'' if flags.aligned else ' unaligned'}"
         return f"{value.dtype.str}{value.ndim}{order}{marks}"
     if isinstance(value, tuple):
-        return f"{type(value).__qualname__}({', '.join(map(_text, value))})"
+        parts = map(_text, value)
+        if type(value) is not tuple:  # of named ones the order of the names may change
+            parts = map("{}: {}".format, value._fields, parts)  # type: ignore[attr-defined]
+        return f"{type(value).__qualname__}({', '.join(parts)})"
     if value is None:
         return "none"
     for kind, name in _NUMBERS:

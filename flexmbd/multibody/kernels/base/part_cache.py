@@ -9,8 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from numba.core import caching
+from numba.core import caching, types
 from numba.core.compiler import CompileResult
+from numba.core.sigutils import normalize_signature
+from numba.core.typing.templates import Signature
 
 from flexmbd.multibody.kernels.base.kernel_function import KernelFunction
 from flexmbd.multibody.kernels.base.kernel_stamp import stamp
@@ -71,7 +73,17 @@ class PartCache(caching._Cache):
 
 
 def _key(sig: Any, codegen: Any) -> Any:
-    return sig, codegen.magic_tuple()
+    kinds = sig.args if isinstance(sig, Signature) else normalize_signature(sig)[0]
+    return sig, codegen.magic_tuple(), _field_names(kinds)
+
+
+def _field_names(kinds: Any) -> tuple[Any, ...]:
+    """Names and order of the fields of named tuples, which are no part of numba's types, and may change."""
+    return tuple([
+        (kind.fields if isinstance(kind, types.BaseNamedTuple) else (), _field_names(kind))
+        for kind in kinds
+        if isinstance(kind, types.BaseTuple)
+    ])  # fmt: skip
 
 
 class _CheckedFiles(caching.IndexDataCacheFile):
