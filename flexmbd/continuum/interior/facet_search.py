@@ -47,46 +47,24 @@ class NearFacets:
         )
 
 
-class FacetSurface:
-    """A group of a body's facets, the whole of it on every rank. Constructing one is collective.
+class FacetMesh:
+    """Facets between points that move.
 
     A quadrilateral is four triangles about its middle.
 
     Attributes:
-        number: (k,) the nodes on it, by their numbers in the mesh's input, ascending.
-        own: (k,) this rank's owned node of each, -1 of another rank's.
+        facets: (f, 3 or 4) rows of the points at the corners, which go round against the clock as seen from outside.
+        count: of the points.
     """
 
-    def __init__(self, body: NonlinearModel, surface: str) -> None:
-        """Gather the facets.
-
-        Raises:
-            SceneError: on all ranks: its facets have nodes beside their corners.
-        """
-        patch, numbers = SurfacePatch(body, surface_facets(body, surface)), node_numbers(body)
-        width = patch.nodes.shape[1]
-        if width not in (3, 4):
-            raise SceneError(
-                f"surface {surface!r}: facets that nodes touch have corners alone; take elements of degree 1"
-            )
-        # corners go round, seen from outside against the clock
-        order = np.arange(3) if width == 3 else np.array([0, 1, 3, 2])
-        corners = patch.nodes[:, order]
-        corners[patch.sense < 0.0] = corners[patch.sense < 0.0][:, ::-1]
-        facets = np.concatenate(body.comm.allgather(numbers[corners])).astype(np.int64)
-        facets = facets[np.lexsort(np.sort(facets, axis=1).T)]  # whatever the ranks
-        self.number: IntArray = np.unique(facets)
-        self._facets: IntArray = np.searchsorted(self.number, facets)
-        owned = numbers[: body.layout.n_owned_nodes]
-        at = np.searchsorted(self.number, owned)
-        mine = self.number[np.minimum(at, len(self.number) - 1)] == owned
-        self.own: IntArray = np.full(len(self.number), -1, dtype=np.int64)
-        self.own[at[mine]] = np.flatnonzero(mine)
+    def __init__(self, facets: IntArray, count: int) -> None:
+        """Find the triangles."""
+        self.facets, self.count = facets, count
         self._triangles()
 
     def _triangles(self) -> None:
         """Triangles by rows of nodes and middles, and which of their edges and corners are on the rim."""
-        f, width, k = self._facets, self._facets.shape[1], len(self.number)
+        f, width, k = self.facets, self.facets.shape[1], self.count
         sides = np.stack([f, np.roll(f, -1, axis=1)], axis=2)
         edges, inverse, count = np.unique(
             np.sort(sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True, return_counts=True
@@ -115,19 +93,21 @@ class FacetSurface:
             margin: m.
         """
         x = surface
-        if self._facets.shape[1] == 4:
-            x = np.vstack([surface, surface[self._facets].mean(axis=1)])
+        if self.facets.shape[1] == 4:
+            x = np.vstack([surface, surface[self.facets].mean(axis=1)])
         corners = x[self._corner]
         centre = corners.mean(axis=1)
         reach = 1.5 * float(np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max())) + margin
-        low, high = surface.min(axis=0) - reach, surface.max(axis=0) + reach
-        some = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-        pairs = cKDTree(centre).query_ball_point(points[some], reach)
+        some = _within(points, surface, reach)
+        if not len(some):
+            return _nothing()
+        those = _within(centre, points[some], reach)
+        pairs = cKDTree(centre[those]).query_ball_point(points[some], reach)
         count = np.array([len(one) for one in pairs], dtype=np.int64)
         some, pairs, count = some[count > 0], [sorted(one) for one in pairs if one], count[count > 0]
         if not len(some):
             return _nothing()
-        triangle = np.concatenate(pairs).astype(np.int64)
+        triangle = those[np.concatenate(pairs).astype(np.int64)]
         return self._nearest(points, some, count, triangle, corners, margin=margin)
 
     def _nearest(
@@ -173,14 +153,49 @@ class FacetSurface:
 
     def _weights(self, triangle: IntArray, share: FloatArray) -> tuple[IntArray, FloatArray]:
         """Nodes (n, 4) and weights of places that are shares (n, 3) of the triangles' corners."""
-        if self._facets.shape[1] == 3:
+        if self.facets.shape[1] == 3:
             nodes = self._corner[triangle]
             return np.column_stack([nodes, nodes[:, 0]]), np.column_stack([share, np.zeros(len(share))])
-        nodes = self._facets[self._facet[triangle]]
+        nodes = self.facets[self._facet[triangle]]
         weights = np.repeat(share[:, 2:] / 4.0, 4, axis=1)
         for k in range(2):
             weights += share[:, k, None] * (nodes == self._corner[triangle, k, None])
         return nodes, weights
+
+
+class FacetSurface(FacetMesh):
+    """A group of a body's facets, the whole of it on every rank. Constructing one is collective.
+
+    Attributes:
+        number: (k,) the nodes on it, by their numbers in the mesh's input, ascending.
+        own: (k,) this rank's owned node of each, -1 of another rank's.
+    """
+
+    def __init__(self, body: NonlinearModel, surface: str) -> None:
+        """Gather the facets.
+
+        Raises:
+            SceneError: on all ranks: its facets have nodes beside their corners.
+        """
+        patch, numbers = SurfacePatch(body, surface_facets(body, surface)), node_numbers(body)
+        width = patch.nodes.shape[1]
+        if width not in (3, 4):
+            raise SceneError(
+                f"surface {surface!r}: facets that nodes touch have corners alone; take elements of degree 1"
+            )
+        # corners go round, seen from outside against the clock
+        order = np.arange(3) if width == 3 else np.array([0, 1, 3, 2])
+        corners = patch.nodes[:, order]
+        corners[patch.sense < 0.0] = corners[patch.sense < 0.0][:, ::-1]
+        facets = np.concatenate(body.comm.allgather(numbers[corners])).astype(np.int64)
+        facets = facets[np.lexsort(np.sort(facets, axis=1).T)]  # whatever the ranks
+        self.number: IntArray = np.unique(facets)
+        owned = numbers[: body.layout.n_owned_nodes]
+        at = np.searchsorted(self.number, owned)
+        mine = self.number[np.minimum(at, len(self.number) - 1)] == owned
+        self.own: IntArray = np.full(len(self.number), -1, dtype=np.int64)
+        self.own[at[mine]] = np.flatnonzero(mine)
+        super().__init__(np.searchsorted(self.number, facets), len(self.number))
 
 
 def check_same_ranks(first: NonlinearModel, second: NonlinearModel, *, what: str) -> None:
@@ -193,6 +208,12 @@ def check_same_ranks(first: NonlinearModel, second: NonlinearModel, *, what: str
     if first.comm.size != second.comm.size:
         error = SceneError(f"{what}: both bodies must be spread over the same ranks")
     parallel.raise_collectively(first.comm, error)
+
+
+def _within(points: FloatArray, others: FloatArray, reach: float) -> IntArray:
+    """Which points (n, 3) m are less than a reach (m) outside of the box around others (k, 3) m."""
+    low, high = others.min(axis=0) - reach, others.max(axis=0) + reach
+    return np.flatnonzero(((points > low) & (points < high)).all(axis=1))
 
 
 def _nothing() -> NearFacets:

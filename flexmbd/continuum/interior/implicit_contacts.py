@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
-from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
+from flexmbd.continuum.interior.shape_contacts import surface_nodes
+from flexmbd.continuum.interior.touched_frames import refuse_inside
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 from flexmbd.multibody.interiors.touching_interior import Obstacle
 
