@@ -17,6 +17,9 @@ from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 
+# The part of a step's way by which a point may have been behind facets already when it comes through them.
+_OF_WAY = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class FacetPush:
@@ -34,6 +37,18 @@ class FacetPush:
     memory: FloatArray
 
 
+def comes_through(
+    found: NearFacets, went: FloatArray, touching: NDArray[np.bool_], *, size: float
+) -> NDArray[np.bool_]:
+    """(n,) which points behind facets touched them before, or were before them when the step began.
+
+    That is told by the way of a step, to second order, so that a small part of it is allowed for.
+    """
+    before = found.depth + np.einsum("ij,ij->i", went, found.normal)
+    allowed = SAME_PLACE * size + _OF_WAY * np.sqrt((went**2).sum(axis=1))
+    return np.asarray(touching | (before <= allowed))
+
+
 def push_out(
     found: NearFacets, went: FloatArray, memory: FloatArray, *, friction: float, size: float
 ) -> FacetPush:
@@ -46,8 +61,7 @@ def push_out(
         friction: Coulomb's coefficient.
         size: m, of the body, by which places are told from round-off.
     """
-    before = found.depth + np.einsum("ij,ij->i", went, found.normal)
-    entered = (memory[found.points, 3] > 0.0) | (before <= SAME_PLACE * size)
+    entered = comes_through(found, went, memory[found.points, 3] > 0.0, size=size)
     found, went = found.some(entered), went[entered]
     held = memory[found.points, :3] + went
     held -= np.einsum("ij,ij->i", held, found.normal)[:, None] * found.normal

@@ -16,10 +16,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmbd.continuum.interior.facet_push import comes_through
 from flexmbd.continuum.interior.facet_search import NearFacets
 from flexmbd.continuum.interior.reduced_contact import MovedFacets
 from flexmbd.multibody.interiors.touching_interior import Obstacle, ReducedFacets
-from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -160,8 +160,7 @@ class ReducedTouch:
         found = facets.mesh.find(y, facets.points)
         went = (y - before.y)[found.points]
         went -= np.einsum("nk,nka->na", found.weights, (facets.points - self._points(before))[found.nodes])
-        first = found.depth + np.einsum("na,na->n", went, found.normal)
-        entered = before.met.any(axis=1)[found.points] | (first <= SAME_PLACE * self._size)
+        entered = comes_through(found, went, before.met.any(axis=1)[found.points], size=self._size)
         found, went = found.some(entered), went[entered]
         r, on = felt[found.points], found.points
         of_law = {"r": given.stiffness_ratio * r, "bristle": _BRISTLE * r}
