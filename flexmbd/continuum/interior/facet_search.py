@@ -29,6 +29,7 @@ class NearFacets:
         normal: (n, 3) unit vectors out of the surface, towards or away from the points.
         nodes: (n, 4) the surface's nodes that the place hangs on, by their rows.
         weights: (n, 4) by how much of each; their sum is 1.
+        gradients: (n, 4, 3) 1/m, of the weights by the point, of places inside of a triangle; zero on edges and corners.
         beside: (n,) whether the points are beyond the rim, by at most half a facet: before or behind its plane.
     """
 
@@ -37,13 +38,14 @@ class NearFacets:
     normal: FloatArray
     nodes: IntArray
     weights: FloatArray
+    gradients: FloatArray
     beside: NDArray[np.bool_]
 
     def some(self, mask: NDArray[np.bool_]) -> NearFacets:
         """Those of a mask (n,)."""
         return NearFacets(
             self.points[mask], self.depth[mask], self.normal[mask], self.nodes[mask], self.weights[mask],
-            self.beside[mask],
+            self.gradients[mask], self.beside[mask],
         )
 
 
@@ -149,7 +151,11 @@ class FacetMesh:
         # what is beside acts on the facet as a plate that goes on, so that forces have no moment
         share = np.where(beside[:, None], below[best], share[best])
         nodes, weights = self._weights(chosen[keep], share[keep])
-        return NearFacets(some[keep], depth[keep], n[keep], nodes, weights, beside[keep])
+        inside = (beside | ~zero.any(axis=1))[keep]
+        opposite = np.roll(abc[best][keep], -2, axis=1) - np.roll(abc[best][keep], -1, axis=1)
+        slopes = np.cross((unit / size[:, None])[best][keep, None], opposite) * inside[:, None, None]
+        gradients = np.stack([self._weights(chosen[keep], slopes[:, :, k])[1] for k in range(3)], axis=2)
+        return NearFacets(some[keep], depth[keep], n[keep], nodes, weights, gradients, beside[keep])
 
     def _weights(self, triangle: IntArray, share: FloatArray) -> tuple[IntArray, FloatArray]:
         """Nodes (n, 4) and weights of places that are shares (n, 3) of the triangles' corners."""
@@ -218,7 +224,8 @@ def _within(points: FloatArray, others: FloatArray, reach: float) -> IntArray:
 
 def _nothing() -> NearFacets:
     none = np.zeros(0, dtype=np.int64)
-    return NearFacets(none, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), none > 0)
+    nodes, weights, gradients = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 4, 3))
+    return NearFacets(none, np.zeros(0), np.zeros((0, 3)), nodes, weights, gradients, none > 0)
 
 
 def _closest(p: FloatArray, abc: FloatArray) -> tuple[FloatArray, FloatArray]:

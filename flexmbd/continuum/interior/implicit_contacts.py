@@ -84,7 +84,7 @@ class ImplicitContacts:
             on, axes, n = nodes[touch.on], R[0], len(touch.on)
             turned = np.einsum("ab,nbc,dc->nad", axes, touch.slopes, axes)
             parts.append((on, x[on], touch.state.force[touch.on], turned))
-            carriers.append(Carrier(p[0], axes, touch.y, touch.phi, slice(row, row + n), frame))
+            carriers.append(Carrier(p[0], axes, touch.y, touch.phi, touch.wander, touch.normal, slice(row, row + n), frame))
             states.append(touch.state)
             row, frame = row + n, frame + one.frames
         on_nodes, places, force, slopes = (np.concatenate(several) for several in zip(*parts, strict=True))

@@ -4,8 +4,7 @@ A node at the depth d is pushed by N = r d, r above the stiffness that it feels 
 to enter, the node's mass would be stopped at once, a jump of velocities that no step resolves, however short.  Friction
 is what would hold a node where it was on what it touches, T' - r_t s with T' of the last accepted step and its way s
 across, or as much of it as Coulomb's law has (Simo & Laursen 1992): bristles a few times as stiff as the node.
-Newton's method has the derivative of both; that of facets as if they were as plane and the place as fixed on them as
-they are at the iteration.
+Newton's method has the derivative of both, of facets that turn and of places that wander on them.
 """
 
 from __future__ import annotations
@@ -63,6 +62,8 @@ class Touch:
         slopes: (n, 3, 3) N/m, minus the derivative of their forces, in the first frame's axes.
         y: (3 (c - 1),) m, displacements of the frames of modes.
         phi: (n, 3, 3 (c - 1)) what they move of the places, in these axes.
+        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the place's coordinates, which are the first of its axes.
+        normal: (n, 3) out of what is touched, where facets turn; else 0.
     """
 
     state: TouchedState
@@ -70,6 +71,8 @@ class Touch:
     slopes: FloatArray
     y: FloatArray
     phi: FloatArray
+    wander: FloatArray
+    normal: FloatArray
 
 
 class ImplicitTouch(Protocol):
@@ -119,7 +122,8 @@ class ShapeTouch:
         met, rubbed, slopes = law(found, y - before.y, before.rubbed, r=r, bristle=bristle, friction=one.friction)
         on = np.flatnonzero(met.any(axis=1))
         state = TouchedState(y, met, rubbed, p, R, np.zeros((2, 0, 3)))
-        return Touch(state, on, slopes[on], np.zeros(0), np.zeros((len(on), 3, 0)))
+        n = len(on)
+        return Touch(state, on, slopes[on], np.zeros(0), np.zeros((n, 3, 0)), np.zeros((n, 3, 3, 0)), np.zeros((n, 3)))
 
     def works(self, before: TouchedState, after: TouchedState) -> FloatArray:
         """See `ImplicitTouch`."""
@@ -169,8 +173,10 @@ class ReducedTouch:
         whole = np.zeros((2, *y.shape))
         whole[:, on] = met, rubbed
         state = TouchedState(y, *whole, p, R, np.array([self._on_points(found, one) for one in (met, rubbed)]))
-        phi = np.einsum("nk,nkai->nai", found.weights, given.shapes[found.nodes])
-        return Touch(state, on, slopes, facets.y, phi)
+        shapes = given.shapes[found.nodes]
+        phi = np.einsum("nk,nkai->nai", found.weights, shapes)
+        wander = np.einsum("nkb,nkai->nbai", found.gradients, shapes)
+        return Touch(state, on, slopes, facets.y, phi, wander, found.normal)
 
     def works(self, before: TouchedState, after: TouchedState) -> FloatArray:
         """See `ImplicitTouch`."""

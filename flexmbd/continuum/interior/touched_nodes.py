@@ -26,6 +26,8 @@ class Carrier:
         p, R: (3,) m, (3, 3) of the first frame.
         y: (3 (c - 1),) m, displacements of the other frames in the first one's axes.
         phi: (n, 3, 3 (c - 1)) in these.
+        wander: (n, 3, 3, 3 (c - 1)) 1/m, its derivative by the places' coordinates, the first of its axes.
+        normal: (n, 3) in these axes, of facets, which turn; else 0.
         rows: of its nodes.
         first: its first frame, of those of all that is touched.
     """
@@ -34,6 +36,8 @@ class Carrier:
     R: FloatArray
     y: FloatArray
     phi: FloatArray
+    wander: FloatArray
+    normal: FloatArray
     rows: slice
     first: int
 
@@ -64,10 +68,18 @@ class Carrier:
         dp, w, dy = motion
         return np.asarray(dp + np.cross(w, arms) + (self.phi @ dy) @ self.R.T)
 
+    def turned_forces(self, motion: tuple[FloatArray, FloatArray, FloatArray], force: FloatArray) -> FloatArray:
+        """(n, 3) changes of forces (n, 3) that turn with the body and its facets."""
+        _, w, dy = motion
+        # a facet's normal goes against the slope of what moves along it
+        tilt = -np.einsum("nbai,na,i->nb", self.wander, self.normal, dy)
+        turns = w + np.cross(self.normal, tilt) @ self.R.T
+        return np.asarray(np.cross(turns, force))
+
     def wrenches(self, force: FloatArray, arms: FloatArray) -> FloatArray:
         """(c, 6) on the frames by minus forces (n, 3) at arms (n, 3), in inertial axes."""
         f, r = -force @ self.R, arms @ self.R
-        return self._turned(self._by(f, f, r, self.y, r, self.y))
+        return self._turned(self._by(f, r))
 
     def wrench_changes(
         self, force: FloatArray, arms: FloatArray, changes: FloatArray, dx: FloatArray,
@@ -77,23 +89,24 @@ class Carrier:
         dp, w, dy = (np.zeros(3), np.zeros(3), np.zeros(len(self.y))) if motion is None else motion
         f, df = -force @ self.R, -(changes - np.cross(w, force)) @ self.R
         r, dr = arms @ self.R, (dx - dp - np.cross(w, arms)) @ self.R
-        whole = self._by(f, df, r, self.y, dr, dy, changes=True)
-        now = self._turned(self._by(f, f, r, self.y, r, self.y)).reshape(-1, 3)
-        return self._turned(whole) + np.cross(w, now).reshape(-1, 6)
+        now = self._by(f, r)
+        whole = self._by(df, r)
+        modal = np.einsum("nai,na->i", self.phi, f).reshape(-1, 3)
+        wandered = np.einsum("nbai,nb,na->i", self.wander, dr - self.phi @ dy, f).reshape(-1, 3)
+        arms = self.y.reshape(-1, 3)
+        whole[1:, :3] += wandered
+        whole[0, :3] -= wandered.sum(axis=0)
+        whole[0, 3:] += np.cross(dr, f).sum(axis=0)
+        whole[0, 3:] -= (np.cross(dy.reshape(-1, 3), modal) + np.cross(arms, wandered)).sum(axis=0)
+        return self._turned(whole) + np.cross(w, self._turned(now).reshape(-1, 3)).reshape(-1, 6)
 
-    def _by(
-        self, f: FloatArray, df: FloatArray, r: FloatArray, y: FloatArray, dr: FloatArray, dy: FloatArray, *,
-        changes: bool = False,
-    ) -> FloatArray:
-        """(c, 6) wrenches, or their changes, by forces on the body at r with y, and changes of these, in its axes."""
-        modal, arms = np.einsum("nai,na->i", self.phi, df).reshape(-1, 3), y.reshape(-1, 3)
+    def _by(self, f: FloatArray, r: FloatArray) -> FloatArray:
+        """(c, 6) wrenches by forces on the body at r, in its axes."""
+        modal, arms = np.einsum("nai,na->i", self.phi, f).reshape(-1, 3), self.y.reshape(-1, 3)
         out = np.zeros((self.frames, 6))
         out[1:, :3] = modal
-        out[0, :3] = df.sum(axis=0) - modal.sum(axis=0)
-        out[0, 3:] = np.cross(r, df).sum(axis=0) - np.cross(arms, modal).sum(axis=0)
-        if changes:
-            held = np.einsum("nai,na->i", self.phi, f).reshape(-1, 3)
-            out[0, 3:] += np.cross(dr, f).sum(axis=0) - np.cross(dy.reshape(-1, 3), held).sum(axis=0)
+        out[0, :3] = f.sum(axis=0) - modal.sum(axis=0)
+        out[0, 3:] = np.cross(r, f).sum(axis=0) - np.cross(arms, modal).sum(axis=0)
         return out
 
     def _turned(self, wrenches: FloatArray) -> FloatArray:
@@ -156,7 +169,8 @@ class TouchedNodes:
             motion, rows = one.motion(frame, axis), one.rows
             if motion is not None:
                 way = one.way(motion, self.arms[rows])
-                out[rows] = np.einsum("nab,nb->na", self.slopes[rows], way) + np.cross(motion[1], self.force[rows])
+                out[rows] = np.einsum("nab,nb->na", self.slopes[rows], way)
+                out[rows] += one.turned_forces(motion, self.force[rows])
         return out
 
     def wrenches(self) -> FloatArray:
