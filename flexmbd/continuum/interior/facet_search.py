@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from flexmbd.round_off import SIX_DIGITS
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# By which part of a triangle a point may be beside it that is measured by its plane all the same.
+_BESIDE = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class NearFacets:
@@ -29,7 +32,10 @@ class NearFacets:
         normal: (n, 3) unit vectors out of the surface, towards or away from the points.
         nodes: (n, 4) the surface's nodes that the place hangs on, by their rows.
         weights: (n, 4) by how much of each; their sum is 1.
-        gradients: (n, 4, 3) 1/m, of the weights by the point, of places inside of a triangle; zero on edges and corners.
+        gradients: (n, 4, 3) 1/m, of the weights by the point.
+        bends: (n, 3, 3) projections to the directions in which the normal goes with the point, turning about a place on
+            an edge or a corner that is as far as the depth; zero inside of triangles.
+        triangle: (n,) that the place is on, of the mesh.
         beside: (n,) whether the points are beyond the rim, by at most half a facet: before or behind its plane.
     """
 
@@ -39,14 +45,18 @@ class NearFacets:
     nodes: IntArray
     weights: FloatArray
     gradients: FloatArray
+    bends: FloatArray
+    triangle: IntArray
     beside: NDArray[np.bool_]
 
     def some(self, mask: NDArray[np.bool_]) -> NearFacets:
         """Those of a mask (n,)."""
-        return NearFacets(
-            self.points[mask], self.depth[mask], self.normal[mask], self.nodes[mask], self.weights[mask],
-            self.gradients[mask], self.beside[mask],
-        )
+        return NearFacets(*(getattr(self, part.name)[mask] for part in fields(self)))
+
+    def and_others(self, others: NearFacets) -> NearFacets:
+        """These, and others."""
+        pairs = ((getattr(one, part.name) for one in (self, others)) for part in fields(self))
+        return NearFacets(*(np.concatenate([*pair]) for pair in pairs))
 
 
 class FacetMesh:
@@ -94,10 +104,7 @@ class FacetMesh:
             surface: (k, 3) m, places of the surface's nodes.
             margin: m.
         """
-        x = surface
-        if self.facets.shape[1] == 4:
-            x = np.vstack([surface, surface[self.facets].mean(axis=1)])
-        corners = x[self._corner]
+        corners = self._corners(surface)
         centre = corners.mean(axis=1)
         reach = 1.5 * float(np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max())) + margin
         some = _within(points, surface, reach)
@@ -111,6 +118,35 @@ class FacetMesh:
             return _nothing()
         triangle = those[np.concatenate(pairs).astype(np.int64)]
         return self._nearest(points, some, count, triangle, corners, margin=margin)
+
+    def before(self, points: FloatArray, rows: IntArray, triangle: IntArray, surface: FloatArray) -> NearFacets:
+        """Where some points are before the planes of given triangles, of those that are above these or little beside.
+
+        Args:
+            points: (n, 3) m.
+            rows: (k,) which of them.
+            triangle: (k,) the triangles.
+            surface: as of `find`.
+        """
+        abc = self._corners(surface)[triangle]
+        share = _closest(points[rows], abc)[0]
+        kept = share.min(axis=1, initial=1.0) > -_BESIDE
+        rows, triangle, abc, share = rows[kept], triangle[kept], abc[kept], share[kept]
+        area = np.cross(abc[:, 1] - abc[:, 0], abc[:, 2] - abc[:, 0])
+        unit = area / np.sqrt((area**2).sum(axis=1))[:, None]
+        depth = -np.einsum("na,na->n", points[rows] - abc[:, 0], unit)
+        slopes = _share_slopes(abc, unit, np.zeros(share.shape, dtype=bool))[0]
+        nodes, weights = self._weights(triangle, share)
+        gradients = np.stack([self._weights(triangle, slopes[:, :, k])[1] for k in range(3)], axis=2)
+        flat, no = np.zeros((len(rows), 3, 3)), np.zeros(len(rows), dtype=bool)
+        return NearFacets(rows, depth, unit, nodes, weights, gradients, flat, triangle, no)
+
+    def _corners(self, surface: FloatArray) -> FloatArray:
+        """(t, 3, 3) m, of the triangles."""
+        x = surface
+        if self.facets.shape[1] == 4:
+            x = np.vstack([surface, surface[self.facets].mean(axis=1)])
+        return np.asarray(x[self._corner])
 
     def _nearest(
         self, points: FloatArray, some: IntArray, count: IntArray, triangle: IntArray, corners: FloatArray, *,
@@ -151,11 +187,11 @@ class FacetMesh:
         # what is beside acts on the facet as a plate that goes on, so that forces have no moment
         share = np.where(beside[:, None], below[best], share[best])
         nodes, weights = self._weights(chosen[keep], share[keep])
-        inside = (beside | ~zero.any(axis=1))[keep]
-        opposite = np.roll(abc[best][keep], -2, axis=1) - np.roll(abc[best][keep], -1, axis=1)
-        slopes = np.cross((unit / size[:, None])[best][keep, None], opposite) * inside[:, None, None]
+        bends = np.where((sharp & ~beside & zero.any(axis=1))[keep], 1.0, 0.0)[:, None, None] * np.eye(3)
+        slopes, along = _share_slopes(abc[best][keep], unit[best][keep], zero[keep] & ~beside[keep, None])
+        bends -= (bends @ n[keep, :, None]) * n[keep, None, :] + (bends @ along[:, :, None]) * along[:, None, :]
         gradients = np.stack([self._weights(chosen[keep], slopes[:, :, k])[1] for k in range(3)], axis=2)
-        return NearFacets(some[keep], depth[keep], n[keep], nodes, weights, gradients, beside[keep])
+        return NearFacets(some[keep], depth[keep], n[keep], nodes, weights, gradients, bends, chosen[keep], beside[keep])
 
     def _weights(self, triangle: IntArray, share: FloatArray) -> tuple[IntArray, FloatArray]:
         """Nodes (n, 4) and weights of places that are shares (n, 3) of the triangles' corners."""
@@ -224,8 +260,33 @@ def _within(points: FloatArray, others: FloatArray, reach: float) -> IntArray:
 
 def _nothing() -> NearFacets:
     none = np.zeros(0, dtype=np.int64)
-    nodes, weights, gradients = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 4, 3))
-    return NearFacets(none, np.zeros(0), np.zeros((0, 3)), nodes, weights, gradients, none > 0)
+    nodes, weights, normals = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3))
+    return NearFacets(
+        none, np.zeros(0), normals, nodes, weights, np.zeros((0, 4, 3)), np.zeros((0, 3, 3)), none, np.zeros(0, dtype=bool)
+    )
+
+
+def _share_slopes(abc: FloatArray, unit: FloatArray, zero: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """(n, 3, 3) 1/m, of the shares of corners by the point; (n, 3) unit vectors along edges, or 0.
+
+    Args:
+        abc: (n, 3, 3) m, corners.
+        unit: (n, 3) normals.
+        zero: (n, 3) which shares stay zero: one where the place is on an edge, two on a corner.
+    """
+    opposite = np.roll(abc, -2, axis=1) - np.roll(abc, -1, axis=1)
+    area = np.einsum("na,na->n", np.cross(opposite[:, 1], opposite[:, 2]), unit)
+    slopes = np.cross((unit / area[:, None])[:, None], opposite)
+    count = zero.sum(axis=1)
+    edge = np.flatnonzero(count == 1)
+    k = zero[edge].argmax(axis=1)
+    along = np.zeros_like(unit)
+    vector = opposite[edge, k]
+    square = (vector**2).sum(axis=1)[:, None]
+    along[edge] = vector / np.sqrt(square)
+    slopes[count > 0] = 0.0
+    slopes[edge, (k + 1) % 3], slopes[edge, (k + 2) % 3] = -vector / square, vector / square
+    return slopes, along
 
 
 def _closest(p: FloatArray, abc: FloatArray) -> tuple[FloatArray, FloatArray]:

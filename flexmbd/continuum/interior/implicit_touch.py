@@ -141,6 +141,8 @@ class ReducedTouch:
     def __init__(self, given: ReducedFacets, *, size: float) -> None:
         """Of these facets; size: m, of the body whose nodes touch them."""
         self._given, self._facets, self._size, self.name = given, MovedFacets(given), size, given.name
+        self._before: TouchedState | None = None  # the step that is tried
+        self._triangle: IntArray = np.zeros(0, dtype=np.int64)
 
     @property
     def frames(self) -> int:
@@ -161,7 +163,7 @@ class ReducedTouch:
         facets, given = self._facets, self._given
         facets.place(p, R)
         y = facets.seen(x)
-        found = facets.mesh.find(y, facets.points)
+        found = self._find(y, before)
         went = (y - before.y)[found.points]
         went -= np.einsum("nk,nka->na", found.weights, (facets.points - self._points(before))[found.nodes])
         entered = comes_through(found, went, before.met.any(axis=1)[found.points], size=self._size)
@@ -170,6 +172,7 @@ class ReducedTouch:
         of_law = {"r": given.stiffness_ratio * r, "bristle": _BRISTLE * r}
         gaps = np.column_stack([-found.depth, found.normal])
         met, rubbed, slopes = law(gaps, went, before.rubbed[on], friction=given.friction, **of_law)
+        slopes += of_law["r"][:, None, None] * found.bends
         whole = np.zeros((2, *y.shape))
         whole[:, on] = met, rubbed
         state = TouchedState(y, *whole, p, R, np.array([self._on_points(found, one) for one in (met, rubbed)]))
@@ -189,6 +192,21 @@ class ReducedTouch:
         couple = -np.cross(state.y, state.met + state.rubbed).sum(axis=0) - np.cross(points, on_points).sum(axis=0)
         found = facets.wrenches(np.vstack([on_points, couple]))
         return facets.turned(found.reshape(-1, 3)).reshape(-1, 6)
+
+    def _find(self, y: FloatArray, before: TouchedState) -> NearFacets:
+        """Where nodes are behind facets: each before the one at which it was found first in this step.
+
+        Beneath an edge the nearest facet, and with it the normal, would change from iteration to iteration.
+        """
+        mesh, points = self._facets.mesh, self._facets.points
+        if before is not self._before:
+            self._before, self._triangle = before, np.full(len(y), -1, dtype=np.int64)
+        rows = np.flatnonzero(self._triangle >= 0)
+        kept = mesh.before(y, rows, self._triangle[rows], points)
+        found = mesh.find(y, points)
+        found = found.some(~np.isin(found.points, kept.points)).and_others(kept.some(kept.depth > 0.0))
+        self._triangle[found.points] = found.triangle
+        return found
 
     def _points(self, state: TouchedState) -> FloatArray:
         self._facets.place(state.p, state.R)

@@ -180,7 +180,9 @@ class TouchedNodes:
 
     def wrench_changes(self, dx: FloatArray, frame: tuple[int, int] | None) -> FloatArray:
         """(m, 6) changes of the wrenches where the nodes move by dx (n, 3) m, and a frame by its unit motion."""
-        changes = self.changes(dx)
+        changes, still = self.changes(dx), not dx.any()
+        if still and (frame is None or not any(part.any() for one in self.carriers for part in one.motion(*frame) or ())):
+            return np.zeros((sum(one.frames for one in self.carriers), 6))
         if frame is not None:
             changes = changes + self.by_frame(*frame)
         found = []
