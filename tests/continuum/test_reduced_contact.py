@@ -58,7 +58,8 @@ class Drop:
     def __init__(self, interior, body, facets, *, root, flies=False, mu=0.0, v=V, team=None, **told):
         self.interior = interior
         self.scene = fm.System() if team is None else fm.System(team=team)
-        self.beam, self.block = self.scene.add(body, name="beam"), self.scene.add(fm.ContinuumBody(interior), name="block")
+        self.beam = self.scene.add(body, name="beam")
+        self.block = self.scene.add(fm.ContinuumBody(interior), name="block")
         joint = fm.joint.Free() if flies else fm.joint.Fixed()
         self.at = self.beam.frame("x_min")
         self.scene.connect(joint, self.scene.ground.frame(p=root), self.at)
@@ -70,10 +71,7 @@ class Drop:
     @classmethod
     def on_reduced(cls, interior, body=None, **told):
         body = body or record()
-        interface = body.interface("x_min")
-        root = np.array([0.0, 0.0, 0.0])
-        assert interface is not None
-        return cls(interior, fm.FlexibleBody(body), "top", root=root, **told)
+        return cls(interior, fm.FlexibleBody(body), "top", root=np.zeros(3), **told)
 
     def force(self, run):
         return run.outer_forces(self.block)[self.contact.name]
@@ -101,7 +99,7 @@ class Drop:
 
 def test_a_yielding_block_and_a_flying_beam_keep_momentum_and_energy():
     """What is lost is of the method's order, 2: the beam's frame is not at its centre of mass."""
-    lost, spin = [], 0.512 * np.cross(Drop.start + [0.04, 0.0, 0.0], V)
+    lost, spin = [], 0.512 * np.cross(Drop.start + np.array([0.04, 0.0, 0.0]), V)
     for h in (2e-4, 1e-4):
         drop = Drop.on_reduced(block(yields=2e4), flies=True, mu=0.3)
         run = drop.scene.simulate(0.05, h=h, integrator=EXPLICIT)
@@ -240,7 +238,7 @@ def hitting(kind, *, team=None, comm=MPI.COMM_SELF, h=None, **told):
 
 
 def test_implicit_steps_do_what_explicit_ones_do():
-    """With contact as stiff: ten times a node's stiffness is more than explicit steps bear, the highest penalty near."""
+    """Ten times a node's stiffness is more than explicit steps bear; the highest penalty is near."""
     impulses = []
     for kind, told in ((ExplicitContinuum, {"penalty": 2.9}), (ImplicitContinuum, {})):
         drop = Drop.on_reduced(block(kind), mu=0.3, **told)
@@ -286,8 +284,9 @@ def test_wrong_surfaces_are_refused():
         scene.touch(contact.Nodes(part, "z_min"), beam, hard)
     with pytest.raises(SceneError, match="without a penalty"):
         scene.touch(contact.Nodes(part, "z_min", penalty=None), contact.SurfaceFacets(beam, "top"), hard)
+    stranger = fm.FlexibleBody(record(6), name="stranger")
     with pytest.raises(SceneError, match="'stranger': the body is not in this scene"):
-        scene.touch(contact.Nodes(part, "z_min"), contact.SurfaceFacets(fm.FlexibleBody(record(6), name="stranger"), "top"), hard)
+        scene.touch(contact.Nodes(part, "z_min"), contact.SurfaceFacets(stranger, "top"), hard)
     scene.touch(contact.Nodes(part, "z_min"), contact.SurfaceFacets(beam, "top"), hard)
     with pytest.raises(SceneError, match="touch already"):
         scene.touch(contact.Nodes(part, "z_min"), contact.SurfaceFacets(beam, "top"), hard)
@@ -303,7 +302,8 @@ def test_a_body_that_begins_inside_is_refused(kind):
     low = Drop.start - [0.0, 0.0, 6e-3]
     at = drop.scene.ground.frame(p=low + drop.interior.frames[0].p_BI_B)
     scene = fm.System()
-    beam, part = scene.add(fm.FlexibleBody(record()), name="beam"), scene.add(fm.ContinuumBody(block(kind)), name="block")
+    beam = scene.add(fm.FlexibleBody(record()), name="beam")
+    part = scene.add(fm.ContinuumBody(block(kind)), name="block")
     scene.connect(fm.joint.Fixed(), scene.ground.frame(), beam.frame("x_min"))
     scene.connect(fm.joint.Free(), scene.ground.frame(p=at.p_BF_B), part.frame("z_max"))
     scene.touch(contact.Nodes(part, "z_min"), contact.SurfaceFacets(beam, "top"), contact.Hard())

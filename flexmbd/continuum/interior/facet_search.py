@@ -191,7 +191,8 @@ class FacetMesh:
         slopes, along = _share_slopes(abc[best][keep], unit[best][keep], zero[keep] & ~beside[keep, None])
         bends -= (bends @ n[keep, :, None]) * n[keep, None, :] + (bends @ along[:, :, None]) * along[:, None, :]
         gradients = np.stack([self._weights(chosen[keep], slopes[:, :, k])[1] for k in range(3)], axis=2)
-        return NearFacets(some[keep], depth[keep], n[keep], nodes, weights, gradients, bends, chosen[keep], beside[keep])
+        place = nodes, weights, gradients, bends, chosen[keep], beside[keep]
+        return NearFacets(some[keep], depth[keep], n[keep], *place)
 
     def _weights(self, triangle: IntArray, share: FloatArray) -> tuple[IntArray, FloatArray]:
         """Nodes (n, 4) and weights of places that are shares (n, 3) of the triangles' corners."""
@@ -261,9 +262,8 @@ def _within(points: FloatArray, others: FloatArray, reach: float) -> IntArray:
 def _nothing() -> NearFacets:
     none = np.zeros(0, dtype=np.int64)
     nodes, weights, normals = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3))
-    return NearFacets(
-        none, np.zeros(0), normals, nodes, weights, np.zeros((0, 4, 3)), np.zeros((0, 3, 3)), none, np.zeros(0, dtype=bool)
-    )
+    place = nodes, weights, np.zeros((0, 4, 3)), np.zeros((0, 3, 3)), none, np.zeros(0, dtype=bool)
+    return NearFacets(none, np.zeros(0), normals, *place)
 
 
 def _share_slopes(abc: FloatArray, unit: FloatArray, zero: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:

@@ -405,11 +405,14 @@ class ImplicitContinuum:
 
     def _contacts_with(self, obstacles: Sequence[Obstacle], surfaces: Sequence[ReducedFacets]) -> ImplicitContacts:
         """The contacts of the surfaces. Collective."""
-        both = {one.name for one in (*obstacles, *surfaces)} & set(self._loads.applied.names)
+        names = {one.name for one in obstacles} | {one.name for one in surfaces}
+        both = names & set(self._loads.applied.names)
         if both:
             raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
-        told = {"obstacles": obstacles, "surfaces": surfaces, "size": self._extent_of(self.body.layout.node_x)}
-        return ImplicitContacts(self.body, self._memory, self._diagonal, **told)
+        size = self._extent_of(self.body.layout.node_x)
+        return ImplicitContacts(
+            self.body, self._memory, self._diagonal, size=size, obstacles=obstacles, surfaces=surfaces
+        )
 
     def face(self, facing: FacingSurface) -> None:
         """See `TouchingInterior`: not in implicit steps.

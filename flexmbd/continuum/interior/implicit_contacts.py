@@ -28,7 +28,7 @@ class ImplicitContacts:
 
     Attributes:
         touches: them.
-        works: (2,) J, this rank's part of what contact and friction did along the ways of nodes against what they touch.
+        works: (2,) J, this rank's part of what contact and friction did along the ways of nodes on what they touch.
     """
 
     def __init__(
@@ -49,7 +49,8 @@ class ImplicitContacts:
         self.obstacles = tuple(obstacles)
         reduced = [ReducedTouch(one, size=size) for one in surfaces]
         self.touches: tuple[ImplicitTouch, ...] = (*map(ShapeTouch, self.obstacles), *reduced)
-        self._nodes = [surface_nodes(body, one.surface) for one in (*self.obstacles, *surfaces)]
+        touched: list[Obstacle | ReducedFacets] = [*self.obstacles, *surfaces]
+        self._nodes = [surface_nodes(body, one.surface) for one in touched]
         self._felt: FloatArray = stiffness.reshape(-1, 3).mean(axis=1)
         self._now: tuple[TouchedState, ...] = ()
         self.works: FloatArray = np.zeros(2)
@@ -75,8 +76,10 @@ class ImplicitContacts:
             x: of the nodes.
             motion: of the frames.
         """
-        nothing = np.zeros((0, 3))
-        parts = [(np.zeros(0, dtype=np.int64), nothing, nothing, np.zeros((0, 3, 3)))]
+        nothing: FloatArray = np.zeros((0, 3))
+        no_nodes: IntArray = np.zeros(0, dtype=np.int64)
+        no_slopes: FloatArray = np.zeros((0, 3, 3))
+        parts = [(no_nodes, nothing, nothing, no_slopes)]
         carriers, states = [], []
         row = frame = 0
         for before, (one, nodes, p, R) in zip(self._now, self._each(motion), strict=True):
@@ -84,7 +87,8 @@ class ImplicitContacts:
             on, axes, n = nodes[touch.on], R[0], len(touch.on)
             turned = np.einsum("ab,nbc,dc->nad", axes, touch.slopes, axes)
             parts.append((on, x[on], touch.state.force[touch.on], turned))
-            carriers.append(Carrier(p[0], axes, touch.y, touch.phi, touch.wander, touch.normal, slice(row, row + n), frame))
+            moves = touch.y, touch.phi, touch.wander, touch.normal
+            carriers.append(Carrier(p[0], axes, *moves, slice(row, row + n), frame))
             states.append(touch.state)
             row, frame = row + n, frame + one.frames
         on_nodes, places, force, slopes = (np.concatenate(several) for several in zip(*parts, strict=True))

@@ -166,7 +166,8 @@ class ReducedTouch:
         found = self._find(y, before)
         went = (y - before.y)[found.points]
         went -= np.einsum("nk,nka->na", found.weights, (facets.points - self._points(before))[found.nodes])
-        entered = comes_through(found, went, before.met.any(axis=1)[found.points], size=self._size)
+        touched = (before.met != 0.0).any(axis=1)
+        entered = comes_through(found, went, touched[found.points], size=self._size)
         found, went = found.some(entered), went[entered]
         r, on = felt[found.points], found.points
         of_law = {"r": given.stiffness_ratio * r, "bristle": _BRISTLE * r}
@@ -175,7 +176,8 @@ class ReducedTouch:
         slopes += of_law["r"][:, None, None] * found.bends
         whole = np.zeros((2, *y.shape))
         whole[:, on] = met, rubbed
-        state = TouchedState(y, *whole, p, R, np.array([self._on_points(found, one) for one in (met, rubbed)]))
+        reaction = np.array([self._on_points(found, one) for one in (met, rubbed)])
+        state = TouchedState(y, whole[0], whole[1], p, R, reaction)
         shapes = given.shapes[found.nodes]
         phi = np.einsum("nk,nkai->nai", found.weights, shapes)
         wander = np.einsum("nkb,nkai->nbai", found.gradients, shapes)

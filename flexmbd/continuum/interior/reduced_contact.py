@@ -178,7 +178,7 @@ class ReducedContact:
         self._before = now
 
     def approach(self, x: FloatArray, v: FloatArray, frame_v: FloatArray, frame_w: FloatArray, *, h: float) -> None:
-        """Foresee how far nodes, at x (owned nodes, 3) m with v, go in a step h (s) against frames with their twists."""
+        """Foresee how far nodes, at x (owned nodes, 3) m with v, go in a step h (s) against frames with twists."""
         origin, facets = frame_v[0], self.facets
         own = v[self.nodes] - origin - np.cross(frame_w[0], x[self.nodes] - facets.p[0])
         modal = (frame_v[1:] - origin - np.cross(frame_w[0], facets.p[1:] - facets.p[0])) @ facets.R[0]

@@ -180,8 +180,9 @@ class TouchedNodes:
 
     def wrench_changes(self, dx: FloatArray, frame: tuple[int, int] | None) -> FloatArray:
         """(m, 6) changes of the wrenches where the nodes move by dx (n, 3) m, and a frame by its unit motion."""
-        changes, still = self.changes(dx), not dx.any()
-        if still and (frame is None or not any(part.any() for one in self.carriers for part in one.motion(*frame) or ())):
+        changes = self.changes(dx)
+        motions = () if frame is None else (one.motion(*frame) or () for one in self.carriers)
+        if not dx.any() and not any(part.any() for motion in motions for part in motion):
             return np.zeros((sum(one.frames for one in self.carriers), 6))
         if frame is not None:
             changes = changes + self.by_frame(*frame)

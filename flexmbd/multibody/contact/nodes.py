@@ -271,7 +271,7 @@ def _facing(nodes: Nodes, facets: SurfaceFacets, law: Hard, known: Sequence[Noda
     if isinstance(facets.body, FlexibleBody) and not isinstance(interior, ReducedTouchingInterior):
         raise SceneError(
             f"{what}: the interior of {nodes.body.name!r}, {type(interior).__name__}, touches no reduced bodies; take "
-            "ExplicitContinuum"
+            "ExplicitContinuum or ImplicitContinuum"
         )
     for one in known:
         other = one.shape

@@ -1,4 +1,4 @@
-"""Facets that nodes of a body with history touch: of another one, or of a reduced body, moved by its frame and modes."""
+"""Facets that nodes of a body with history touch: of another one, or of a reduced body, moved by frame and modes."""
 
 from __future__ import annotations
 
@@ -120,8 +120,8 @@ def _geometry(body: FlexibleBody, surface: str | None, what: str) -> tuple[Float
     if surface is None:
         if record.surface is None:
             raise SceneError(
-                f"{what}: its record keeps no boundary; reduce the part with keep=Keep(surface=True), or name a surface "
-                "that contact=[Patch(name, size=...)] made"
+                f"{what}: its record keeps no boundary; reduce the part with keep=Keep(surface=True), or name a "
+                "surface that contact=[Patch(name, size=...)] made"
             )
         whole = record.surface
         return whole.x, whole.phi, whole.triangle.astype(np.int64)
