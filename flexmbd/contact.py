@@ -20,7 +20,6 @@ from flexmbd.multibody.contact.lowest_points import ProfileOutline as ProfileOut
 from flexmbd.multibody.contact.lowest_points import Rim as Rim
 from flexmbd.multibody.contact.nodes import NodalContact as NodalContact
 from flexmbd.multibody.contact.nodes import Nodes as Nodes
-from flexmbd.multibody.contact.nodes import SurfaceFacets as SurfaceFacets
 from flexmbd.multibody.contact.nodes import TouchedByNodes as TouchedByNodes
 from flexmbd.multibody.contact.polytopes import Polytope as Polytope
 from flexmbd.multibody.contact.profile import Profile as Profile
@@ -38,6 +37,7 @@ from flexmbd.multibody.contact.shapes import TouchShape as TouchShape
 from flexmbd.multibody.contact.shapes import Vertex as Vertex
 from flexmbd.multibody.contact.surface_contact import Elastic as Elastic
 from flexmbd.multibody.contact.surface_contact import SurfaceContact as SurfaceContact
+from flexmbd.multibody.contact.surface_facets import SurfaceFacets as SurfaceFacets
 from flexmbd.multibody.contact.touch import AnyContact as AnyContact
 from flexmbd.multibody.contact.touch import Touching as Touching
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface as TriangleSurface

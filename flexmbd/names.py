@@ -106,6 +106,8 @@ from flexmbd.multibody.interiors.steady import LinearInterior as LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor as TimeFactor
 from flexmbd.multibody.interiors.touching_interior import FacingSurface as FacingSurface
 from flexmbd.multibody.interiors.touching_interior import Obstacle as Obstacle
+from flexmbd.multibody.interiors.touching_interior import ReducedFacets as ReducedFacets
+from flexmbd.multibody.interiors.touching_interior import ReducedTouchingInterior as ReducedTouchingInterior
 from flexmbd.multibody.interiors.touching_interior import TouchingInterior as TouchingInterior
 from flexmbd.multibody.joint.enforcement import AugmentedLagrangian as AugmentedLagrangian
 from flexmbd.multibody.joint.enforcement import Multipliers as Multipliers

@@ -40,7 +40,8 @@ PAGES = {
         "thermal_strain Interior "
         "InteriorFrame InteriorMesh "
         "InteriorFields InteriorModes LinearInterior InteriorIteration ObservedInterior "
-        "FrameMotion Push Scheme Memory TimeFactor TouchingInterior Obstacle FacingSurface",
+        "FrameMotion Push Scheme Memory TimeFactor TouchingInterior ReducedTouchingInterior "
+        "Obstacle FacingSurface ReducedFacets",
         "beams",
     ),
     "joints": ("Joints", "Way Multipliers Penalty AugmentedLagrangian", "joint"),

@@ -22,9 +22,10 @@ from flexmbd.multibody.contact.contact_laws import Friction, NormalLaw
 from flexmbd.multibody.contact.elastic_surface import ElasticSurface
 from flexmbd.multibody.contact.hard_contact import Hard, HardContact
 from flexmbd.multibody.contact.hard_group import HardGroup
-from flexmbd.multibody.contact.nodes import NodalContact, Nodes, SurfaceFacets, nodal_contacts
+from flexmbd.multibody.contact.nodes import NodalContact, Nodes, nodal_contacts
 from flexmbd.multibody.contact.shapes import Sphere
 from flexmbd.multibody.contact.surface_contact import Elastic, SurfaceContact, surface_contacts
+from flexmbd.multibody.contact.surface_facets import SurfaceFacets
 from flexmbd.multibody.contact.touch import AnyContact, Touching, contacts, shapes_of
 from flexmbd.multibody.contact.touched_pairs import TouchedPairs
 from flexmbd.multibody.exact_beam import ExactBeam

@@ -294,7 +294,7 @@ class CondensedNewton:
         couples = bonds.turns.wrenches(residual, R)
         residual, corrected = equations.axes.to_inertial(residual), self._with_ghosts(increment, change)
         touched = None
-        if equations.contacts.obstacles:
+        if equations.contacts.touches:
             touched = equations.touched(equations.motion(increment)[0])
             touched = touched.moved(equations.axes.to_inertial(change))
         if not fresh and self._kept is not None:

@@ -30,7 +30,7 @@ from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Memory, Push
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.time_factor import TimeFactor
-from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, ReducedFacets
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -163,6 +163,12 @@ class ExplicitContinuum:
         """See `TouchingInterior`. Collective."""
         self.motion.meet(obstacles)
         self._wrenches = np.zeros((len(self.frames) + len(obstacles), 6))
+
+    def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
+        """See `ReducedTouchingInterior`. Collective."""
+        self.motion.meet_reduced(surfaces)
+        more = sum(len(one.frames) for one in surfaces)
+        self._wrenches = np.zeros((len(self._wrenches) + more, 6))
 
     def face(self, facing: FacingSurface) -> None:
         """See `TouchingInterior`. Collective."""

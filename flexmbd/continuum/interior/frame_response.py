@@ -19,7 +19,7 @@ from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.face_averages import FaceAverages
-from flexmbd.continuum.interior.implicit_contacts import TouchedNodes
+from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.continuum.matrices.blocks import multiply
 from flexmbd.multibody.bodies.continuum_body import FrameMotion
 
@@ -177,7 +177,7 @@ class Condensation:
             constraint_forces[j, nodes[mine]] = _crossed(turn, nodal_forces[mine])
         if touched is not None:
             for j in columns[own_columns:]:
-                turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6))[0], n)
+                turned[j] = -touched.at_nodes(touched.by_frame(*divmod(j - own_columns, 6)), n)
         given = self._given(relative @ R, moves, R)
         left = multiply(tangent, given) + multiply(self.mass, self.columns(accelerations @ R))
         left += self.columns(turned @ R)
@@ -258,7 +258,7 @@ class Condensation:
         """Wrenches (k, 6) on the body's frames, and those on the frames of shapes. Collective."""
         if touched is None:
             return wrenches
-        return np.vstack([wrenches, self.bonds.total(touched.wrenches(touched.force, touched.arms))])
+        return np.vstack([wrenches, self.bonds.total(touched.wrenches())])
 
     def _on_shapes(self, touched: TouchedNodes, fields: FloatArray, own_columns: int) -> FloatArray:
         """(6 m, 6 (k + m)) derivative of the wrenches on shapes by the frames' motions. Collective.
@@ -270,16 +270,8 @@ class Condensation:
         """
         found = []
         for j, field in enumerate(fields):
-            dx = field[touched.nodes]
-            changes, arm_changes = touched.changes(dx), dx
-            if j >= own_columns:
-                shape, axis = divmod(j - own_columns, 6)
-                changes = changes + touched.by_frame(shape, axis)[0]
-                if axis < 3:  # the frame's origin goes along
-                    arm_changes = dx - np.where((touched.shape == shape)[:, None], np.eye(3)[axis], 0.0)
-            wrench = touched.wrenches(changes, touched.arms)
-            wrench[:, 3:] += touched.wrenches(touched.force, arm_changes)[:, 3:]
-            found.append(wrench.reshape(-1))
+            frame = None if j < own_columns else divmod(j - own_columns, 6)
+            found.append(touched.wrench_changes(field[touched.nodes], frame).reshape(-1))
         return self.bonds.total(np.array(found).T.copy())
 
     def _fields(self, columns: FloatArray) -> FloatArray:

@@ -28,7 +28,8 @@ from flexmbd.continuum.interior.face_averages import FaceAverages
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
-from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts, TouchedState
+from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
+from flexmbd.continuum.interior.implicit_touch import TouchedState
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
@@ -55,7 +56,7 @@ from flexmbd.multibody.bodies.continuum_body import (
 from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
-from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle
+from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, ReducedFacets
 from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
@@ -149,7 +150,7 @@ class ImplicitContinuum:
         self._round_off = eps * body.norm(places.ravel()) * self._extent_of(body.layout.node_x)
         self._mass_size = eps * self._M.getDiagonal().norm()
         self._diagonal: FloatArray = places.reshape(-1).copy()
-        self._contacts = ImplicitContacts(body, self._memory, self._diagonal)
+        self._contacts = self._contacts_with((), ())
         self._gravity: FloatArray = np.zeros(3)
         self._state: NodalState | None = None
         self._trial: _Trial | None = None
@@ -176,7 +177,7 @@ class ImplicitContinuum:
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
-        self._contacts.begin(x, motion, size=self._extent_of(body.layout.node_x))
+        self._contacts.begin(x, motion)
         if not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
         # what holds the warm body in its shape at rest, or that with voltages
@@ -288,7 +289,7 @@ class ImplicitContinuum:
             dead_load=axes.to_inertial(equations.loads.dead),
             slopes=scheme.slopes(h),
             couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
-            touched=equations.touched(self._trial.state.x) if self._contacts.obstacles else None,
+            touched=equations.touched(self._trial.state.x) if self._contacts.touches else None,
         )
         return response.wrenches, response.slopes
 
@@ -410,15 +411,22 @@ class ImplicitContinuum:
 
     def meet(self, obstacles: Sequence[Obstacle]) -> None:
         """See `TouchingInterior`. Collective."""
-        both = {one.name for one in obstacles} & set(self._loads.applied.names)
+        self._contacts = self._contacts_with(obstacles, ())
+
+    def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
+        """See `ReducedTouchingInterior`. Collective."""
+        self._contacts = self._contacts_with(self._contacts.obstacles, surfaces)
+
+    def _contacts_with(self, obstacles: Sequence[Obstacle], surfaces: Sequence[ReducedFacets]) -> ImplicitContacts:
+        """The contacts of the surfaces. Collective."""
+        names = {one.name for one in obstacles} | {one.name for one in surfaces}
+        both = names & set(self._loads.applied.names)
         if both:
             raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
-        if obstacles and self.body.layout.has_further:
-            raise SceneError(
-                f"{self.body.groups[0].form_name} has unknowns besides the displacement, and such bodies touch nothing "
-                "in implicit steps: take ExplicitContinuum and fm.CentralDifference()"
-            )
-        self._contacts = ImplicitContacts(self.body, self._memory, self._diagonal, obstacles)
+        size = self._extent_of(self.body.layout.node_x)
+        return ImplicitContacts(
+            self.body, self._memory, self._diagonal, size=size, obstacles=obstacles, surfaces=surfaces
+        )
 
     def face(self, facing: FacingSurface) -> None:
         """See `TouchingInterior`: not in implicit steps.
@@ -439,9 +447,9 @@ class ImplicitContinuum:
             )
 
     def _check_settles(self) -> None:
-        if self._contacts.obstacles:
+        if self._contacts.touches:
             raise SceneError(
-                f"its surface touches shapes (contact {self._contacts.obstacles[0].name!r}): its state at rest is not "
+                f"its surface touches something (contact {self._contacts.touches[0].name!r}): its state at rest is not "
                 "searched for with contacts yet, nor is it linearised with them. Let it come to rest in a simulation"
             )
         if self.body.is_rate_dependent:
@@ -548,7 +556,7 @@ class ImplicitContinuum:
         self._state = replace(now, a=a, auxiliary=a.copy())
         nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
         wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
-        if self._contacts.obstacles:
+        if self._contacts.touches:
             wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])
         return wrenches
 

@@ -34,13 +34,15 @@ from flexmbd.continuum.interior.contact_field import PushedNodes
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
-from flexmbd.continuum.interior.shape_contacts import ShapeContacts
+from flexmbd.continuum.interior.reduced_contact import reduced_contacts
+from flexmbd.continuum.interior.shape_contacts import shape_contacts
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.continuum.interior.surface_pair import NODES, SurfacePair
 from flexmbd.continuum.interior.thickness_mass import ThicknessMass
+from flexmbd.continuum.interior.touched_frames import FrameContacts
 from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import checked
-from flexmbd.multibody.interiors.touching_interior import Obstacle
+from flexmbd.multibody.interiors.touching_interior import Obstacle, ReducedFacets
 
 FloatArray = NDArray[np.float64]
 Poses: TypeAlias = tuple[FloatArray, FloatArray]
@@ -187,9 +189,9 @@ class NodalMotion:
             body, self.masses, self.memory, bulk=bulk, fields=self.mesh.fields, thickness=thickness
         )
         self._pushes = [plane.stiffness(self._stable.at_rest) for plane in planes]
-        self._limit = self._with_contact(self._stable.at_rest)
         self._fresh = self._stable.memory
         self.meet(())
+        self._limit = self._with_contact(self._stable.at_rest)
         self.x, self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((8, n, 3))
         self._viscous, self._went = np.zeros((2, n, 3))  # N; m/s, the mean velocities of the last step
         self.plane_forces: FloatArray = np.zeros((len(planes), 3))
@@ -212,16 +214,29 @@ class NodalMotion:
         """Let surfaces touch these shapes, and no others, from the next `begin` or `restore` on. Collective.
 
         Raises:
-            SceneError: on all ranks: as `ShapeContacts`; a contact has a plane's or a load's name.
+            SceneError: on all ranks: as `shape_contacts`; a contact has a plane's or a load's name.
         """
-        taken = {plane.name for plane in self.planes} | set(self.loads.names)
-        both = sorted(taken & {one.name for one in obstacles})
-        if both:
-            raise SceneError(f"a contact, and a plane or load, are both called {both[0]!r}; give each its own name")
-        h = self._stable.at_rest
-        self.shapes = ShapeContacts(self.body, self.memory, self.masses, obstacles, h=h, bonded=self.bonded)
+        self._refuse_taken(obstacles)
+        found = shape_contacts(self.body, self.masses, obstacles, h=self._stable.at_rest, bonded=self.bonded)
+        self.shapes = FrameContacts(self.body, self.memory, self.masses, found)
         self.pairs: list[tuple[SurfacePair, int]] = []
         self._planned: FloatArray | None = None
+
+    def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
+        """Let surfaces touch those of reduced bodies as well, after `meet`. Collective.
+
+        Raises:
+            SceneError: on all ranks: a contact has a plane's or a load's name.
+        """
+        self._refuse_taken(surfaces)
+        found = reduced_contacts(self.body, self.masses, surfaces, h=self._stable.at_rest, size=self.size)
+        self.shapes = FrameContacts(self.body, self.memory, self.masses, (*self.shapes.contacts, *found))
+
+    def _refuse_taken(self, contacts: Sequence[Obstacle | ReducedFacets]) -> None:
+        taken = {plane.name for plane in self.planes} | set(self.loads.names)
+        both = sorted(taken & {one.name for one in contacts})
+        if both:
+            raise SceneError(f"a contact, and a plane or load, are both called {both[0]!r}; give each its own name")
 
     def renew_limit(self) -> float:
         """Find the longest stable step, s, of the present shape. Collective."""
@@ -249,7 +264,8 @@ class NodalMotion:
 
     def _with_contact(self, h: float, shapes: float = 0.0) -> float:
         """The longest stable step, s, where it is h without contact; shapes: 1/s^2, what they add."""
-        return float(h / np.sqrt(1.0 + (max(self._pushes, default=0.0) + shapes) * h**2 / 4))
+        by_itself = max(1.0, self.shapes.own_rate * h**2 / 4)  # of this body and those that it touches
+        return float(h / np.sqrt(by_itself + (max(self._pushes, default=0.0) + shapes) * h**2 / 4))
 
     def begin(
         self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0, shapes: Poses | None = None
@@ -338,7 +354,7 @@ class NodalMotion:
         move = self.plan(h, bonded) if self._planned is None else self._planned
         self._planned = None
         before = [getattr(self, name) for name in _WORKING]
-        touched = None if shapes is None else (self.shapes.parts, *self.shapes.poses)
+        touched = None if shapes is None else self.shapes.remembered()
         self.x += move
         self._went = np.asarray(move / h)
         if self.loads.any_heat:
@@ -358,7 +374,7 @@ class NodalMotion:
             self._works[i] += np.vdot(move, first + getattr(self, name)) / 2
         if touched is not None:
             self.shapes.walk(self.x)
-            self._works[2:4] += self.shapes.work_on_frames(*touched)
+            self._works[2:4] += self.shapes.worked(touched)
 
     def _pull(self, h: float, frames: FloatArray | None) -> FloatArray:
         """(owned nodes, 3) N, of the body and of springs on facets, after a step of h (s). Collective."""

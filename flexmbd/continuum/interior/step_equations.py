@@ -19,7 +19,8 @@ from flexmbd.continuum.history.applied_loads import TrialLoads
 from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
-from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts, TouchedNodes
+from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
+from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.round_off import STALLED
 
@@ -132,7 +133,7 @@ class StepEquations:
         loads: that act there.
         held: nodes that rigid frames hold.
         held_accelerations: (n, 3) m/s^2, of them.
-        contacts: with shapes.
+        contacts: with shapes and reduced bodies.
         frame_motion: of the frames.
     """
 
@@ -164,9 +165,9 @@ class StepEquations:
         x, a = self.motion(increment)
         inertia = self.axes.to_body(self.frames.product(a - self.step.gravity))
         outer = self.loads.force(increment)
-        if self.contacts.obstacles:
+        if self.contacts.touches:
             touched = self.touched(x)
-            outer = outer + self.axes.to_body(touched.at_nodes(touched.force, len(outer) // 3))
+            outer = outer + self.axes.to_body(touched.at_nodes(touched.force, self.body.layout.n_owned_nodes))
         return internal, inertia, outer
 
     def touched(self, x: FloatArray) -> TouchedNodes:
@@ -201,8 +202,8 @@ class StepEquations:
         self.loads.heat()
         matrix = self.loads.subtract_slopes(self.body.tangent(increment, dt=self.step.h), increment)
         matrix.axpy(1.0 / self.step.per_x, self.frames.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        if self.contacts.obstacles:
-            matrix = self.touched(self.motion(increment)[0]).add_slopes(matrix, self.axes.R)
+        if self.contacts.touches:
+            matrix = self.touched(self.motion(increment)[0]).add_slopes(matrix, self.axes.R, self.body.layout)
         return matrix
 
     def end(self, increment: FloatArray, held_velocities: FloatArray) -> NodalState:

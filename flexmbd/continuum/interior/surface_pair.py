@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.interior.facet_push import push_out
 from flexmbd.continuum.interior.facet_search import FacetSurface, NearFacets, check_same_ranks
-from flexmbd.continuum.interior.nodal_push import penalty_stiffness, push
-from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
+from flexmbd.continuum.interior.nodal_push import penalty_stiffness
+from flexmbd.continuum.interior.shape_contacts import surface_nodes
+from flexmbd.continuum.interior.touched_frames import refuse_inside
 from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.touching_interior import FacingSurface
-from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -165,18 +166,13 @@ class SurfacePair:
         points, x = nodes.ahead[self._nodes], self._gathered(facets.ahead)
         found = self._surface.find(points, x)
         went = self._went(points, x, found)
-        before = found.depth + np.einsum("ij,ij->i", went, found.normal)
-        entered = (self.memory[self._nodes[found.points], 3] > 0.0) | (before <= SAME_PLACE * nodes.size)
-        found, went = found.some(entered), went[entered]
-        touching, spring = self._nodes[found.points], self._springs(found)
-        held = self.memory[touching, :3] + went
-        held -= np.einsum("ij,ij->i", held, found.normal)[:, None] * found.normal
-        still = np.zeros_like(held)
-        law = {"h": 1.0, "reach": 1.0, "friction": self.given.friction, "stiffness": 1.0}
-        met, rubbed = push(found.depth, found.normal, still, still, stretch=held, **law)
+        told = {"friction": self.given.friction, "size": nodes.size}
+        pushed = push_out(found, went, self.memory[self._nodes], **told)
+        found, touching = pushed.found, self._nodes[pushed.found.points]
+        spring = self._springs(found)
         self.memory = np.zeros_like(self.memory)
-        self.memory[touching] = np.column_stack([-rubbed, np.ones(len(touching))])
-        met, rubbed = spring[:, None] * met, spring[:, None] * rubbed
+        self.memory[self._nodes] = pushed.memory
+        met, rubbed = spring[:, None] * pushed.met, spring[:, None] * pushed.rubbed
         self.resultant = (met + rubbed).sum(axis=0)
         on_nodes = np.zeros_like(nodes.x), np.zeros_like(nodes.x)
         self._forces = {NODES: on_nodes, FACETS: self._on_facets(found, met, rubbed)}

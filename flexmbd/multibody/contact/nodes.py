@@ -1,4 +1,4 @@
-"""Nodes on the surface of a body with history, which touch rigid shapes."""
+"""Nodes on the surface of a body with history, which touch rigid shapes and facets of other bodies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number, refuse_no_name, refuse_other
-from flexmbd.multibody.bodies.body import Body, Frame, Ground
+from flexmbd.multibody.bodies.body import Body, FlexibleBody, Frame, Ground
 from flexmbd.multibody.bodies.continuum_body import ContinuumBody
 from flexmbd.multibody.contact.hard_contact import Hard
 from flexmbd.multibody.contact.profile import Profile
@@ -25,11 +25,18 @@ from flexmbd.multibody.contact.shapes import (
     HollowSphere,
     Sphere,
 )
+from flexmbd.multibody.contact.surface_facets import SurfaceFacets, check_surface, reduced_facets
 from flexmbd.multibody.contact.table_shape import tables_of
 from flexmbd.multibody.contact.triangle_surface import TriangleSurface
 from flexmbd.multibody.force.protocol import check_numbers
 from flexmbd.multibody.interiors.scene_interiors import InteriorForce
-from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, TouchingInterior
+from flexmbd.multibody.interiors.touching_interior import (
+    FacingSurface,
+    Obstacle,
+    ReducedFacets,
+    ReducedTouchingInterior,
+    TouchingInterior,
+)
 from flexmbd.multibody.kernels.contact import signed_distance as at
 from flexmbd.round_off import WORTHLESS_PIVOT
 
@@ -73,7 +80,7 @@ class Nodes:
         if not known:
             raise SceneError(f"{self.what}: penalty must be None or between 0 and 3, got {self.penalty!r}")
         check_numbers(self.what, positive={"stiffness_ratio": self.stiffness_ratio})
-        _check_surface(self)
+        check_surface(self.body, self.surface, kind="Nodes", what=self.what)
 
     @property
     def what(self) -> str:
@@ -82,36 +89,13 @@ class Nodes:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceFacets:
-    """A surface of a body with history that nodes of another one touch.
-
-    Attributes:
-        body: in the scene, an ExplicitContinuum its interior.
-        surface: the name of a group of facets of its mesh.
-
-    Raises:
-        SceneError: it is no such body, or has no such surface.
-    """
-
-    body: ContinuumBody
-    surface: str
-
-    def __post_init__(self) -> None:
-        _check_surface(self)
-
-    @property
-    def what(self) -> str:
-        """How messages call it."""
-        return f"facets {self.surface!r} of body {self.body.name!r}"
-
-
-@dataclass(frozen=True, eq=False)
 class NodalContact:
     """The contact of a surface's nodes with one rigid shape, or with facets; ``System.touch`` makes them.
 
     Attributes:
         nodes: the surface.
-        shape: on the ground, a rigid body, or a frame of a body with history; or facets of another body.
+        shape: on the ground, a rigid body, or a frame of a body with history; or facets of another body, with history
+            or reduced.
         law: hard, with Coulomb's friction.
         name: in ``run.outer_forces(nodes.body)``.
     """
@@ -145,6 +129,44 @@ class NodalContact:
         steps = self.law.mu, told.penalty, told.stiffness_ratio
         return Obstacle(self.name, told.surface, frame, distances, box, *steps, mass)
 
+    @property
+    def is_with_reduced(self) -> bool:
+        """Whether it is with facets of a reduced body."""
+        return isinstance(self.shape, SurfaceFacets) and isinstance(self.shape.body, FlexibleBody)
+
+    @property
+    def is_with_other(self) -> bool:
+        """Whether it is with facets of another body with history."""
+        return isinstance(self.shape, SurfaceFacets) and isinstance(self.shape.body, ContinuumBody)
+
+    def reduced(self) -> ReducedFacets:
+        """What the interior is told of a reduced body's surface.
+
+        Raises:
+            SceneError: it is with none.
+        """
+        told, facets = self.nodes, self.shape
+        if not (isinstance(facets, SurfaceFacets) and isinstance(facets.body, FlexibleBody)):
+            raise SceneError(f"contact {self.name!r} is with no reduced body")
+        return reduced_facets(
+            facets.body, facets.surface, what=facets.what, name=self.name, surface=told.surface, friction=self.law.mu,
+            penalty=told.penalty, stiffness_ratio=told.stiffness_ratio,
+        )
+
+    def facing(self) -> FacingSurface:
+        """What the interior is told of a surface of another body with history.
+
+        Raises:
+            SceneError: it is with none.
+        """
+        told, facets = self.nodes, self.shape
+        if not isinstance(facets, SurfaceFacets) or not isinstance(facets.body, ContinuumBody):
+            raise SceneError(f"contact {self.name!r} is with no other body with history")
+        interior = facets.body.interior
+        return FacingSurface(
+            self.name, told.surface, interior, str(facets.surface), self.law.mu, float(told.penalty or 0.0)
+        )
+
 
 def nodal_contacts(
     nodes: Nodes, shapes: object, law: object, *, friction: object, known: Sequence[NodalContact]
@@ -174,7 +196,8 @@ def nodal_contacts(
         if isinstance(shape, SurfaceFacets):
             found.append(_facing(nodes, shape, law, (*known, *found)))
             continue
-        refuse_other(shape, _TOUCHED, f"what {what} touch", wanted="a shape as fm.contact.Box(body.frame(), sides)")
+        wanted = "a shape as fm.contact.Box(body.frame(), sides), or fm.contact.SurfaceFacets(body, surface)"
+        refuse_other(shape, _TOUCHED, f"what {what} touch", wanted=wanted)
         if isinstance(shape, _TOUCHED):
             found.append(_shaped(nodes, shape, law, (*known, *found)))
     return found
@@ -217,16 +240,19 @@ def interior_forces(bodies: Sequence[ContinuumBody], contacts: Sequence[NodalCon
         (one.name, (one.nodes.body, one.shape.body)) for one in contacts if isinstance(one.shape, SurfaceFacets)
     ]
     for body in bodies:
-        own = [one for one in contacts if one.nodes.body is body and not isinstance(one.shape, SurfaceFacets)]
-        obstacles = tuple(one.obstacle() for one in own)
+        own = [one for one in contacts if one.nodes.body is body]
+        obstacles = tuple(one.obstacle() for one in own if isinstance(one.shape, _TOUCHED))
+        reduced = tuple(one.reduced() for one in own if one.is_with_reduced)
         if isinstance(body.interior, TouchingInterior):
             body.interior.meet(obstacles)
-        forces.append(InteriorForce(body, obstacles, tuple(name for name, both in facing if body in both)))
+        if isinstance(body.interior, ReducedTouchingInterior):
+            body.interior.meet_reduced(reduced)
+        pairs = tuple(name for name, both in facing if body in both and isinstance(both[1], ContinuumBody))
+        forces.append(InteriorForce(body, obstacles, reduced, pairs))
     for one in contacts:
-        interior, penalty = one.nodes.body.interior, one.nodes.penalty
-        if isinstance(one.shape, SurfaceFacets) and isinstance(interior, TouchingInterior) and penalty is not None:
-            other, facets = one.shape.body.interior, one.shape.surface
-            interior.face(FacingSurface(one.name, one.nodes.surface, other, facets, one.law.mu, penalty))
+        interior = one.nodes.body.interior
+        if one.is_with_other and isinstance(interior, TouchingInterior):
+            interior.face(one.facing())
     return forces
 
 
@@ -241,16 +267,22 @@ def _facing(nodes: Nodes, facets: SurfaceFacets, law: Hard, known: Sequence[Noda
         raise SceneError(f"{what}: a body with history does not touch itself yet")
     if nodes.penalty is None:
         raise SceneError(f"{what}: without a penalty nodes stop where they meet what does not move; give one, as 0.5")
+    interior = nodes.body.interior
+    if isinstance(facets.body, FlexibleBody) and not isinstance(interior, ReducedTouchingInterior):
+        raise SceneError(
+            f"{what}: the interior of {nodes.body.name!r}, {type(interior).__name__}, touches no reduced bodies; take "
+            "ExplicitContinuum or ImplicitContinuum"
+        )
     for one in known:
         other = one.shape
         same = isinstance(other, SurfaceFacets) and other.body is facets.body and other.surface == facets.surface
         if same and one.nodes.body is nodes.body and one.nodes.surface == nodes.surface:
             raise SceneError(f"{what} touch already")
-    own = nodes.name or f"{nodes.surface} on {facets.body.name}.{facets.surface}"
+    own = nodes.name or f"{nodes.surface} on {facets.label}"
     return NodalContact(nodes, facets, law, _free_name(own, (nodes.body, facets.body), known))
 
 
-def _free_name(name: str, bodies: Sequence[ContinuumBody], known: Sequence[NodalContact]) -> str:
+def _free_name(name: str, bodies: Sequence[Body | ContinuumBody], known: Sequence[NodalContact]) -> str:
     """A name that no contact of some bodies has."""
     taken = {
         one.name
@@ -260,20 +292,6 @@ def _free_name(name: str, bodies: Sequence[ContinuumBody], known: Sequence[Nodal
     if name not in taken:
         return name
     return next(f"{name} {k}" for k in range(2, len(taken) + 3) if f"{name} {k}" not in taken)
-
-
-def _check_surface(one: Nodes | SurfaceFacets) -> None:
-    """Raise SceneError unless it is a surface of a body with history that touches."""
-    what = f"contact.{type(one).__name__}"
-    refuse_other(one.body, ContinuumBody, f"the body of {what}", wanted=_WANTED)
-    interior = one.body.interior
-    if not isinstance(interior, TouchingInterior):
-        raise SceneError(
-            f"{what} of body {one.body.name!r}: its interior, {type(interior).__name__}, has no surface that touches; "
-            "take ExplicitContinuum or ImplicitContinuum"
-        )
-    refuse_no_name(one.surface, f"the surface of {what}")
-    interior.check_surface(one.surface, what=one.what)
 
 
 def _box(shape: TouchedByNodes) -> FloatArray:

@@ -16,7 +16,7 @@ from flexmbd.multibody.force.protocol import ElementTable, OffJoints
 from flexmbd.multibody.interiors.observed import ObservedInterior
 from flexmbd.multibody.interiors.ported import PortedInterior
 from flexmbd.multibody.interiors.time_factor import LoadedInterior
-from flexmbd.multibody.interiors.touching_interior import Obstacle
+from flexmbd.multibody.interiors.touching_interior import Obstacle, ReducedFacets
 from flexmbd.multibody.kernels.base.arrays import Plan, Work
 from flexmbd.multibody.kernels.elements.interior_wrench import INTERIOR_WRENCH
 from flexmbd.multibody.kernels.sampling.interface_frames import (
@@ -42,18 +42,20 @@ class InteriorForce(OffJoints):
     Attributes:
         body: with the interior.
         obstacles: rigid shapes that its surfaces touch, on whose frames it exerts wrenches as well.
+        reduced: surfaces of reduced bodies that they touch, likewise.
         pairs: names of its contacts with other bodies with history.
     """
 
     body: ContinuumBody
     obstacles: tuple[Obstacle, ...] = ()
+    reduced: tuple[ReducedFacets, ...] = ()
     pairs: tuple[str, ...] = ()
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The interface frames, and those of the obstacles."""
+        """The interface frames, those of the obstacles, and those of reduced bodies."""
         own = (self.body.frame(frame.name) for frame in self.body.interior.frames)
-        return (*own, *(one.frame for one in self.obstacles))
+        return (*own, *(one.frame for one in self.obstacles), *(frame for one in self.reduced for frame in one.frames))
 
     def check(self) -> None:
         """Nothing to check: the body was when it was made."""
@@ -61,7 +63,8 @@ class InteriorForce(OffJoints):
     def assemble(self, table: ElementTable) -> None:
         """One row a frame; on the ground, which nothing moves, none is needed."""
         rows = tuple(table.frame(frame) for frame in self.frames)
-        giving = tuple(one.name for one in self.obstacles if one.mass is not None)
+        giving = [one.name for one in self.obstacles if one.mass is not None]
+        giving += [one.name for one in self.reduced]
         placed = PlacedInterior(self.body, rows, (*giving, *self.pairs), is_paired=bool(self.pairs))
         first = table.add_interior(placed)
         for k, (frame, row) in enumerate(zip(self.frames, rows, strict=True)):

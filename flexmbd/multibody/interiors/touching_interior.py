@@ -1,4 +1,4 @@
-"""Rigid shapes of a machine that the surface of a body with history touches, as its interior is told of them."""
+"""What the surface of a body with history touches, as its interior is told: shapes, and surfaces of other bodies."""
 
 from __future__ import annotations
 
@@ -64,6 +64,40 @@ class FacingSurface:
     penalty: float
 
 
+@dataclass(frozen=True, eq=False)
+class ReducedFacets:
+    """A surface of a reduced elastic body before the nodes of an interior's surface.
+
+    A point X of it is at p + R (X + S y): the first frame, of c, stands at p, turned by R, and the others at
+    p + R y_k with y of these three numbers each.  What forces on the points do to the frames follows by their virtual
+    work.
+
+    Attributes:
+        name: of the contact, as of an `Obstacle`.
+        surface: the group of facets whose nodes touch it.
+        frames: (c,) the body's, and one of each three modes, which they move against it.
+        points: (k, 3) m, undeformed, in the body's axes.
+        shapes: (k, 3, 3 (c - 1)) S, in these axes, per unit displacement of the frames of modes.
+        facets: (f, 3 or 4) rows of points, against the clock as seen from outside.
+        mobility: (3 + 3 c, 3 + 3 c) the inverse of the undeformed body's mass matrix: translation and rotation of its
+            frame, in its axes, then y.
+        rate: 1/s^2, the body's largest squared angular frequency, free.
+        friction, penalty, stiffness_ratio: as of an `Obstacle`.
+    """
+
+    name: str
+    surface: str
+    frames: tuple[Frame, ...]
+    points: FloatArray
+    shapes: FloatArray
+    facets: NDArray[np.int64]
+    mobility: FloatArray
+    rate: float
+    friction: float
+    penalty: float
+    stiffness_ratio: float
+
+
 @runtime_checkable
 class TouchingInterior(Interior, Protocol):
     """An interior whose surface touches rigid shapes.
@@ -88,6 +122,17 @@ class TouchingInterior(Interior, Protocol):
         Raises:
             SceneError: interiors of their kinds do not touch each other.
         """
+
+
+@runtime_checkable
+class ReducedTouchingInterior(TouchingInterior, Protocol):
+    """An interior whose surface touches reduced bodies as well.
+
+    Their frames follow those of the obstacles, surface by surface.
+    """
+
+    def meet_reduced(self, surfaces: Sequence[ReducedFacets]) -> None:
+        """Take these surfaces, after `meet`, and no others.  Collective."""
 
 
 @runtime_checkable
