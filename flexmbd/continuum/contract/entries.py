@@ -94,6 +94,8 @@ class OptionalEntries:
             displacement. Of forms that are linear in it below yield.
         state_names: (p) dictionary of the number of components of each part of the history by its name, in their
             order, as {"plastic_strain_tensor": 6, "plastic_strain": 1}: what series and pictures ask for.
+        thickness: (p) m, of plane bodies alone, whose displacement has values in the plane of their flat mesh and which
+            move in it; made by `laws.plane_form`.
     """
 
     strain_energy: Entry = field(default=None, metadata={"arguments": 2})
@@ -117,6 +119,7 @@ class OptionalEntries:
     state_names: Entry = field(default=None, metadata={"arguments": 1})
     thermal_stretch: Entry = field(default=None, metadata={"arguments": 2})
     thermal_strain: Entry = field(default=None, metadata={"arguments": 2})
+    thickness: Entry = field(default=None, metadata={"arguments": 1})
 
 
 ON_FACETS = ("surface_energy", "surface_kinetic_energy")

@@ -276,6 +276,10 @@ def _expansion_faults(name: str, at_rest: float) -> Callable[[ModuleType, TrialS
     return check
 
 
+def _thickness(module: ModuleType, unknown: TrialSymbols) -> Iterator[str]:
+    yield from _expression_faults(ufl.as_ufl(module.thickness(unknown.parameters)), (), "the shape of a scalar")
+
+
 def _shapes(parameters: Any, unknown: TrialSymbols) -> list[tuple[int, ...]]:
     """Of the symbols that parameters become."""
     return [value.shape for value in symbols_of(parameters, unknown.domain)[1].values()]
@@ -324,6 +328,7 @@ _CHECKS: dict[str, Callable[[ModuleType, TrialSymbols], Iterator[str]]] = {
     "state_names": _state_names,
     "thermal_stretch": _expansion_faults("thermal_stretch", 1.0),
     "thermal_strain": _expansion_faults("thermal_strain", 0.0),
+    "thickness": _thickness,
 }
 
 

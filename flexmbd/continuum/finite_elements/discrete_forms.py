@@ -216,7 +216,8 @@ def discretise(
     parallel.check_same(mesh.comm, InterfaceError, interfaces=interfaces)
     if not is_list(interfaces):
         raise InterfaceError(f"interfaces must be a list, as interfaces=[Interface('root')], got {interfaces!r:.100}")
-    found = tuple(find_interfaces(interfaces, mesh=mesh, layout=layout))
+    is_plane = any(group.optional.thickness is not None for group in groups)
+    found = tuple(find_interfaces(interfaces, mesh=mesh, layout=layout, is_plane=is_plane))
     return DiscreteForms(mesh, groups, degree, space, layout, found, facets, fields, whole)
 
 

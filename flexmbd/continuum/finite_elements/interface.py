@@ -126,7 +126,7 @@ FoundInterface = RigidInterface | AveragedInterface
 
 
 def find_interfaces(
-    interfaces: Sequence[Interface], *, mesh: TaggedMesh, layout: DofLayout
+    interfaces: Sequence[Interface], *, mesh: TaggedMesh, layout: DofLayout, is_plane: bool = False
 ) -> tuple[FoundInterface, ...]:
     """Find the nodes and frames of interfaces on a mesh. Collective.
 
@@ -134,6 +134,7 @@ def find_interfaces(
         interfaces: the same on all ranks.
         mesh: the mesh with the groups.
         layout: where the displacement, and what else the unknown holds, lies in its space.
+        is_plane: whether the body moves in its plane alone, where a straight line of nodes carries a frame.
 
     Raises:
         InterfaceError: on all ranks: an unknown group, an empty one or one with facets inside the
@@ -141,7 +142,7 @@ def find_interfaces(
             averaged one whose nodes are all bound by rigid ones.
     """
     _check_names(interfaces, mesh)
-    found = tuple(_find(interface, mesh=mesh, layout=layout) for interface in interfaces)
+    found = tuple(_find(interface, mesh=mesh, layout=layout, is_plane=is_plane) for interface in interfaces)
     _check_shared(found, mesh.comm)
     return found
 
@@ -195,13 +196,13 @@ def _check_shared(found: Sequence[FoundInterface], comm: MPI.Comm) -> None:
             )
 
 
-def _find(interface: Interface, *, mesh: TaggedMesh, layout: DofLayout) -> FoundInterface:
+def _find(interface: Interface, *, mesh: TaggedMesh, layout: DofLayout, is_plane: bool) -> FoundInterface:
     group = mesh_group(interface.name, mesh)
     _check_entities(group)
     # collective: they tell nodes to ranks that hold none of the entities
     nodes = layout.nodes_on(group.dim, group.entities)
     dofs = layout.kinematic_dofs_on(group.dim, group.entities)
-    _check_spread(group, layout, nodes, dofs)
+    _check_spread(group, layout, nodes, dofs, is_plane=is_plane)
     p, R = interface.origin, interface.axes
     origin = group.centroid(layout.node_space) if p is None else np.array(p, dtype=float)
     axes = np.eye(3) if R is None else _nearest_rotation(R)
@@ -265,7 +266,7 @@ def _check_entities(group: Group) -> None:
 
 
 def _check_spread(
-    group: Group, layout: DofLayout, nodes: NDArray[np.int32], dofs: NDArray[np.int32]
+    group: Group, layout: DofLayout, nodes: NDArray[np.int32], dofs: NDArray[np.int32], *, is_plane: bool
 ) -> None:
     """Refuse nodes that cannot carry a rotation: some leaves them at rest. Collective."""
     comm = group.mesh.comm
@@ -273,7 +274,14 @@ def _check_spread(
     count = comm.allreduce(len(x))
     mean = comm.allreduce(x.sum(axis=0)) / max(count, 1)
     rotations = layout.rigid_columns(mean, np.eye(3))[dofs[dofs < layout.n_owned], 3:]
-    small, _, large = np.linalg.eigvalsh(comm.allreduce(rotations.T @ rotations))
+    small, middle, large = np.linalg.eigvalsh(comm.allreduce(rotations.T @ rotations))
+    if is_plane:
+        if count < 2 or not middle > THIN**2 * large:
+            raise InterfaceError(
+                f"interface {group.name!r} has {count} nodes, and a frame of a plane body needs two that are apart; "
+                "take an edge of the sheet"
+            )
+        return
     if not small > THIN**2 * large:
         remedy = {
             0: "a point of a solid carries no rotation: take a group of three vertices or more, or facets",

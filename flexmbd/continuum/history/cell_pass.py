@@ -1,32 +1,26 @@
 """One pass over a group's cells: means, local unknowns, internal forces, and the history at the step's end.
 
 DOLFINx would take a pass for each, in which it collects the same values of the cell, and each kernel would find
-strain and stress again.  Here forces and history are the two parts of one form on a mixed space of test functions,
-the displacement's and one that has its values at the points of the rule: FFCx makes one kernel of it, that does for
-both what they have in common.
+strain and stress again. The cells of large bodies are evaluated in blocks, in the lanes of vector registers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import basix.ufl
 import numpy as np
-import ufl
-from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
-from flexmbd.continuum.contract import quadrature
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
-from flexmbd.continuum.contract.point_law import FAULTS, WRITING_FAULTS, PointLaw
+from flexmbd.continuum.contract.point_law import FAULTS, WRITING_FAULTS
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved, no_cell_fields
+from flexmbd.continuum.history.cell_kernels import CellCompiler, CellForms, CellKernel, LawCall, Unknowns, values_of
 from flexmbd.continuum.history.cell_loop import pass_cells
+from flexmbd.continuum.history.lane_pass import LanePass, lane_pass
 from flexmbd.continuum.history.point_loop import FORCES, Fields, Kernels, Room
-from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import ConvergenceError, FormulationError
 
 FloatArray = NDArray[np.float64]
@@ -48,65 +42,6 @@ _NONE = np.zeros(0)
 
 class LocalEquationError(ConvergenceError):
     """The equations at a quadrature point are not solved for a trial displacement; a smaller step may help."""
-
-
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """The functions that a group's forms read; None for what the formulation does not have.
-
-    Attributes:
-        u: trial unknown of the formulation.
-        shared: what of it cells share; `u` itself where there are no fields of one cell.
-        state: history at the step's begin.
-        local: local unknowns, n at each point.
-        slopes: at each point the inverse (n, n) of the derivative of their equations.
-        mean: over the cells.
-        temperature: at the nodes of each cell.
-    """
-
-    u: fem.Function
-    shared: fem.Function
-    state: fem.Function | None
-    local: fem.Function | None
-    slopes: fem.Function | None
-    mean: fem.Function | None
-    temperature: fem.Function | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class CellForms:
-    """The forms evaluated in a cell; None for those that the formulation does not have.
-
-    Attributes:
-        work: virtual work of a test function of the displacement, as terms of any rules; those of the history have its own.
-        update: history at the step's end.
-        equations: of the local unknowns, (n + n n,): what they make zero, and its derivatives by them, row by row.
-        averaged: what the means are of.
-    """
-
-    work: Callable[[Any], Sequence[IntegralTerm]]
-    update: ufl.core.expr.Expr | None
-    equations: ufl.core.expr.Expr | None
-    averaged: ufl.core.expr.Expr | None
-
-
-@dataclass(frozen=True, eq=False)
-class _CellKernel:
-    """A kernel: its address, what is kept alive for it, its constants and their values, and what it reads, in order."""
-
-    address: int
-    module: Any
-    symbols: list[fem.Constant]
-    constants: FloatArray
-    reads: list[fem.Function]
-
-
-@dataclass(frozen=True, eq=False)
-class LawCall:
-    """A compiled law, whose equations are the strain that it is given, and the symbols of its constants."""
-
-    law: PointLaw
-    symbols: Sequence[fem.Constant]
 
 
 class CellPass:
@@ -134,16 +69,17 @@ class CellPass:
             law: that makes the local unknowns; None: their equations do.
             solved: fields of one cell; None: there are none.
         """
-        self._group, self._unknowns, self._rule = group, unknowns, rule
-        self._law: _CellKernel | None = None
+        self._group, self._unknowns = group, unknowns
+        self._law: CellKernel | None = None
         if law is not None:
-            self._law = _CellKernel(law.law.address, law.law.keep, [*law.symbols], _values(law.symbols), [])
+            self._law = CellKernel(law.law.address, law.law.keep, [*law.symbols], values_of(law.symbols), [])
         self._domain = unknowns.u.function_space.mesh
+        self._compiler = CellCompiler(unknowns, rule)
         self._codes = [
-            self._mean(forms.averaged),
-            self._equations(forms.equations),
+            self._compiler.mean(forms.averaged),
+            self._compiler.equations(forms.equations),
             self._law,
-            *self._step(forms.work, forms.update),
+            *self._compiler.step(forms.work, forms.update),
         ]
         n_cells, dofmap = len(compat.cell_nodes(self._domain)), unknowns.u.function_space.dofmap
         self._solved = solved
@@ -160,8 +96,9 @@ class CellPass:
         self._known = state
         given = state if unknowns.temperature is None else np.hstack([state, self._warmth()])
         self._fields = Fields(unknowns.shared.x.array, given, local, slopes, mean, self.trial.reshape(state.shape))
-        self._sizes = [dofmap.bs * dofmap.list.shape[1], given.shape[1], local.shape[1], 1]
-        self._kernels = self._tables(weights)
+        own, warm = state.shape[1], given.shape[1] - state.shape[1]
+        self._sizes = [dofmap.bs * dofmap.list.shape[1], own, warm, local.shape[1], 1]
+        self._kernels = self._compiler.tables(self._codes, self._sizes, weights=weights)
         row, n = sum(self._sizes), local.shape[1] // len(weights)
         each, kept = (n, state.shape[1] // len(weights)) if self._law is not None else (0, 0)
         n -= each
@@ -177,6 +114,41 @@ class CellPass:
             given_law=np.zeros(6 + kept),
             made_by_law=np.zeros(each + 37),
         )
+        # many cells are evaluated in blocks
+        self._blocks: LanePass | None = None
+        if solved is None:
+            self._blocks = lane_pass(
+                self._domain.comm, group.cells, blocks=dofmap.list, width=dofmap.bs, kernels=self._kernels,
+                room=self._room, modules=_modules(code if code is not self._law else None for code in self._codes),
+            )  # fmt: skip
+
+    def share(self, threads: int) -> None:
+        """Share the cells of later passes among threads; not collective."""
+        if self._blocks is not None:
+            self._blocks.threads = threads
+
+    def totals(self, terms: Sequence[IntegralTerm]) -> Callable[[], FloatArray] | None:
+        """A function that integrates terms over this rank's cells of the group, means found before, (terms,).
+
+        None where there are few cells, or terms have other rules than the history; collective, compiles. The function
+        is not.
+        """
+        code = None if self._blocks is None else self._compiler.totals(terms)
+        if self._blocks is None or code is None:
+            return None
+        codes = [self._codes[0], None, None, code]
+        kernels = self._compiler.tables(codes, self._sizes, weights=self._kernels.weights)
+        wide = self._blocks.in_lanes(self._domain.comm, kernels, _modules(codes))
+        if wide is None:
+            return None
+        blocks, nodes, used = self._blocks, compat.cell_nodes(self._domain), wide
+        self._codes.append(code)  # whose constants are renewed
+
+        def found() -> FloatArray:
+            self._take_known()
+            return blocks.totals(self._fields, nodes, self._domain.geometry.x, used, count=len(terms))[0]
+
+        return found
 
     def run(self, forces: FloatArray, *, accuracy: float) -> None:
         """Evaluate for the trial displacement, and add this rank's internal forces; not collective.
@@ -190,7 +162,15 @@ class CellPass:
                 what is not finite.
             FormulationError: a law returns other shapes than at rest, or raises an error.
         """
-        self._check(self._pass(self._fields, self._kernels, forces, accuracy=accuracy))
+        cells = self._group.cells
+        if self._blocks is not None:
+            self._take_known()
+            cells = self._blocks.run(
+                self._fields, compat.cell_nodes(self._domain), self._domain.geometry.x, forces,
+                sweeps=_SWEEPS[0], tolerance=_LOCAL,
+            )  # fmt: skip
+        if len(cells):
+            self._check(self._pass(self._fields, self._kernels, forces, accuracy=accuracy, cells=cells))
         if self._solved is not None:
             self._solve_cells(self._solved, forces, accuracy)
 
@@ -259,7 +239,7 @@ class CellPass:
         """Take the values that the forms' constants have now; not collective."""
         for code in self._codes:
             if code is not None:
-                code.constants[:] = _values(code.symbols)
+                code.constants[:] = values_of(code.symbols)
 
     def average(self) -> None:
         """Evaluate the means alone for the trial displacement; not collective."""
@@ -273,6 +253,13 @@ class CellPass:
         at: Any = self._unknowns.temperature
         return np.asarray(at.x.array[at.function_space.dofmap.list])
 
+    def _take_known(self) -> None:
+        """Put temperatures behind the history of each cell, as a part of what is known at the step's begin."""
+        if self._unknowns.temperature is not None:
+            columns = self._known.shape[1]
+            self._fields.state[:, :columns] = self._known
+            self._fields.state[:, columns:] = self._warmth()
+
     def _pass(
         self,
         fields: Fields,
@@ -283,11 +270,7 @@ class CellPass:
         cells: NDArray[np.int32] | None = None,
         predicts: bool = True,
     ) -> float:
-        if self._unknowns.temperature is not None:
-            # behind the history of a cell, as a part of what is known of it at the step's begin
-            columns = self._known.shape[1]
-            self._fields.state[:, :columns] = self._known
-            self._fields.state[:, columns:] = self._warmth()
+        self._take_known()
         dofmap = self._unknowns.shared.function_space.dofmap
         return float(pass_cells(
             self._group.cells if cells is None else cells, compat.cell_nodes(self._domain), self._domain.geometry.x,
@@ -295,82 +278,7 @@ class CellPass:
             int(predicts),
         ))  # fmt: skip
 
-    def _mean(self, averaged: ufl.core.expr.Expr | None) -> _CellKernel | None:
-        if averaged is None:
-            return None
-        w = self._test_function(basix.ufl.element("DG", self._domain.topology.cell_name(), 0, shape=(2,)))
-        return self._compiled(averaged * w[0] + w[1], self._rule)
 
-    def _equations(self, equations: ufl.core.expr.Expr | None) -> _CellKernel | None:
-        if equations is None:
-            return None
-        (density,) = share_parts([self._at_points(equations, self._test_function(self._pointwise(equations)))])
-        return self._compiled(density, self._rule)
-
-    def _step(
-        self, work: Callable[[Any], Sequence[IntegralTerm]], update: ufl.core.expr.Expr | None
-    ) -> Iterator[_CellKernel | None]:
-        displaced = self._unknowns.u.function_space.ufl_element()
-        if update is None:
-            for density, rule in work(self._test_function(displaced)):
-                yield self._compiled(density, rule)
-            return
-        # terms without history have rules of their own; the kernel that leaves a history is the last one
-        for density, rule in work(self._test_function(displaced)):
-            if not self._is_of_history(rule):
-                yield self._compiled(density, rule)
-        both = basix.ufl.mixed_element([displaced, self._pointwise(update)])
-        v, w = ufl.split(self._test_function(both))
-        densities = [density for density, rule in work(v) if self._is_of_history(rule)]
-        yield self._compiled(sum(share_parts([*densities, self._at_points(update, w)])), self._rule)
-
-    def _is_of_history(self, rule: Quadrature) -> bool:
-        return (rule.degree, rule.scheme) == (self._rule.degree, self._rule.scheme)
-
-    def _at_points(self, values: ufl.core.expr.Expr, w: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """A density whose integral has the values at the points times their weights."""
-        return ufl.inner(values, w) / abs(ufl.JacobianDeterminant(self._domain))
-
-    def _pointwise(self, values: ufl.core.expr.Expr) -> Any:
-        """The element with values of this shape at the points of the rule."""
-        return quadrature.point_element(self._domain.topology.cell_name(), self._rule, values.ufl_shape)
-
-    def _test_function(self, element: Any) -> ufl.Argument:
-        return ufl.TestFunction(ufl.FunctionSpace(self._domain.ufl_domain(), element))
-
-    def _compiled(self, density: ufl.core.expr.Expr, rule: Quadrature) -> _CellKernel:
-        metadata = quadrature.metadata(self._domain.topology.cell_name(), rule)
-        form = density * ufl.dx(domain=self._domain, metadata=metadata)
-        address, positions, module = compat.cell_kernel(self._domain.comm, form)
-        symbols = list(form.constants())
-        coefficients = form.coefficients()
-        reads = [coefficients[position] for position in positions]
-        return _CellKernel(address, module, symbols, _values(symbols), reads)
-
-    def _tables(self, weights: FloatArray) -> Kernels:
-        known, count = self._unknowns, len(self._codes)
-        pieces = [known.u, known.state, known.local, known.mean]
-        sizes = [*self._sizes]
-        if known.temperature is not None:
-            pieces.insert(2, known.temperature)
-            columns = self._known.shape[1]
-            sizes[1:2] = [columns, sizes[1] - columns]
-        begins = np.cumsum([0, *sizes])
-        places = {id(field): k for k, field in enumerate(pieces) if field is not None}
-        addresses, constants = np.zeros((2, count), dtype=np.int64)
-        starts, lengths = np.zeros((2, count, len(sizes)), dtype=np.int64)
-        for i, code in enumerate(self._codes):
-            if code is None:
-                continue
-            addresses[i], constants[i] = code.address, code.constants.ctypes.data
-            last = -1
-            for k in (places[id(field)] for field in code.reads):
-                joined = last >= 0 and begins[k] == starts[i, last] + lengths[i, last]
-                last += not joined
-                starts[i, last] = starts[i, last] if joined else begins[k]
-                lengths[i, last] += sizes[k]
-        return Kernels(addresses, constants, starts, lengths, np.asarray(weights, dtype=float))
-
-
-def _values(symbols: Sequence[fem.Constant]) -> FloatArray:
-    return np.concatenate([np.zeros(0), *(np.asarray(symbol.value, dtype=float).ravel() for symbol in symbols)])
+def _modules(codes: Iterable[CellKernel | None]) -> list[Any]:
+    """What FFCx made of each, None for those that are none of its."""
+    return [None if code is None else code.module for code in codes]

@@ -139,7 +139,7 @@ class Newton:
         self.body, self.prescribed = body, np.asarray(prescribed, dtype=np.int32)
         self.reuse_below, self._forcing_term = solver.reuse_below, solver.forcing_term
         self.convergence = convergence
-        self._free = np.setdiff1d(np.arange(body.n_owned), self.prescribed)
+        self._free = np.setdiff1d(np.arange(body.n_owned), np.union1d(self.prescribed, body.held_dofs))
         self.linear = TangentSolver(body, self.prescribed, solver)
         self._ghosted = body.vector()
         self.predicts, self._may_predict = False, predicts and body.predicts_stress
@@ -225,6 +225,7 @@ class Newton:
         left.array[self.prescribed] = gap
         matrix.mult(left, right)
         right.array[:] = -residual if reused else -residual - right.array
+        right.array[self.body.held_dofs] = 0.0
         right.array[self.prescribed] = gap
         if not reused:
             self.linear.constrain(matrix)
@@ -235,6 +236,7 @@ class Newton:
         if self.predicts:
             loose = _ACCURATE  # beside forces that stretch a slender body those that bend it are small
         step = self.linear.solve(right.array, loose)
+        step[self.body.held_dofs] = 0.0
         step[self.prescribed] = gap  # exact, whatever Krylov's method left
         if constraints is not None:
             if not reused:

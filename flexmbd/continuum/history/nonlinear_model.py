@@ -28,6 +28,7 @@ from flexmbd.continuum.finite_elements.surface_group import Surfaces, surface_ki
 from flexmbd.continuum.finite_elements.temperature import at_nodes, set_at_nodes
 from flexmbd.continuum.grid.tagged_mesh import TaggedMesh
 from flexmbd.continuum.history.damage_bands import DamageBands
+from flexmbd.continuum.history.lane_pass import check_threads
 from flexmbd.continuum.history.mean_tangent import MeanTangent
 from flexmbd.continuum.history.stress_predictor import StressPredictor, can_be_predicted
 from flexmbd.continuum.history.trial_body import TrialBody
@@ -60,7 +61,7 @@ class HistorySnapshot:
     temperature: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
-@checked("cell_means", "condense", "heated", error=FormulationError, agree=parallel.told_to_all)
+@checked("cell_means", "condense", "heated", "threads", error=FormulationError, agree=parallel.told_to_all)
 class NonlinearModel(TrialBody):
     """A body of one or several formulations, total or updated Lagrangian, with or without history.
 
@@ -86,6 +87,7 @@ class NonlinearModel(TrialBody):
         surfaces: Surfaces | None = None,
         condense: bool = True,
         heated: bool = False,
+        threads: int = 1,
     ) -> None:
         """Check everything, then compile. Collective over the mesh's communicator.
 
@@ -104,16 +106,18 @@ class NonlinearModel(TrialBody):
             condense: whether fields of one cell, as enhanced strains, are solved for in their cell; else they are
                 unknowns of the body, as which it is loaded slowly alone.
             heated: whether its loads give it a temperature (`Heating`).
+            threads: among which each rank shares the cells of large bodies; results are the same for any number.
 
         Raises:
-            FormulationError: a form file breaks its contract, or does not fit its parameters, the
-                cell or the degree; formulations of both references; of the updated one a degree unlike
+            FormulationError: `threads` is no number of threads; a form file breaks its contract, or does not fit its
+                parameters, the cell or the degree; formulations of both references; of the updated one a degree unlike
                 the geometry's, or unknowns besides the displacement; of a heated body one that names no expansion, or
                 expansions that are all zero.
             InterfaceError: an interface cannot carry a frame, or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
                 facets that the surface has not.
         """
+        check_threads(threads)
         forms = discretise(
             mesh,
             formulation,
@@ -124,7 +128,7 @@ class NonlinearModel(TrialBody):
             with_history=True,
             condense=condense,
         )
-        super().__init__(forms, means=degree == 1 if cell_means is None else cell_means, heated=heated)
+        super().__init__(forms, means=degree == 1 if cell_means is None else cell_means, heated=heated, threads=threads)
         self._bands: DamageBands | None = None
         if self.layout.has_further and mesh.dim == 3:
             self._bands = DamageBands(self.layout, lambda unknown: self.force(unknown, dt=0.0))
@@ -343,7 +347,6 @@ class NonlinearModel(TrialBody):
         totals: dict[str, float] = {}
         with self.present_mesh():
             for history in self._histories:
-                history.average()
                 for name, value in history.energies().items():
                     totals[name.split()[0]] = totals.get(name.split()[0], 0.0) + value
         energies = {name: float(self.comm.allreduce(value)) for name, value in totals.items()}

@@ -9,6 +9,7 @@ the theorem on implicit functions.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +25,8 @@ from flexmbd.continuum.contract.results import solved, step_keyword
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved
-from flexmbd.continuum.history.cell_pass import EXPLICIT, IMPLICIT, CellForms, CellPass, LawCall, Unknowns
+from flexmbd.continuum.history.cell_kernels import CellForms, LawCall, Unknowns
+from flexmbd.continuum.history.cell_pass import EXPLICIT, IMPLICIT, CellPass
 from flexmbd.continuum.history.shared_parts import share_parts
 from flexmbd.errors import FormulationError
 
@@ -118,7 +120,7 @@ class History:
         self.terms = [assembly.integral(term, group, self._mesh) for term in self._shared(work(v, following))]
         if self.solved is not None:
             self.solved.compile_tangent(self.terms)
-        self._energies = self._energy_forms(u, p)
+        self._energy_terms = self._terms_of_energy(u, p)
         self._increment_size: ufl.core.expr.Expr | None = None
         self._compiled: dict[ufl.core.expr.Expr, fem.Expression] = {}
 
@@ -151,6 +153,10 @@ class History:
     def singular_fields(self) -> FormulationError | None:
         """What is wrong at rest with fields of one cell that their own equations do not determine; not collective."""
         return self._pass.singular_fields()
+
+    def share(self, threads: int) -> None:
+        """Share the cells of later passes among threads; not collective."""
+        self._pass.share(threads)
 
     def set_step(self, dt: float) -> None:
         """Make the trial a step of that length, s; not collective."""
@@ -207,10 +213,22 @@ class History:
         self.revert()
 
     def energies(self) -> dict[str, float]:
-        """This rank's energies, J, of the accepted history at the present displacement, by name."""
+        """This rank's energies, J, of the accepted history at the present displacement, by name. Collective."""
         if self.solved is not None:
             self.solved.fill(accepted=True)
-        return {name: float(fem.assemble_scalar(form)) for name, form in self._energies.items()}
+        elif self._totals is not None:
+            return dict(zip(self._energy_terms, map(float, self._totals()), strict=True))
+        self.average()
+        return {name: float(fem.assemble_scalar(form)) for name, form in self._energy_forms.items()}
+
+    @cached_property
+    def _totals(self) -> Callable[[], FloatArray] | None:
+        return self._pass.totals(list(self._energy_terms.values())) if self._energy_terms else None
+
+    @cached_property
+    def _energy_forms(self) -> dict[str, fem.Form]:
+        terms = self._energy_terms.items()
+        return {name: fem.form(assembly.integral(term, self.group, self._mesh)) for name, term in terms}
 
     def evaluate(self, expression: ufl.core.expr.Expr) -> FloatArray:
         """Values of an expression at the points of the group's cells, (cells, points, ...)."""
@@ -300,19 +318,14 @@ class History:
         element = point_element(self._mesh.topology.cell_name(), self.rule, shape)
         return fem.Function(fem.functionspace(self._mesh, element))
 
-    def _energy_forms(self, u: fem.Function, p: Any) -> dict[str, fem.Form]:
+    def _terms_of_energy(self, u: fem.Function, p: Any) -> dict[str, IntegralTerm]:
         form: Any = self.group.formulation
         if not self._has_state:
-            terms = form.strain_energy(u, p)
-            parts = [assembly.integral(term, self.group, self._mesh) for term in terms]
-            return {f"elastic {k}" if k else "elastic": fem.form(part) for k, part in enumerate(parts)}
+            return {f"elastic {k}" if k else "elastic": term for k, term in enumerate(form.strain_energy(u, p))}
         if self.group.optional.energies is None:
             return {}
         given = {} if self.mean is None else {"mean": self.mean}
-        return {
-            name: fem.form(assembly.integral(term, self.group, self._mesh))
-            for name, term in form.energies(u, self._state, p, **given).items()
-        }
+        return dict(form.energies(u, self._state, p, **given))
 
 
 def refuse_means_of_fields(group: CellGroup) -> None:

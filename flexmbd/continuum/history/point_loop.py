@@ -34,8 +34,8 @@ class Kernels(NamedTuple):
     Attributes:
         addresses: (k,) of their code; zero where there is none.
         constants: (k,) addresses of what they take as constants.
-        begins: (k, 4) of the pieces of a cell's row that they take; of one alone where they follow each other.
-        sizes: (k, 4).
+        begins: (k, pieces) of the pieces of a cell's row that they take; of one alone where they follow each other.
+        sizes: (k, pieces).
         weights: (points,) of the rule at whose points history and local unknowns lie.
     """
 
@@ -80,6 +80,7 @@ class CellUnknowns(NamedTuple):
         solved: (cells,) whether they are solved for the trial.
         force: (n + m,) room for what a cell's terms make.
         change: (m,) room for a Newton step.
+        step: (m,) room for the next one.
         moved: (n,) room for what goes with it.
     """
 
@@ -93,6 +94,7 @@ class CellUnknowns(NamedTuple):
     solved: NDArray[np.int64]
     force: FloatArray
     change: FloatArray
+    step: FloatArray
     moved: FloatArray
 
 
@@ -182,7 +184,7 @@ def _note_change(room, point, i, value, change):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _change_point(kernels, room, point, begin, slopes):  # type: ignore[no-untyped-def]
+def change_point(kernels, room, point, begin, slopes):  # type: ignore[no-untyped-def]
     """A Newton step of the local unknowns of one point, in the cell's row; its sizes are noted."""
     matrix = room.matrix
     n = matrix.shape[0]
@@ -220,7 +222,7 @@ def _shorten_or_change_point(kernels, room, point, begin, slopes):  # type: igno
             _note_change(room, point, i, room.row[begin + n * point + i], step[i])
         return
     step[n], step[n + 1] = 1.0, lack
-    _change_point(kernels, room, point, begin, slopes)
+    change_point(kernels, room, point, begin, slopes)
 
 
 @kernel
@@ -242,7 +244,7 @@ def _solve_local(kernels, room, begin, slopes, sweeps, tolerance, shorten):  # t
             if shorten:
                 _shorten_or_change_point(kernels, room, point, begin, slopes)
             else:
-                _change_point(kernels, room, point, begin, slopes)
+                change_point(kernels, room, point, begin, slopes)
         change = 0.0
         for i in range(n):
             size = max(room.sizes[0, i], LEAST)
@@ -263,9 +265,15 @@ def _apply_law(kernels, room, state, begin, slopes):  # type: ignore[no-untyped-
     Returns:
         What the law says is wrong, or 0.
     """
+    tabulate(kernels, LOCAL, room, 6 * kernels.weights.shape[0])
+    return law_at_points(kernels, room, state, begin, slopes)
+
+
+@kernel
+def law_at_points(kernels, room, state, begin, slopes):  # type: ignore[no-untyped-def]
+    """The same with the strains in the tensor."""
     points, given, made = kernels.weights.shape[0], room.given_law, room.made_by_law
     kept, size = given.shape[0] - 6, made.shape[0] - 37
-    tabulate(kernels, LOCAL, room, 6 * points)
     for point in range(points):
         for i in range(6):
             given[i] = room.tensor[6 * point + i] / kernels.weights[point]

@@ -107,7 +107,8 @@ class TangentSolver:
                 f"{body.groups[0].form_name} has unknowns besides the displacement, which multigrid cannot treat; take "
                 "Preconditioner.FACTOR"
             )
-        self._body, self._prescribed, self._settings, self._counts = body, prescribed, settings, counts
+        self._body, self._settings, self._counts = body, settings, counts
+        self._prescribed = np.union1d(prescribed, body.held_dofs).astype(np.int32)
         self._first = body.space.dofmap.index_map.local_range[0] * body.space.dofmap.index_map_bs
         self._ksp: PETSc.KSP | None = None
         self._preconditioning_matrix = PETSc.Mat()  # what the preconditioner was made of

@@ -28,6 +28,7 @@ from flexmbd.continuum.finite_elements.cell_group import refuse_gyroscopic
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, DiscretisedBody
 from flexmbd.continuum.finite_elements.temperature import heated_groups, scalar_function
 from flexmbd.continuum.history.moved_mesh import MovedMesh
+from flexmbd.continuum.history.plane_bodies import plane_axis
 from flexmbd.continuum.history.point_history import History
 from flexmbd.continuum.history.surface_springs import SurfaceSprings
 from flexmbd.continuum.history.trial_errors import (
@@ -54,15 +55,17 @@ class TrialBody(DiscretisedBody):
         springs: on facets, from the surface to the body's axes; None where there are none.
         temperature: K, its rise, which the formulations read; None where the body is not heated.
         cold_groups: the groups with the formulations as they were given.
+        plane_axis: of the mesh, along the normal of a plane body; None of others.
     """
 
-    def __init__(self, forms: DiscreteForms, *, means: bool, heated: bool = False) -> None:
+    def __init__(self, forms: DiscreteForms, *, means: bool, heated: bool = False, threads: int = 1) -> None:
         """Compile the formulations. Collective.
 
         Args:
             forms: the formulations on the mesh, with history.
             means: whether formulations with `cell_mean` use it against volumetric locking.
             heated: whether they are at a temperature, which begins at zero.
+            threads: among which each rank shares the cells of large bodies.
 
         Raises:
             FormulationError: formulations of both references, or with gyroscopic forces; of a heated body those
@@ -85,6 +88,8 @@ class TrialBody(DiscretisedBody):
             History(group, unknown, v, means=means, shared=shared, temperature=self.temperature)
             for group in self.groups
         ]
+        for history in self._histories:
+            history.share(threads)
         self.viscous_forces = None
         if any(group.optional.dissipation is not None for group in self.groups):
             self.viscous_forces = ViscousForces(self.groups, self.space)
@@ -93,6 +98,7 @@ class TrialBody(DiscretisedBody):
         self._evaluated: FloatArray | None = None  # the displacement at which the cells were evaluated last
         self._moved = MovedMesh(self.space) if self.is_updated else None
         self.displacement: FloatArray = np.zeros(self.layout.n_local)
+        self.plane_axis = plane_axis(self)
         self._sum = fem.Function(self.space).x
         self.check_cells()
         if self.fields is not None:
@@ -118,6 +124,13 @@ class TrialBody(DiscretisedBody):
     def needs_step(self) -> bool:
         """Whether forces depend on the length of the step."""
         return self.is_rate_dependent or self.has_dissipation
+
+    @cached_property
+    def held_dofs(self) -> NDArray[np.int32]:
+        """Owned dofs whose displacement is zero at any time: those of a plane body out of its plane."""
+        if self.plane_axis is None:
+            return np.zeros(0, dtype=np.int32)
+        return np.sort(self.displacement_dofs[: self.layout.n_owned_nodes, self.plane_axis])
 
     @property
     def node_x(self) -> FloatArray:

@@ -93,7 +93,8 @@ def refuse_turning_unknowns(body: NonlinearModel) -> None:
         raise FormulationError(
             f"{body.groups[0].form_name} has unknowns besides the displacement that turn with the body (rigid_motion), "
             "and is no solid of micro-rotations, which alone move as full bodies; load it slowly "
-            "(flexmbd.continuum.follow), or reduce it (craig_bampton)"
+            "(flexmbd.continuum.follow), reduce it (craig_bampton, or CorotatedInterior with condensed_rotations for "
+            "explicit steps), or, where it moves in its plane, make it of a solid's form (plane_form)"
         )
 
 

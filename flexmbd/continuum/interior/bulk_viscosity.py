@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.plane_bodies import inverse_jacobian
 from flexmbd.errors import SceneError
 from flexmbd.given import is_number
 
@@ -66,12 +67,13 @@ class BulkForces:
         self._mass = self._cell_masses()
         self._rates = fem.Function(body.space)
         self._sum = fem.Function(body.space).x
-        inverse = ufl.inv(ufl.Jacobian(domain))
-        size = ufl.sqrt(3 / ufl.inner(inverse, inverse))
+        inverse = inverse_jacobian(domain)
+        size = ufl.sqrt(body.mesh.dim / ufl.inner(inverse, inverse))
         speed = fem.Constant(domain, self._speed())
         growth = ufl.div(self._rates)
         # the middle's Jacobian times the measure of the reference cell is the cell's volume
         points, weights = basix.make_quadrature(basix.CellType[domain.topology.cell_name()], 0)
+        # of a plane body per area, as the kinetic energy
         density = self._mass / (float(weights.sum()) * abs(ufl.JacobianDeterminant(domain)))
         slowing = viscosity.quadratic**2 * size * ufl.conditional(ufl.lt(growth, 0.0), -growth, 0.0)
         stress = density * size * (viscosity.linear * speed + slowing) * growth
@@ -80,7 +82,7 @@ class BulkForces:
         self._work = fem.form(stress * ufl.div(v) * middle)
         self._unit = density * size * speed * ufl.div(along) * ufl.div(v) * middle
         self._speeds = fem.Expression(-growth * size / speed, points)
-        self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
+        self._cells = np.arange(domain.topology.index_map(body.mesh.dim).size_local, dtype=np.int32)
 
     def _cell_masses(self) -> fem.Function:
         """kg, a number a cell. Collective."""
@@ -98,10 +100,10 @@ class BulkForces:
     def _speed(self) -> float:
         """m/s, of dilatational waves at rest, the largest along an axis, by means over the body. Collective."""
         body, owned = self._body, self._body.n_owned
-        cells = body.mesh.mesh.topology.index_map(3).size_local
+        cells = body.mesh.mesh.topology.index_map(body.mesh.dim).size_local
         mass = sum(body.comm.allgather(float(self._mass.x.array[:cells].sum())))
         squares = []
-        for k in range(3):
+        for k in (k for k in range(3) if k != body.plane_axis):
             u = fem.Function(body.space).x
             u.array.reshape(-1, 3)[: owned // 3, k] = _STRAIN * body.layout.node_x[: owned // 3, k]
             u.scatter_forward()

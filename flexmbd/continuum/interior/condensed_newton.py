@@ -107,7 +107,7 @@ class CondensedNewton:
         Args:
             body: the body.
             frames: with its bonds, averages and mass.
-            prescribed: owned dofs that move with rigid frames.
+            prescribed: owned dofs that move with rigid frames, or never.
             solver: of the linear systems.
         """
         self._body, self._frames, self._prescribed = body, frames, prescribed

@@ -94,6 +94,7 @@ class ExplicitContinuum:
         """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
         nodes = self.motion
         nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion))
+        nodes.plane.begin(self._bonds.pose(motion)[1], motion)
         nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
         k = len(self.frames)
         nodes.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
@@ -109,6 +110,7 @@ class ExplicitContinuum:
     def advance(self, h: float, start: FrameMotion, end: FrameMotion) -> Push:
         """See `ExplicitInterior`. Collective."""
         # a body that is crushed may need shorter steps before the machine asks again
+        self.motion.plane.check(end)
         limit = self.motion.renew_limit() if self._calls % _RENEWAL == 0 else self.motion.limit
         self._calls += 1
         steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))

@@ -32,6 +32,7 @@ from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts, Touch
 from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
+from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.step_equations import (
     BodyAxes,
@@ -154,7 +155,9 @@ class ImplicitContinuum:
         self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
-        self._joint = CondensedNewton(body, self._frames, self._prescribed, solver)
+        self._fixed = np.union1d(self._prescribed, body.held_dofs).astype(np.int32)  # where frames are fixed
+        self._joint = CondensedNewton(body, self._frames, self._fixed, solver)
+        self._plane = PlaneMotion(body)
         self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
@@ -165,6 +168,7 @@ class ImplicitContinuum:
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
+        self._plane.begin(R, motion)
         x: FloatArray = p + body.layout.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
@@ -245,7 +249,7 @@ class ImplicitContinuum:
             x=now.x,
             apparent_acceleration=apparent_acceleration,
             modes=modes,
-            prescribed=self._prescribed,
+            prescribed=self._fixed,
         )
         self.revert()
         return found
@@ -459,6 +463,7 @@ class ImplicitContinuum:
 
     def _equations(self, step: TriedStep, motion: FrameMotion) -> StepEquations:
         """The balance at a step's end with the frames as ``motion`` says. Not collective."""
+        self._plane.check(motion)
         bonds, axes = self._bonds, self._axes(motion)
         loads = self._loads.at(step.factors, axes)
         held = self._bonded, bonds.accelerations(motion)[~bonds.averaged]
@@ -485,6 +490,8 @@ class ImplicitContinuum:
         steps = axes.increment(bonds.positions(motion), bonds.nodes)
         gap = steps - layout.displacements(moved)[bonds.nodes]
         moved[layout.displacement_dofs[self._bonded]] = steps[~bonds.averaged]
+        guess = guess.copy()
+        guess[self.body.held_dofs] = 0.0
         constraints = self._averages.constraints(motion, axes.R, displacement=gap)
         if bonds.turns.any:
             turned = bonds.turns.values(motion.R, axes.R)
@@ -516,16 +523,18 @@ class ImplicitContinuum:
         now, bonds, body = self._current_state(), self._bonds, self.body
         a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
         a[self._bonded] = carried[~bonds.averaged]
-        constraints = self._averages.constraints(motion, np.eye(3), displacement=carried)
+        # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
+        R = self._axes(motion).R if self._plane.is_plane else np.eye(3)
+        constraints = self._averages.constraints(motion, R, displacement=carried @ R)
         matrix = with_unit_rows_of_further_unknowns(body, self._M)
-        forces = body.layout.at_dofs(-(internal + self._inertia(a)), owned=True).reshape(-1, 1)
+        forces = body.layout.at_dofs(-(internal + self._inertia(a)) @ R, owned=True).reshape(-1, 1)
         found = self._accelerated.solve_columns(matrix, forces, constraints)[:, 0]
         self._accelerated.discard_factor()
         matrix.destroy()
         vector = body.vector()
         vector.array[: body.n_owned] = found
         vector.scatter_forward()
-        a = np.asarray(a + body.layout.displacements(vector.array))
+        a = np.asarray(a + body.layout.displacements(vector.array) @ R.T)
         self._state = replace(now, a=a, auxiliary=a.copy())
         nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
         wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))

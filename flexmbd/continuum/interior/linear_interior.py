@@ -48,7 +48,7 @@ def linear_equations(
         dead_load: (owned nodes, 3) N, the part of the loads that does not turn with the body, in inertial axes.
         couples: (k, 6) wrenches of what holds unknowns that turn with the frames.
         modes: how many vibrations.
-        prescribed: owned dofs that move with the frames.
+        prescribed: owned dofs that move with the frames, or never.
 
     Raises:
         ConvergenceError: on all ranks: the body buckles between its frames, or the eigensolver did not converge.

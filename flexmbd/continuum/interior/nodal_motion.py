@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from flexmbd.continuum.interior.bulk_viscosity import BulkForces, BulkViscosity
 from flexmbd.continuum.interior.carried_mesh import CarriedMesh
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
+from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import ShapeContacts
 from flexmbd.continuum.interior.stable_step import StableStep
 from flexmbd.continuum.interior.surface_pair import NODES, SurfacePair
@@ -94,6 +95,7 @@ class NodalMotion:
         loads: the applied loads.
         shapes: of the machine, which surfaces touch.
         pairs: contacts with other bodies, and on which side of each this one is.
+        plane: of a plane body, in which its nodes are held.
         t: s.
     """
 
@@ -157,6 +159,7 @@ class NodalMotion:
             held = np.array([support.x, support.y, support.z])
             self._moves[np.ix_(nodes[nodes < n], np.flatnonzero(held))] = 0.0
         self._moves[self.bonded] = 0.0
+        self.plane = PlaneMotion(body)
         self._weights: FloatArray = self.masses.copy()
         self._weights[self.bonded] = 0.0
         self.loads = AppliedLoads(body, loads, mass=self.masses)
@@ -251,6 +254,7 @@ class NodalMotion:
             SceneError: the body begins behind a plane or in a shape.
         """
         self.x = self.mesh.begin(p, R)
+        self.plane.begin(np.asarray(R, dtype=float))
         self.v, self.a, self.force, self.load, self._met, self._rubbed, self._damped = np.zeros((7, *self.x.shape))
         self._viscous, self._went = np.zeros((2, *self.x.shape))
         self.plane_forces[:] = 0.0
@@ -277,7 +281,7 @@ class NodalMotion:
 
     def start(self, h: float) -> None:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
-        self.v *= self._moves
+        self.v = self._held(self.v)
         self._h = h
         if self.loads.any_heat:
             self.loads.heat(self.loads.values(self.t + _BESIDE * h))
@@ -293,7 +297,7 @@ class NodalMotion:
             self.start(h)
         if self.loads.any:  # which may have jumped since the last step's end
             after = self.loads_at(self.t + _BESIDE * h)
-            jump = (after - self.load) / self.masses[:, None] * self._moves
+            jump = self._held((after - self.load) / self.masses[:, None])
             self.a = self.a + jump / (1.0 + self._damping * self._h / 2)
             self.load = after
         move = h * self.v + h**2 / 2 * self.a
@@ -447,6 +451,7 @@ class NodalMotion:
         self._h, self._limit = float(axes[15]), float(axes[16])
         self._stable.memory = float(axes[17]), float(axes[18])
         self.t, self._R_begun = float(axes[19]), axes[20:29].reshape(3, 3)
+        self.plane.begin(self._R_begun)
         self.plane_forces = memory["plane forces"] * (self.body.comm.rank == 0)
         if self.mesh.fields is not None:
             self.mesh.fields.lost = float(memory["splitting"])
@@ -473,6 +478,10 @@ class NodalMotion:
         """(owned nodes, 3) N, of contact and friction, of shapes those on bonded nodes as well."""
         return np.asarray(self._met + self._rubbed)
 
+    def _held(self, vectors: FloatArray, nodes: Any = slice(None)) -> FloatArray:
+        """Vectors (nodes, 3) of owned nodes, or of these, without the components along which they are held."""
+        return self.plane.in_plane(vectors * self._moves[nodes])
+
     def _drag(self) -> FloatArray:
         """(owned nodes, 3) N, of damping."""
         if self._damping == 0.0:
@@ -488,7 +497,7 @@ class NodalMotion:
             reach: what an acceleration adds to the places at its end.
             answer: the accelerations that are left of forces per mass, as these add to damping.
         """
-        pull = ((self.force + self.load) / self.masses[:, None] + self._g - self._damping * v) * self._moves
+        pull = self._held((self.force + self.load) / self.masses[:, None] + self._g - self._damping * v)
         free = answer * pull
         m = self._weights[:, None]
         self._met, self._rubbed = np.zeros((2, *self.x.shape))
@@ -497,18 +506,18 @@ class NodalMotion:
             self._met += m * met
             self._rubbed += m * rubbed
             self.plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
-            pull = pull + (met + rubbed) * self._moves
+            pull = pull + self._held(met + rubbed)
         for shape in self.shapes.contacts:
             pushed = shape.push(self.x, v, pull, h=h, reach=answer * reach)
             nodes, on = pushed.nodes, self.masses[pushed.nodes, None]
             self._met[nodes] += on * pushed.met
             self._rubbed[nodes] += on * pushed.rubbed
             shape.take(self.x[nodes], on * pushed.met, on * pushed.rubbed)
-            pull[nodes] += (pushed.met + pushed.rubbed) * self._moves[nodes]
+            pull[nodes] += self._held(pushed.met + pushed.rubbed, nodes)
         for pair, side in self.pairs:
             met, rubbed = pair.take(side)
             self._met += met
             self._rubbed += rubbed
-            pull += (met + rubbed) / self.masses[:, None] * self._moves
+            pull += self._held((met + rubbed) / self.masses[:, None])
         self.a = answer * pull
         return free

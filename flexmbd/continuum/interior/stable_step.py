@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
+from flexmbd.continuum.history.plane_bodies import inverse_jacobian
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
 from flexmbd.continuum.matrices.fastest_vibration import largest_eigenvalue
@@ -73,9 +74,9 @@ class StableStep:
         self._shapes = fem.form(ufl.inner(ufl.grad(moved), ufl.grad(v)) * ufl.dx(metadata=rule))
         domain = body.mesh.mesh
         points, _ = basix.make_quadrature(basix.CellType[domain.topology.cell_name()], 2 * body.degree)
-        inverse = ufl.inv(ufl.Jacobian(domain))
+        inverse = inverse_jacobian(domain)
         self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
-        self._cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
+        self._cells = np.arange(domain.topology.index_map(body.mesh.dim).size_local, dtype=np.int32)
         self._first, self._size = self._of_shapes(), self._smallest()
         self._damping = self._damping_rate()
         self._bulk = bulk

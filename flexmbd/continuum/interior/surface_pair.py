@@ -19,6 +19,7 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.facet_search import FacetSurface, NearFacets, check_same_ranks
 from flexmbd.continuum.interior.nodal_push import penalty_stiffness, push
 from flexmbd.continuum.interior.shape_contacts import refuse_inside, surface_nodes
+from flexmbd.errors import SceneError
 from flexmbd.multibody.interiors.touching_interior import FacingSurface
 from flexmbd.round_off import SAME_PLACE
 
@@ -72,8 +73,14 @@ class SurfacePair:
         """Find nodes and facets. Collective.
 
         Raises:
-            SceneError: on all ranks: the bodies are on other ranks, or facets have nodes beside their corners.
+            SceneError: on all ranks: the bodies are on other ranks; facets have nodes beside their corners, or are the
+                edges of a plane body.
         """
+        if facets.body.mesh.dim < 3:
+            raise SceneError(
+                f"contact {given.name!r}: surface {surfaces[FACETS]!r} is of edges of a plane body, which have no "
+                "plane of their own; let its nodes touch facets of a solid, or shapes, or make it of a layer of solid cells"
+            )
         check_same_ranks(nodes.body, facets.body, what=f"contact {given.name!r}")
         self.given, self._motions, self._comm = given, (nodes, facets), nodes.body.comm
         self._nodes = surface_nodes(nodes.body, surfaces[NODES])
