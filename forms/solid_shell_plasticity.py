@@ -1,4 +1,4 @@
-"""Elasto-plastic thin wall of solid-shell bricks: logarithmic elasticity and J2 flow, strains and rotations of any size.
+"""Elasto-plastic thin wall of solid-shell bricks: logarithmic elasticity, J2 flow; strains, rotations of any size.
 
 Unknown: as of `solid_shell`, displacement u (m) at the nodes of a brick whose third edges go through the thickness,
 and fields of the cell, which are condensed there. The law is that of `hencky_plasticity`, in the assumed strain

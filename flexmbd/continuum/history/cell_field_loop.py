@@ -114,7 +114,9 @@ def _extent(room):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy, fresh, width):  # type: ignore[no-untyped-def]
+def solve_cell(  # type: ignore[no-untyped-def]
+    cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy, fresh, width
+):
     """Forces of a cell whose fields are solved for, in ``inner.force``; ``inner.solved`` tells whether they are.
 
     With a ``fresh`` tangent a step that no longer shrinks may be round-off of a law in F.  Blocks of three are

@@ -54,7 +54,7 @@ class CellForms:
     """The forms evaluated in a cell; None for those that the formulation does not have.
 
     Attributes:
-        work: virtual work of a test function of the displacement, as terms of any rules; those of the history have its own.
+        work: virtual work of a test function of the displacement, as terms of any rules; those with history of one.
         update: history at the step's end.
         equations: of the local unknowns, (n + n n,): what they make zero, and its derivatives by them, row by row.
         averaged: what the means are of.
