@@ -15,6 +15,7 @@ References: those of `_thin_wall`; Klinkel, Gruttmann & Wagner 2006, doi:10.1016
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import ufl
 
@@ -76,6 +77,6 @@ def reference() -> Reference:
     return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0))
 
 
-def _stress(u: Expr, strain: Expr, p: Parameters) -> Expr:
+def _stress(u: Expr, strain: Expr, p: Any) -> Expr:
     """That of the linear solid where the gradient of its displacement is the assumed strain, Pa."""
     return at_gradient(lambda c: [solid_linear.stress(c, None, p)], u, strain)[0]

@@ -52,7 +52,8 @@ def metadata(cell: str, rule: Any) -> dict[str, Any]:
         return {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
     points, weights = points_and_weights(cell, rule)
     # as tuples, of which all digits count for the name of what is compiled
-    custom = {"quadrature_points": tuple(map(tuple, points.tolist())), "quadrature_weights": tuple(weights.tolist())}
+    places = tuple(tuple(float(x) for x in point) for point in points)
+    custom = {"quadrature_points": places, "quadrature_weights": tuple(float(w) for w in weights)}
     return {"quadrature_degree": rule.degree, "quadrature_rule": "custom", **custom}
 
 
@@ -93,12 +94,13 @@ def _across(n: int) -> tuple[FloatArray, FloatArray]:
         return (1 + x) / 2, w / 2
     m = (n + 1) // 2
     # of the upper half, from -1 at the middle to 1 on the surface
+    x: FloatArray
     if n % 2:
         x = np.array([-1.0, *np.sort(Legendre.basis(m - 1).deriv().roots().real), 1.0])
     else:
         x = np.sort(-(Legendre.basis(m) + Legendre.basis(m - 1)).roots().real)
         x[-1] = 1.0
-    moments = [Legendre.basis(k)(x) for k in range(m)]
+    moments: FloatArray = np.array([Legendre.basis(k)(x) for k in range(m)], dtype=float)
     w = np.linalg.solve(moments, [2.0, *np.zeros(m - 1)])
     above, weights = (3 + x) / 4, w / 4
     if not n % 2:

@@ -114,6 +114,31 @@ def _extent(room):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _add_forces(begin, kernels, room, inner):  # type: ignore[no-untyped-def]
+    """Sum what the cell's terms make; the work of what their equations lack on the last change."""
+    size = inner.force.shape[0]
+    for i in range(size):
+        inner.force[i] = 0.0
+    for k in range(FORCES, kernels.addresses.shape[0]):
+        tabulate(kernels, k, room, begin)
+        for i in range(size):
+            inner.force[i] += room.tensor[i]
+    left = 0.0
+    for i in range(inner.places.shape[0]):
+        left += inner.force[inner.places[i]] * inner.change[i]
+    return left
+
+
+@kernel
+def _take_back(cell, room, inner, share):  # type: ignore[no-untyped-def]
+    """Take back a share of the last change of the fields."""
+    for i in range(inner.places.shape[0]):
+        inner.values[cell, i] -= share * inner.change[i]
+        inner.change[i] *= 1.0 - share
+        room.row[inner.places[i]] = inner.values[cell, i]
+
+
+@kernel
 def solve_cell(  # type: ignore[no-untyped-def]
     cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy, fresh, width
 ):
@@ -132,22 +157,11 @@ def solve_cell(  # type: ignore[no-untyped-def]
             change = solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
             if change != 0.0:
                 return change
-        for i in range(n + m):
-            inner.force[i] = 0.0
-        for k in range(FORCES, kernels.addresses.shape[0]):
-            tabulate(kernels, k, room, begin)
-            for i in range(n + m):
-                inner.force[i] += room.tensor[i]
-        left = 0.0
-        for i in range(m):
-            left += inner.force[inner.places[i]] * inner.change[i]
+        left = _add_forces(begin, kernels, room, inner)
         moved, largest = _newton_step(cell, inner)
         if predicted and not moved < np.inf:
             # no prediction across a large rotation
-            for i in range(m):
-                inner.values[cell, i] -= inner.change[i]
-                inner.change[i] = 0.0
-                room.row[inner.places[i]] = inner.values[cell, i]
+            _take_back(cell, room, inner, 1.0)
             predicted = False
             continue
         predicted = False
@@ -156,10 +170,7 @@ def solve_cell(  # type: ignore[no-untyped-def]
             # too far: at its end the step does no less work on what is lacking than at its begin, and the next one is
             # no smaller, which is what tells where strains and stresses make a saddle (Deuflhard's natural test)
             work, halved = 0.5 * work, halved + 1
-            for i in range(m):
-                inner.change[i] *= 0.5
-                inner.values[cell, i] -= inner.change[i]
-                room.row[inner.places[i]] = inner.values[cell, i]
+            _take_back(cell, room, inner, 0.5)
             continue
         for i in range(m):
             inner.change[i] = inner.step[i]
