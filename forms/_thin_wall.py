@@ -63,7 +63,7 @@ def rigid_motion(x: Expr, translation: Expr, rotation: Expr) -> Expr:
 
 def displacement(w: Expr) -> Expr:
     """The displacement's part of the unknown."""
-    return ufl.split(w)[0]
+    return ufl.as_vector([w[i] for i in range(3)])
 
 
 def assumed_strain(w: Expr, modulus: Expr, *, finite: bool) -> AssumedStrain:

@@ -15,14 +15,16 @@ References: those of `_thin_wall`; Klinkel, Gruttmann & Wagner 2006, doi:10.1016
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import ufl
 
-from flexmbd.forms import _thin_wall
+from flexmbd.forms import _thin_wall, solid_linear
 from flexmbd.forms._shared import Expr, IsotropicElastic, Terms
 from flexmbd.forms._shared import Quadrature as Quadrature
 from flexmbd.forms._thin_wall import element as element
 from flexmbd.forms._thin_wall import rigid_motion as rigid_motion
+from flexmbd.forms._wall_law import at_gradient
 from flexmbd.forms.solid_linear import Reference as _Reference
 
 CELLS = ("hexahedron",)
@@ -56,7 +58,7 @@ class Reference(_Reference):
 def strain_energy(u: Expr, p: Parameters) -> Terms:
     """St Venant-Kirchhoff energy of the assumed strain per initial volume, J/m^3; of 2 x 2 x 2 points."""
     strain, ties = _thin_wall.assumed_strain(u, p.E, finite=True)
-    return [(ufl.inner(_stress(strain, p), strain) / 2, Quadrature(3)), *ties]
+    return [(ufl.inner(_stress(u, strain, p), strain) / 2, Quadrature(3)), *ties]
 
 
 def kinetic_energy(v: Expr, p: Parameters) -> Terms:
@@ -68,7 +70,7 @@ def stress(u: Expr, state: None, p: Parameters) -> Expr:
     """Cauchy stress F S F^T / det F, Pa, 3 x 3, of the assumed strain, in the axes of the body's frame."""
     strain, _ = _thin_wall.assumed_strain(u, p.E, finite=True)
     f = ufl.Identity(3) + ufl.grad(_thin_wall.displacement(u))
-    return f * _stress(strain, p) * f.T / ufl.det(f)
+    return f * _stress(u, strain, p) * f.T / ufl.det(f)
 
 
 def reference() -> Reference:
@@ -76,6 +78,6 @@ def reference() -> Reference:
     return Reference(Parameters(E=2.1e11, nu=0.3, rho=7850.0))
 
 
-def _stress(strain: Expr, p: Parameters) -> Expr:
-    lam, mu = p.E * p.nu / ((1 + p.nu) * (1 - 2 * p.nu)), p.E / (2 * (1 + p.nu))
-    return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * mu * strain
+def _stress(u: Expr, strain: Expr, p: Any) -> Expr:
+    """That of the linear solid where the gradient of its displacement is the assumed strain, Pa."""
+    return at_gradient(lambda c: [solid_linear.stress(c, None, p)], u, strain)[0]

@@ -97,6 +97,7 @@ from flexmbd.continuum.laws.compiled_law import PointStep as PointStep
 from flexmbd.continuum.laws.law_form import StrainMeasure as StrainMeasure
 from flexmbd.continuum.laws.law_form import law_form as law_form
 from flexmbd.continuum.laws.plane_form import plane_form as plane_form
+from flexmbd.continuum.laws.wall_form import wall_form as wall_form
 from flexmbd.continuum.parallel import MpiTeam as MpiTeam
 from flexmbd.continuum.parallel import on_root as on_root
 from flexmbd.continuum.slow_loading.body_path import BodyCriticalPoint as BodyCriticalPoint

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-import basix
-import basix.ufl
 import ufl
+
+from flexmbd.continuum.contract.quadrature import is_rule
 
 _ONE_RULE = (
     "two quadrature rules in one form give a silently wrong residual, so each term is "
@@ -56,7 +56,7 @@ def term_faults(
             yield f"{label} must be a pair (integrand, Quadrature), got {type(term).__name__}"
             continue
         integrand, rule = term
-        if not _is_rule(rule, cell):
+        if not is_rule(rule, cell):
             expected = "a quadrature degree (int >= 0) and a scheme that basix has for these cells"
             yield f"{label} must state {expected}, got {rule!r}"
         if isinstance(integrand, ufl.BaseForm):
@@ -79,21 +79,6 @@ def _misplaced(integrand: ufl.core.expr.Expr, not_here: Mapping[type, str]) -> s
             if isinstance(part, kind):
                 return why
     return None
-
-
-def _is_rule(rule: Any, cell: str) -> bool:
-    degree, scheme = getattr(rule, "degree", None), getattr(rule, "scheme", None)
-    if type(degree) is not int or degree < 0 or not isinstance(scheme, str):
-        return False
-    try:
-        kind = basix.quadrature.string_to_type(scheme)
-    except (KeyError, ValueError):
-        return scheme == "vertex"  # the form compiler's own
-    try:
-        basix.make_quadrature(basix.CellType[cell], min(degree, 30), rule=kind)
-    except RuntimeError:  # a rule for other cells
-        return False
-    return True
 
 
 def _facet_fault(form: ufl.BaseForm) -> str | None:

@@ -19,6 +19,7 @@ import ufl
 from dolfinx import fem
 
 from flexmbd.continuum.compat import interpolation_points
+from flexmbd.continuum.contract import quadrature
 from flexmbd.continuum.contract.dof_layout import DofLayout, dof_layout
 from flexmbd.continuum.contract.entries import is_layered, optional_entries
 from flexmbd.continuum.contract.formulation import Formulation, Quadrature, internal_work, symbols
@@ -311,7 +312,7 @@ class Trial:
         return fem.Function(self.space), fem.Function(self.space)
 
     def _integral(self, density: ufl.core.expr.Expr, rule: Quadrature) -> ufl.Form:
-        return density * ufl.dx(domain=self.mesh, degree=rule.degree, scheme=rule.scheme)
+        return density * ufl.dx(domain=self.mesh, metadata=quadrature.metadata(self.mesh.topology.cell_name(), rule))
 
     def _forms(self, what: str) -> list[ufl.Form]:
         """One form a term."""
@@ -336,7 +337,8 @@ class Trial:
             name, order = _ON_FACETS[what]
             terms = getattr(optional_entries(self.form), name)(u, p)
             forms = [
-                density * ufl.ds(domain=self.mesh, degree=rule.degree, scheme=rule.scheme) for density, rule in terms
+                density * ufl.ds(domain=self.mesh, metadata=quadrature.metadata(self.mesh.topology.cell_name(), rule))
+                for density, rule in terms
             ]
             for _ in range(order):
                 forms = [ufl.derivative(form, u) for form in forms]

@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem, la
 from numpy.typing import NDArray
 
-from flexmbd.continuum.contract import formulation
+from flexmbd.continuum.contract import formulation, quadrature
 from flexmbd.continuum.contract.formulation import IntegralTerm
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.errors import FormulationError
@@ -83,7 +83,7 @@ def gyroscopic(groups: Sequence[CellGroup], space: fem.FunctionSpace) -> list[fe
 def integral(term: IntegralTerm, group: CellGroup, mesh: dolfinx.mesh.Mesh) -> ufl.Form:
     """A term integrated over the cells of its group by its own rule; not collective."""
     density, rule = term
-    metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
+    metadata = quadrature.metadata(mesh.topology.cell_name(), rule)
     if group.name is None:
         return density * ufl.dx(domain=mesh, metadata=metadata)
     # the number is the same for every group, and so is the compiled code

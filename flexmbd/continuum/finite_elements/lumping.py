@@ -18,7 +18,7 @@ from dolfinx import fem, la
 
 from flexmbd.continuum import parallel
 from flexmbd.continuum.contract.dof_layout import Field, shaped
-from flexmbd.continuum.contract.formulation import Quadrature
+from flexmbd.continuum.contract.quadrature import points_and_weights
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.discretisation import Discretisation
 from flexmbd.continuum.finite_elements.surface_group import surface_kinetic_energy
@@ -111,7 +111,7 @@ def _terms(model: Discretisation, group: CellGroup) -> list[_Term]:
         values = ufl.algorithms.expand_derivatives(values)
         if isinstance(values, ufl.classes.Zero):
             continue
-        points, weights = _rule(mesh.topology.cell_name(), rule)
+        points, weights = points_and_weights(mesh.topology.cell_name(), rule)
         at = fem.Expression(values, points).eval(mesh, group.cells)
         found.append(_Term(points, at.reshape(-1, len(points), n) * weights[:, None]))
     return found
@@ -138,13 +138,3 @@ def _lumped(field: Field, group: CellGroup, terms: list[_Term]) -> FloatArray | 
         return None
     lumped: FloatArray = entries * (mass / np.where(inert, 1.0, whole))
     return lumped
-
-
-def _rule(cell: str, rule: Quadrature) -> tuple[FloatArray, FloatArray]:
-    """Points and weights of a term's rule on the reference cell."""
-    kind = basix.CellType[cell]
-    if rule.scheme == "vertex":
-        points = basix.geometry(kind)
-        return points, np.full(len(points), basix.cell.volume(kind) / len(points))
-    scheme = basix.quadrature.string_to_type(rule.scheme)
-    return basix.make_quadrature(kind, rule.degree, rule=scheme)

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import basix
 import numpy as np
 import ufl
 from dolfinx import fem
 
+from flexmbd.continuum.contract.quadrature import points_and_weights
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.ghosts import with_ghosts
 from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -76,8 +76,8 @@ class _Sections:
         at = [form.motion(unknown, ufl.as_vector(xi), group.symbols) for xi in points_of_section]
         parts = [at[0], *(moved - at[0] for moved in at[1:])]
         terms = group.kinetic_energy(u)
-        cell = basix.CellType[self._mesh.topology.cell_name()]
-        points, self.weights = basix.make_quadrature(cell, max(rule.degree for _, rule in terms))
+        finest = max((rule for _, rule in terms), key=lambda rule: rule.degree)
+        points, self.weights = points_and_weights(self._mesh.topology.cell_name(), finest)
         x, measure = ufl.SpatialCoordinate(self._mesh), abs(ufl.JacobianDeterminant(self._mesh))
         place = [*x, *(measure * inertia[index] for index in np.ndindex(m, m))]
         self._place = fem.Expression(ufl.as_vector(place), points)

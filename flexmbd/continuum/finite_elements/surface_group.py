@@ -13,6 +13,7 @@ from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.contract import quadrature
 from flexmbd.continuum.contract.cell_fields import CellFields
 from flexmbd.continuum.contract.dof_layout import shaped
 from flexmbd.continuum.contract.entries import ON_FACETS, Entry, OptionalEntries, optional_entries
@@ -88,8 +89,8 @@ class SurfaceGroup:
 
     def _integral(self, term: IntegralTerm) -> ufl.Form:
         density, rule = term
-        metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
         mesh = self.mesh
+        metadata = quadrature.metadata(mesh.mesh.topology.cell_name(), rule)
         facets = ufl.Measure("ds", domain=mesh.mesh, subdomain_data=mesh.facet_tags, metadata=metadata)
         return density * facets(mesh.facet_groups[self.name])
 

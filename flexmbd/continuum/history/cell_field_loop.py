@@ -26,7 +26,10 @@ UNDERFLOW = 1e-290
 
 @kernel
 def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: ignore[no-untyped-def]
-    """Collect a cell's shared unknowns and its fields; ``predicts``: these as they follow those linearly."""
+    """Collect a cell's shared unknowns and its fields; ``predicts``: these as they follow those linearly.
+
+    What was added to the fields is in ``inner.change``.
+    """
     follows = predicts != 0 and inner.known[cell] != 0
     n, m = inner.shared.shape[0], inner.places.shape[0]
     for i in range(blocks.shape[1]):
@@ -40,11 +43,13 @@ def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: i
             lack = 0.0
             for j in range(n):
                 lack += coupling[n * k + j] * inner.moved[j]
-            inner.change[k] = lack
-        for i in range(m):
-            for k in range(m):
-                inner.values[cell, i] -= inverse[m * i + k] * inner.change[k]
+            inner.step[k] = lack
     for i in range(m):
+        inner.change[i] = 0.0
+        if follows:
+            for k in range(m):
+                inner.change[i] -= inverse[m * i + k] * inner.step[k]
+        inner.values[cell, i] += inner.change[i]
         room.row[inner.places[i]] = inner.values[cell, i]
     for i in range(fields.state.shape[1]):
         room.row[n + m + i] = fields.state[cell, i]
@@ -52,12 +57,12 @@ def gather_whole(cell, blocks, width, fields, inner, room, predicts):  # type: i
 
 @kernel
 def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
-    """A step of the fields of a cell by what their equations lack, which is added to the forces of shared unknowns.
+    """A step of the fields of a cell by what their equations lack, in ``inner.step``; what it moves in ``inner.moved``.
 
     Returns:
-        The largest change of these forces by it, and the largest of them.
+        The largest change of the forces of shared unknowns by it, and the largest of these.
     """
-    n, m, force, change = inner.shared.shape[0], inner.places.shape[0], inner.force, inner.change
+    n, m, force, change = inner.shared.shape[0], inner.places.shape[0], inner.force, inner.step
     inverse, coupling = inner.inverse[cell], inner.coupling[cell]
     for i in range(m):
         step = 0.0
@@ -72,16 +77,18 @@ def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
     moved, largest = 0.0, 0.0
     for j in range(n):
         add = inner.moved[j]
-        force[inner.shared[j]] += add
         if not abs(add) <= moved:
             moved = abs(add)
-        largest = max(largest, abs(force[inner.shared[j]]))
+        largest = max(largest, abs(force[inner.shared[j]] + add))
     return moved, largest
 
 
 @kernel
-def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
-    """Whether a step of the fields of a cell is round-off of their equations, as where the cell has no stress."""
+def _is_round_off(cell, room, inner, extent):  # type: ignore[no-untyped-def]
+    """Whether a step of the fields of a cell is round-off of their equations, as where the cell has no stress.
+
+    Equations in F = 1 + grad u have that of displacements of the ``extent`` of the cell, m; those in grad u of 0.
+    """
     n, m = inner.shared.shape[0], inner.places.shape[0]
     inverse, coupling = inner.inverse[cell], inner.coupling[cell]
     for i in range(m):
@@ -89,7 +96,7 @@ def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
         for k in range(m):
             summed = 0.0
             for j in range(n):
-                summed += abs(coupling[n * k + j] * room.row[inner.shared[j]])
+                summed += abs(coupling[n * k + j]) * (abs(room.row[inner.shared[j]]) + extent)
             size += abs(inverse[m * i + k]) * summed
         if abs(inner.change[i]) > ROUND_OFF * size:
             return False
@@ -97,36 +104,74 @@ def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def change_fields(cell, room, inner, search, accuracy):  # type: ignore[no-untyped-def]
+def _extent(room):  # type: ignore[no-untyped-def]
+    """The largest extent of the cell along an axis, m."""
+    extent = 0.0
+    for i in range(1, room.coordinates.shape[0]):
+        for d in range(3):
+            extent = max(extent, abs(room.coordinates[i, d] - room.coordinates[0, d]))
+    return extent
+
+
+@kernel
+def _take_back(cell, room, inner, share):  # type: ignore[no-untyped-def]
+    """Take back a share of the last change of the fields."""
+    for i in range(inner.places.shape[0]):
+        inner.values[cell, i] -= share * inner.change[i]
+        inner.change[i] *= 1.0 - share
+        room.row[inner.places[i]] = inner.values[cell, i]
+
+
+@kernel
+def begin_search(search):  # type: ignore[no-untyped-def]
+    """Begin with fields that were predicted."""
+    search[0], search[1], search[2], search[3] = np.inf, 0.0, 0.0, 1.0
+
+
+@kernel
+def change_fields(cell, room, inner, search, accuracy, extent):  # type: ignore[no-untyped-def]
     """A step of the fields of a cell by the forces at hand in ``inner.force``, which follow it.
 
     Args:
         cell: of them.
         room: with the cell's row.
         inner: the fields.
-        search: (3,) the change of the forces by the step before, the work of that step, how often it was halved;
-            infinite, 0 and 0 to begin with.
+        search: (4,) the change of the forces by the step before, the work of that step, how often it was halved, 1
+            where the fields are as they were predicted; see `begin_search`.
         accuracy: change of a cell's forces over these at which the fields end.
+        extent: m, of a cell of displacements with a fresh tangent, of which a step that no longer shrinks may be
+            round-off of a law in F; else 0.
 
     Returns:
         0 where forces are wanted anew, 1 where the fields are solved for, 2 where they want a new tangent.
     """
-    m = inner.places.shape[0]
+    n, m = inner.shared.shape[0], inner.places.shape[0]
     left = 0.0
     for i in range(m):
         left += inner.force[inner.places[i]] * inner.change[i]
-    if search[1] != 0.0 and search[2] < HALVINGS and not abs(left) <= WORK_RATIO * abs(search[1]):
-        # too far: the step does no less work on what is lacking at its end than at its begin
-        search[1], search[2] = 0.5 * search[1], search[2] + 1.0
-        for i in range(m):
-            inner.change[i] *= 0.5
-            inner.values[cell, i] -= inner.change[i]
-            room.row[inner.places[i]] = inner.values[cell, i]
-        return 0
     moved, largest = _newton_step(cell, inner)
+    predicted, search[3] = search[3], 0.0
+    if predicted != 0.0 and not moved < np.inf:
+        # no prediction across a large rotation
+        _take_back(cell, room, inner, 1.0)
+        return 0
+    lessened = abs(left) <= WORK_RATIO * abs(search[1]) or moved <= (1.0 - 0.25 * 0.5 ** search[2]) * search[0]
+    if search[1] != 0.0 and search[2] < HALVINGS and not lessened:
+        # too far: at its end the step does no less work on what is lacking than at its begin, and the next one is no
+        # smaller, which is what tells where strains and stresses make a saddle (Deuflhard's natural test)
+        search[1], search[2] = 0.5 * search[1], search[2] + 1.0
+        _take_back(cell, room, inner, 0.5)
+        return 0
+    for i in range(m):
+        inner.change[i] = inner.step[i]
+    for j in range(n):
+        inner.force[inner.shared[j]] += inner.moved[j]
     # forces that are no numbers are told by whoever sums them
-    done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
-    if not done and moved > CONTRACTION * search[0]:
+    done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner, 0.0)
+    shrinks = moved <= CONTRACTION * search[0]
+    if extent > 0.0 and not done and not shrinks:
+        done = _is_round_off(cell, room, inner, extent)
+    if not done and not shrinks:
         return 2
     search[0], search[1], search[2] = moved, 0.0, 0.0
     for i in range(m):
@@ -137,14 +182,20 @@ def change_fields(cell, room, inner, search, accuracy):  # type: ignore[no-untyp
 
 
 @kernel
-def solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy):  # type: ignore[no-untyped-def]
+def solve_cell(  # type: ignore[no-untyped-def]
+    cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy, fresh, width
+):
     """Forces of a cell whose fields are solved for, in ``inner.force``; ``inner.solved`` tells whether they are.
+
+    With a ``fresh`` tangent a step that no longer shrinks may be round-off of a law in F.  Blocks of three are
+    displacements.
 
     Returns:
         As `solve_points`.
     """
     n, m = inner.shared.shape[0], inner.places.shape[0]
-    inner.search[0], inner.search[1], inner.search[2] = np.inf, 0.0, 0.0
+    begin_search(inner.search)
+    extent = _extent(room) if fresh and width == 3 else 0.0
     for _ in range(CELL_SWEEPS):
         if fields.local.shape[1] > 0:
             change = solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
@@ -156,7 +207,7 @@ def solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, acc
             tabulate(kernels, k, room, begin)
             for i in range(n + m):
                 inner.force[i] += room.tensor[i]
-        found = change_fields(cell, room, inner, inner.search, accuracy)
+        found = change_fields(cell, room, inner, inner.search, accuracy, extent)
         if found == 1:
             inner.solved[cell] = 1
         if found != 0:

@@ -64,8 +64,9 @@ class CellFieldsSolved:
             solved=np.ones(cells, dtype=np.int64),
             force=np.zeros(n + m),
             change=np.zeros(m),
+            step=np.zeros(m),
             moved=np.zeros(n),
-            search=np.zeros(3),
+            search=np.zeros(4),
         )
 
     def compile_tangent(self, terms: Sequence[ufl.Form]) -> None:
@@ -152,4 +153,4 @@ def no_cell_fields() -> CellUnknowns:
     """As the compiled loop takes them where there are none."""
     none, numbers = np.zeros(0), np.zeros(0, dtype=np.int64)
     return CellUnknowns(numbers, numbers, np.zeros((0, 0)), none, np.zeros((0, 0)), np.zeros((0, 0)), numbers, numbers,
-                        none, none, none, none)  # fmt: skip
+                        none, none, none, none, none)  # fmt: skip

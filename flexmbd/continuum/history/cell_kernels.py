@@ -17,6 +17,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
+from flexmbd.continuum.contract import quadrature
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
 from flexmbd.continuum.contract.point_law import PointLaw
 from flexmbd.continuum.history.point_loop import Kernels
@@ -53,7 +54,7 @@ class CellForms:
     """The forms evaluated in a cell; None for those that the formulation does not have.
 
     Attributes:
-        work: virtual work of a test function of the displacement, as terms of any rules; with history of one.
+        work: virtual work of a test function of the displacement, as terms of any rules; those with history of one.
         update: history at the step's end.
         equations: of the local unknowns, (n + n n,): what they make zero, and its derivatives by them, row by row.
         averaged: what the means are of.
@@ -120,10 +121,17 @@ class CellCompiler:
             for density, rule in work(self._test_function(displaced)):
                 yield self._compiled(density, rule)
             return
+        # terms without history have rules of their own; the kernel that leaves a history is the last one
+        for density, rule in work(self._test_function(displaced)):
+            if not self._is_of_history(rule):
+                yield self._compiled(density, rule)
         both = basix.ufl.mixed_element([displaced, self._pointwise(update)])
         v, w = ufl.split(self._test_function(both))
-        densities = [density for density, _ in work(v)]
+        densities = [density for density, rule in work(v) if self._is_of_history(rule)]
         yield self._compiled(sum(share_parts([*densities, self._at_points(update, w)])), self._rule)
+
+    def _is_of_history(self, rule: Quadrature) -> bool:
+        return (rule.degree, rule.scheme) == (self._rule.degree, self._rule.scheme)
 
     def _at_points(self, values: ufl.core.expr.Expr, w: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         """A density whose integral has the values at the points times their weights."""
@@ -131,18 +139,13 @@ class CellCompiler:
 
     def _pointwise(self, values: ufl.core.expr.Expr) -> Any:
         """The element with values of this shape at the points of the rule."""
-        return basix.ufl.quadrature_element(
-            self._domain.topology.cell_name(),
-            value_shape=values.ufl_shape,
-            scheme=self._rule.scheme,
-            degree=self._rule.degree,
-        )
+        return quadrature.point_element(self._domain.topology.cell_name(), self._rule, values.ufl_shape)
 
     def _test_function(self, element: Any) -> ufl.Argument:
         return ufl.TestFunction(ufl.FunctionSpace(self._domain.ufl_domain(), element))
 
     def _compiled(self, density: ufl.core.expr.Expr, rule: Quadrature) -> CellKernel:
-        metadata = {"quadrature_degree": rule.degree, "quadrature_rule": rule.scheme}
+        metadata = quadrature.metadata(self._domain.topology.cell_name(), rule)
         form = density * ufl.dx(domain=self._domain, metadata=metadata)
         address, positions, module = compat.cell_kernel(self._domain.comm, form)
         symbols = list(form.constants())

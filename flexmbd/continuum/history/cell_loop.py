@@ -32,7 +32,7 @@ def _keep(cell, first, fields, kernels, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _pass_condensed(  # type: ignore[no-untyped-def]
-    cell, blocks, width, begin, fields, kernels, room, inner, forces, sweeps, tolerance, accuracy
+    cell, blocks, width, begin, fields, kernels, room, inner, forces, sweeps, tolerance, accuracy, fresh
 ):
     """As `pass_cells`, of a cell with fields of its own; forces and history once they are solved for."""
     inner.solved[cell] = 0
@@ -41,7 +41,7 @@ def _pass_condensed(  # type: ignore[no-untyped-def]
             return 0.0
         # which its tangent wants
         return solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
-    change = solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy)
+    change = solve_cell(cell, begin, fields, kernels, room, inner, sweeps, tolerance, accuracy, fresh, width)
     if change != 0.0 or inner.solved[cell] == 0:
         return change
     for i in range(blocks.shape[1]):
@@ -75,7 +75,8 @@ def pass_cells(  # type: ignore[no-untyped-def]
         sweeps: the most local Newton steps: whole ones, and shortened ones where these fail.
         tolerance: change of the local unknowns over their sizes at which they end.
         accuracy: change of a cell's forces over these at which its own fields end.
-        predicts: whether these begin as they follow the shared unknowns linearly from ``inner.before``.
+        predicts: whether these begin as they follow the shared unknowns linearly from ``inner.before``; else their
+            tangents are of this trial.
 
     Returns:
         The last change of the local unknowns of the first cell where they were not solved, or what its law says is
@@ -90,7 +91,8 @@ def pass_cells(  # type: ignore[no-untyped-def]
         if own > 0:
             gather_whole(cell, blocks, width, fields, inner, room, predicts)
             change = _pass_condensed(
-                cell, blocks, width, begin, fields, kernels, room, inner, forces, sweeps, tolerance, accuracy
+                cell, blocks, width, begin, fields, kernels, room, inner, forces, sweeps, tolerance, accuracy,
+                predicts == 0,
             )
             if change != 0.0:
                 return change

@@ -1,4 +1,4 @@
-"""The compiled loop over blocks of cells with fields of their own: `cell_field_loop` for kernels whose numbers have lanes.
+"""The compiled loop over blocks of cells with fields of their own: `cell_field_loop` for kernels of several lanes.
 
 Forces of a block are evaluated together until the fields of each of its cells are solved for, or wait for a new
 tangent; what is done with them is done cell by cell, as there, and comes out the same to the bit.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexmbd.continuum.history.cell_field_loop import CELL_SWEEPS, change_fields, gather_whole
+from flexmbd.continuum.history.cell_field_loop import CELL_SWEEPS, begin_search, change_fields, gather_whole
 from flexmbd.continuum.history.lane_loop import keep_lane, of_lane, solve_points_of_lanes, tabulate_lanes
 from flexmbd.continuum.history.point_loop import FORCES, CellUnknowns
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
@@ -21,8 +21,8 @@ _GOES_ON, _SOLVED, _WAITS, _LEFT, _IS_NONE = 0, 1, 2, 3, 4
 def _inner_of_lane(inner, room, lane):  # type: ignore[no-untyped-def]
     """The fields, with room of a lane's own."""
     return CellUnknowns(
-        inner.shared, inner.places, inner.values, inner.before, inner.inverse, inner.coupling, inner.known, inner.solved,
-        room.force[lane], room.change[lane], room.moved[lane], room.search[lane],
+        inner.shared, inner.places, inner.values, inner.before, inner.inverse, inner.coupling, inner.known,
+        inner.solved, room.force[lane], room.change[lane], room.step[lane], room.moved[lane], room.search[lane],
     )  # fmt: skip
 
 
@@ -46,7 +46,7 @@ def _gather_block(count, nodes, x, blocks, width, fields, inner, room):  # type:
         gather_whole(cell, blocks, width, fields, _inner_of_lane(inner, room, lane), of_lane(room, lane), 1)
         for i in range(fields.local.shape[1]):
             room.row[inner.force.shape[0] + fields.state.shape[1] + i, lane] = fields.local[cell, i]
-        room.search[lane, 0], room.search[lane, 1], room.search[lane, 2] = np.inf, 0.0, 0.0
+        begin_search(room.search[lane])
 
 
 @kernel
@@ -92,7 +92,7 @@ def _solve_block(begin, fields, kernels, room, inner, sweeps, tolerance, accurac
         for lane in range(lanes):
             if room.found[lane] == _GOES_ON:
                 cell, own = room.cells[lane], _inner_of_lane(inner, room, lane)
-                room.found[lane] = change_fields(cell, of_lane(room, lane), own, own.search, accuracy)
+                room.found[lane] = change_fields(cell, of_lane(room, lane), own, own.search, accuracy, 0.0)
                 if room.found[lane] == _SOLVED and fields.trial.shape[1] > 0:
                     keep_lane(room, lane, size, fields, kernels)
 

@@ -46,7 +46,7 @@ class LaneRoom(NamedTuple):
         one: what work at one cell needs besides.
         found: (lanes,) what has become of cells with fields of their own.
         values: (lanes, m) these fields before.
-        force: (lanes, n + m), change: (lanes, m), moved: (lanes, n), search: (lanes, 3), as in `CellUnknowns`.
+        force: (lanes, n + m), change, step: (lanes, m), moved: (lanes, n), search: (lanes, 4), as in `CellUnknowns`.
     """
 
     cells: NDArray[np.int64]
@@ -61,6 +61,7 @@ class LaneRoom(NamedTuple):
     values: FloatArray
     force: FloatArray
     change: FloatArray
+    step: FloatArray
     moved: FloatArray
     search: FloatArray
 

@@ -261,8 +261,9 @@ def _lane_room(one: Room, inner: CellUnknowns, lanes: int, nodes: int) -> LaneRo
         values=np.zeros((lanes, len(inner.places))),
         force=np.zeros((lanes, len(inner.force))),
         change=np.zeros((lanes, len(inner.places))),
+        step=np.zeros((lanes, len(inner.places))),
         moved=np.zeros((lanes, len(inner.moved))),
-        search=np.zeros((lanes, 3)),
+        search=np.zeros((lanes, 4)),
     )
 
 

@@ -13,8 +13,6 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-import basix
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -22,7 +20,8 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum.contract.entries import STEP, is_rate_dependent
 from flexmbd.continuum.contract.formulation import IntegralTerm, Quadrature
-from flexmbd.continuum.contract.results import keywords, solved
+from flexmbd.continuum.contract.quadrature import point_element, points_and_weights
+from flexmbd.continuum.contract.results import solved, step_keyword
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.history.cell_fields_solved import CellFieldsSolved
@@ -67,7 +66,8 @@ class History:
             temperature: that the group's formulation reads, if any.
 
         Raises:
-            FormulationError: terms with history have rules of their own each; cell means beside fields of one cell.
+            FormulationError: terms in which the history stands have rules of their own each; cell means beside fields
+                of one cell.
         """
         self.group, self._u = group, u
         self.solved: CellFieldsSolved | None = None
@@ -78,11 +78,7 @@ class History:
         p = group.symbols
         self._has_state = group.optional.state is not None
         self.rule = _rule_of_history(group, u, v)
-        self.points, self._weights = basix.make_quadrature(
-            basix.CellType[self._mesh.topology.cell_name()],
-            self.rule.degree,
-            rule=basix.quadrature.string_to_type(self.rule.scheme),
-        )
+        self.points, self._weights = points_and_weights(self._mesh.topology.cell_name(), self.rule)
         self._dt = fem.Constant(self._mesh, 0.0)
         self._is_rate_dependent = is_rate_dependent(form)
         self._state: Any = None
@@ -318,12 +314,8 @@ class History:
 
     def _function(self, shape: int | tuple[int, ...]) -> fem.Function:
         """A function that has its values at the points of the rule."""
-        element = basix.ufl.quadrature_element(
-            self._mesh.topology.cell_name(),
-            value_shape=(shape,) if isinstance(shape, int) else shape,
-            scheme=self.rule.scheme,
-            degree=self.rule.degree,
-        )
+        shape = (shape,) if isinstance(shape, int) else shape
+        element = point_element(self._mesh.topology.cell_name(), self.rule, shape)
         return fem.Function(fem.functionspace(self._mesh, element))
 
     def _terms_of_energy(self, u: fem.Function, p: Any) -> dict[str, IntegralTerm]:
@@ -351,17 +343,23 @@ def refuse_means_of_fields(group: CellGroup) -> None:
 
 
 def _rule_of_history(group: CellGroup, u: fem.Function, v: ufl.core.expr.Expr) -> Quadrature:
-    """The rule at whose points the history lies: that of all terms."""
+    """The rule at whose points the history lies: that of all terms in which it stands."""
     form: Any = group.formulation
     p = group.symbols
     if group.optional.state is None:
         terms: list[IntegralTerm] = list(form.strain_energy(u, p))
         return terms[0][1]
-    terms = list(form.residual(u, v, ufl.as_ufl(form.state(p)), p, **keywords(form, p, dt=0.0)))
-    rules = {(rule.degree, rule.scheme) for _, rule in terms}
+    begin = ufl.as_ufl(form.state(p))
+    domain = u.function_space.mesh
+    state = ufl.Constant(domain, shape=begin.ufl_shape)
+    local = {name: ufl.Constant(domain, shape=value.ufl_shape) for name, value in solved(form, p).items()}
+    terms = list(form.residual(u, v, state, p, **{**step_keyword(form, 0.0), **local}))
+    known = {state, *local.values()}
+    kept = [rule for density, rule in terms if known & set(ufl.algorithms.analysis.extract_type(density, ufl.Constant))]
+    rules = {(rule.degree, rule.scheme) for rule in kept}
     if len(rules) > 1:
         raise FormulationError(
-            f"{group.form_name}: its terms have the quadrature rules {sorted(rules)}, and a history needs one set of "
-            "quadrature points; give all terms the same rule"
+            f"{group.form_name}: its terms with the history have the quadrature rules {sorted(rules)}, and a history "
+            "needs one set of quadrature points; give them the same rule"
         )
-    return terms[0][1]
+    return (kept or [rule for _, rule in terms])[0]

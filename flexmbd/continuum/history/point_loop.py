@@ -80,8 +80,9 @@ class CellUnknowns(NamedTuple):
         solved: (cells,) whether they are solved for the trial.
         force: (n + m,) room for what a cell's terms make.
         change: (m,) room for a Newton step.
+        step: (m,) room for the next one.
         moved: (n,) room for what goes with it.
-        search: (3,) room for what is remembered of Newton's last step.
+        search: (4,) room for what is remembered of Newton's last step.
     """
 
     shared: NDArray[np.int64]
@@ -94,6 +95,7 @@ class CellUnknowns(NamedTuple):
     solved: NDArray[np.int64]
     force: FloatArray
     change: FloatArray
+    step: FloatArray
     moved: FloatArray
     search: FloatArray
 

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, la
 from numpy.typing import NDArray
 
+from flexmbd.continuum.contract.quadrature import point_element
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.history.point_history import History
 
@@ -47,9 +47,7 @@ class PredictedStress:
         back = ufl.inv(f)
         self._second = ufl.det(f) * back * form.stress(u, None, group.symbols) * back.T
         self._history = history
-        element = basix.ufl.quadrature_element(
-            mesh.topology.cell_name(), value_shape=(3, 3), scheme=history.rule.scheme, degree=history.rule.degree
-        )
+        element = point_element(mesh.topology.cell_name(), history.rule, (3, 3))
         self._excess = fem.Function(fem.functionspace(mesh, element))
         du, v = ufl.TrialFunction(u.function_space), ufl.TestFunction(u.function_space)
         along = ufl.sym(ufl.grad(du).T * ufl.grad(v))

@@ -1,4 +1,4 @@
-"""Material laws that are compiled functions of a point, and the formulations made of them.
+"""Material laws that are compiled functions of a point, and formulations made of laws and of other formulations.
 
 docs/laws.md.
 """

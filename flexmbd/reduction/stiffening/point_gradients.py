@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from flexmbd.continuum import compat
 from flexmbd.continuum.contract.formulation import Quadrature
+from flexmbd.continuum.contract.quadrature import points_and_weights
 
 if TYPE_CHECKING:
     from flexmbd.continuum.finite_elements.linear_model import LinearModel
@@ -38,7 +39,7 @@ class RulePoints:
     @property
     def reference(self) -> tuple[FloatArray, FloatArray]:
         """Places (q, 3) and weights (q,) on the reference cell."""
-        return basix.make_quadrature(cell_type(self.model.space), self.rule.degree)
+        return points_and_weights(cell_type(self.model.space).name, self.rule)
 
 
 def by_node(block: FloatArray) -> FloatArray:

@@ -1,0 +1,194 @@
+"""Solid-shells that yield: bending over points through the thickness, unloading, any law in a wall, rules of layers."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from full_model import gather
+
+from flexmbd import meshes
+from flexmbd.continuum import NonlinearModel, wall_form
+from flexmbd.continuum.contract.quadrature import is_rule, points_and_weights
+from flexmbd.errors import FormulationError
+from flexmbd.forms import j2_plasticity, solid_micropolar, solid_shell, solid_shell_plasticity, st_venant_kirchhoff
+
+E, YIELD, THICKNESS = 2e11, 2e7, 0.1
+FIRST_YIELD = YIELD * THICKNESS**2 / 6  # moment of a unit width
+ELASTIC = 2 * YIELD / E / THICKNESS  # curvature there
+
+
+@dataclass(frozen=True)
+class Rule:
+    degree: int
+    scheme: str
+
+
+class Strip:
+    """One brick of unit sides, bent by the turns of its ends, free across."""
+
+    def __init__(self, form, parameters):
+        mesh = meshes.wall(meshes.sheet(1.0, 1.0, divisions=(1, 1), comm=MPI.COMM_SELF), THICKNESS)
+        self.body = NonlinearModel(mesh, form, parameters, degree=1)
+        x, dofs = self.body.layout.node_x, self.body.layout.displacement_dofs
+        x = x - x.min(axis=0)
+        near, far, side = x[:, 0] < 0.5, x[:, 0] > 0.5, x[:, 1] < 0.5
+        self.z, self.end = x[far, 2] - THICKNESS / 2, dofs[far, 0]
+        corner = near & side & (x[:, 2] < THICKNESS / 2)
+        self.fixed = np.concatenate([self.end, dofs[near, 0], dofs[side, 1], dofs[corner, 2]])
+        self.curvature = 0.0
+
+    def bend(self, curvature):
+        """Go to a curvature, 1/m; the bending moment, N."""
+        body, move = self.body, np.zeros(self.body.layout.n_local)
+        move[self.end] = -(curvature - self.curvature) * self.z
+        free = np.setdiff1d(np.arange(len(move)), self.fixed)
+        at, driven = np.zeros_like(move), move
+        for _ in range(20):
+            tangent, force = gather(body.tangent(at)).toarray(), body.force(at)
+            change = driven.copy()
+            change[free] = np.linalg.solve(tangent[np.ix_(free, free)], -(force + tangent @ driven)[free])
+            at, driven = at + change, np.zeros_like(move)
+            force = body.force(at)
+            if abs(force[free]).max() < 1e-9 * abs(force).max():
+                break
+        body.commit(at)
+        self.curvature = curvature
+        return -float(force[self.end] @ self.z)
+
+
+def by_points(n, ratio):
+    """M over that of first yield, of fibres at the rule's heights, for a curvature over that of first yield."""
+    points, weights = points_and_weights("hexahedron", Rule(3, f"layers {n}"))
+    height, share = 2 * points[:n, 2] - 1, weights[:n] / weights[:n].sum()
+    return 3 * float(share @ (height * np.clip(ratio * height, -1, 1)))
+
+
+def exact(ratio):
+    return ratio if ratio < 1 else 1.5 - 0.5 / ratio**2
+
+
+@pytest.mark.parametrize("n", [4, 5, 6, 7, 9])
+def test_layers_integrate_elastic_and_wholly_plastic_bending(n):
+    assert by_points(n, 0.7) == pytest.approx(0.7, rel=1e-12)
+    assert by_points(n, 1e9) == pytest.approx(1.5, rel=1e-8)
+    points, weights = points_and_weights("hexahedron", Rule(3, f"layers {n}"))
+    assert points.shape == (4 * n, 3)
+    assert weights.sum() == pytest.approx(1.0, rel=1e-14)
+    assert {points[:, 2].min(), points[:, 2].max()} == {0.0, 1.0}
+
+
+def test_more_layers_come_closer_between():
+    ratios = np.linspace(1.0, 6.0, 60)
+    worst = [max(abs(by_points(n, r) / exact(r) - 1) for r in ratios) for n in (2, 3, 5, 7)]
+    assert (np.diff(worst) < 0).all()
+    assert worst[2:] == pytest.approx([0.09, 0.022], abs=0.015)
+
+
+def test_rules_of_layers_are_of_hexahedra():
+    assert is_rule(Rule(3, "layers 5"), "hexahedron")
+    for scheme, cell in (("layers 5", "tetrahedron"), ("layers 1", "hexahedron"), ("layers x", "hexahedron")):
+        assert not is_rule(Rule(3, scheme), cell)
+
+
+@pytest.mark.parametrize("law", ["shipped", "small strain"])
+def test_moment_over_curvature_and_back(law):
+    """Elastic-perfectly plastic; the moment of fibres at the points, the plastic moment, and stress left behind."""
+    form = solid_shell_plasticity if law == "shipped" else wall_form(j2_plasticity, layers=5)
+    strip = Strip(form, form.Parameters(E=E, nu=0.3, rho=7850.0, yield_stress=YIELD))
+    for ratio in (0.5, 1.2, 1.5, 2.0, 3.0, 5.0):
+        moment = strip.bend(ratio * ELASTIC) / FIRST_YIELD
+        # across the strip and through it the strain is linear, which plastic flow is not
+        assert moment == pytest.approx(by_points(5, ratio), rel=2e-2)
+    assert moment == pytest.approx(1.5, rel=5e-3)
+    bending = E * THICKNESS**3 / 12
+    left = strip.bend(strip.curvature - moment * FIRST_YIELD / bending) / FIRST_YIELD
+    assert abs(left) < 1e-2 * moment
+    stress = strip.body.stress()[0][0].reshape(4, 5, 3, 3) / YIELD
+    # sigma_y less the elastic stress of the plastic moment, 1.5 sigma_y on the surface; less what a strain that is
+    # linear across leaves of pressure
+    along = stress[..., 0, 0] - stress[..., 1, 1]
+    assert along == pytest.approx(np.tile([-0.5, 0.25, 0.0, -0.25, 0.5], (4, 1)), abs=0.13)
+
+
+def test_a_law_of_an_energy_in_a_wall_is_the_shipped_solid_shell():
+    """St Venant-Kirchhoff's energy of Cholesky's factor is that of the assumed strain, far turned as well."""
+    p = st_venant_kirchhoff.Parameters(E=E, nu=0.3, rho=7850.0)
+    mesh = meshes.wall(meshes.sheet(1.0, 1.0, divisions=(2, 1), comm=MPI.COMM_SELF), THICKNESS)
+    own = solid_shell.Parameters(E=E, nu=0.3, rho=7850.0)
+    forms = (solid_shell, own), (wall_form("st_venant_kirchhoff", layers=2), p)
+    turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+    found = []
+    for form, parameters in forms:
+        body = NonlinearModel(mesh, form, parameters, degree=1)
+        x, dofs = body.layout.node_x, body.layout.displacement_dofs
+        increment = np.zeros(body.layout.n_local)
+        noise = 1e-2 * np.random.default_rng(3).uniform(-1, 1, x.shape)
+        for share in (0.0, 1.0):  # fields of the cells begin at those of the last step
+            increment[dofs] = (x + share * noise) @ turn.T - x
+            force = body.force(increment)
+        found.append(force)
+    assert found[1] == pytest.approx(found[0], abs=1e-10 * abs(found[0]).max())
+
+
+def test_what_a_wall_does_not_carry_is_named():
+    with pytest.raises(FormulationError, match="2 to 99, got 1"):
+        wall_form(j2_plasticity, layers=1)
+    with pytest.raises(FormulationError, match="unknowns besides the displacement"):
+        wall_form(solid_micropolar)
+    with pytest.raises(FormulationError, match="no E; say modulus="):
+        wall_form("solid_orthotropic")
+
+
+def test_terms_without_history_have_rules_of_their_own(tmp_path):
+    """A tie at the vertices beside history at points; a history at two rules is refused."""
+    lines = [
+        "import ufl",
+        "from flexmbd.forms import j2_plasticity as j2",
+        "from flexmbd.forms.j2_plasticity import *",
+        "def residual(u, v, state, p, *, z=None, mean=None):",
+        "    ((w, rule),) = j2.residual(u, v, state, p, z=z, mean=mean)",
+    ]
+    own = "    return [(w / 2, rule), (p.E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)), Quadrature(4)), (w / 2, {})]"
+    mesh = meshes.block(1.0, 1.0, 1.0, divisions=(1, 1, 1), comm=MPI.COMM_SELF)
+    p = j2_plasticity.Parameters(E=E, nu=0.3, rho=7850.0, yield_stress=YIELD)
+    bodies = []
+    for name, rule in (("same", "rule"), ("other", "Quadrature(4)")):
+        file = tmp_path / f"{name}.py"
+        file.write_text("\n".join([*lines, own.format(rule)]))
+        if name == "other":
+            with pytest.raises(FormulationError, match="a history needs one set of quadrature points"):
+                NonlinearModel(mesh, file, p, degree=1, cell_means=False)
+        else:
+            bodies = [NonlinearModel(mesh, form, p, degree=1, cell_means=False) for form in (file, j2_plasticity)]
+    x, dofs = bodies[0].layout.node_x, bodies[0].layout.displacement_dofs
+    increment = np.zeros(bodies[0].layout.n_local)
+    gradient = 1e-3 * np.array([[1.0, 0.3, -0.2], [0.1, -0.6, 0.4], [-0.3, 0.2, -0.3]])
+    increment[dofs] = x @ gradient.T
+    mixed, plain = (body.force(increment) for body in bodies)
+    # of a constant strain both rules are exact
+    along = np.where(x - x.min(axis=0) > 0.5, 0.25, -0.25)
+    tie = E * along @ (gradient + gradient.T) / 2
+    assert (mixed - plain)[dofs] == pytest.approx(tie, rel=1e-9)
+    for body in bodies:
+        body.commit(increment)
+    assert bodies[0].history()[0] == pytest.approx(bodies[1].history()[0], rel=1e-9)
+
+
+def test_the_law_of_a_large_rotation_is_turned_and_pictures_have_its_stress():
+    form = solid_shell_plasticity
+    p = form.Parameters(E=E, nu=0.3, rho=7850.0, yield_stress=YIELD)
+    mesh = meshes.wall(meshes.sheet(1.0, 1.0, divisions=(1, 1), comm=MPI.COMM_SELF), THICKNESS)
+    turn, stresses = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), []
+    for rotation in (np.eye(3), turn):
+        body = NonlinearModel(mesh, form, p, degree=1)
+        x, dofs = body.layout.node_x, body.layout.displacement_dofs
+        increment = np.zeros(body.layout.n_local)
+        increment[dofs] = x @ (rotation @ (np.eye(3) + np.diag([1e-3, -2e-4, 0.0]))).T - x
+        body.force(increment)
+        body.commit(increment)
+        stresses.append(rotation.T @ body.stress()[0].reshape(-1, 3, 3) @ rotation)
+    assert stresses[1] == pytest.approx(stresses[0], abs=1e-8 * YIELD)
+    assert float(ufl.as_ufl(form.state(p)).ufl_shape[0]) == 15
