@@ -99,7 +99,7 @@ class _DownhillProblem:
             return Correction(replace(step, along=aside), _LEAVE)
         through = passing(self.scene, self.work, at.x, step.along)
         if through.share * size <= SETTLED < size:
-            raise _hindered(self, here, through)
+            raise hindered(self.scene, at, through)
         return Correction(step, size, share=min(1.0, _STEP / max(size, _STEP), through.share))
 
     def moved(self, here: _DownhillPlace, correction: Correction[_Step], *, close: bool) -> _DownhillPlace:
@@ -216,14 +216,15 @@ def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> bool:
         return False
     through = passing(search.scene, search.work, here.at.x, step)
     if through.share < 1.0:
-        raise _hindered(search, here, through)
+        raise hindered(search.scene, here.at, through)
     return through.touch == 0.0
 
 
-def _hindered(search: _DownhillProblem, here: _DownhillPlace, through: Passing) -> HinderedError:
+def hindered(scene: CompiledScene, at: ForceBalance, through: Passing) -> HinderedError:
+    """The error that a contact gives way under the load."""
     return HinderedError(
         f"no equilibrium found: {through.told}, does not bear the load before the middle of what it meets is reached, "
-        f"from where it is pushed out on the other side ({most_lacking(search.scene, here.at)}); take a stiffer law, a "
+        f"from where it is pushed out on the other side ({most_lacking(scene, at)}); take a stiffer law, a "
         "thicker shape, larger patches or a smaller load, or begin nearer to the equilibrium (about=)"
     )
 

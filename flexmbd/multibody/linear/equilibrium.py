@@ -20,7 +20,7 @@ from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
 from flexmbd.multibody.kernels.reading.force_tables import element_numbers, rough_contacts, slid_ways
 from flexmbd.multibody.linear.balance import ForceBalance, balance, motion_sizes, moved, step_size
 from flexmbd.multibody.linear.derivatives import DERIVING
-from flexmbd.multibody.linear.downhill import HinderedError, most_lacking, stable_below, step_downhill
+from flexmbd.multibody.linear.downhill import HinderedError, hindered, most_lacking, stable_below, step_downhill
 from flexmbd.multibody.linear.forces_at_play import BALANCED, forces_at_play
 from flexmbd.multibody.linear.passing import Passing, landing, passing
 from flexmbd.multibody.linear.path.force_homotopy import LostPathError, Settled, forces_let_go
@@ -289,6 +289,9 @@ def _with_states(scene: CompiledScene, work: Work, here: ForceBalance, sizes: Fl
         _refuse_unresisted(scene, work, here, here.lacking)
         return here
     step = _full_newton_step(scene, work, here)
+    through = passing(scene, work, here.x, step)
+    if through.share < 1.0:
+        raise hindered(scene, here, through)
     _refuse_unresisted(scene, work, here, here.lacking + here.by.Vz.T @ _slopes(scene, here) @ step)
     raise SceneError(
         f"no equilibrium found in {found.iterations} steps: {most_lacking(scene, here)}; check that something "

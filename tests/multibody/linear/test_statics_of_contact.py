@@ -76,10 +76,10 @@ def test_what_falls_beside_everything_is_refused():
         scene.equilibrium()
 
 
-@pytest.mark.parametrize("stable", [False, True])
-def test_what_the_law_does_not_bear_is_named(stable):
+@pytest.mark.parametrize(("stable", "friction"), [(False, None), (True, None), (False, ROUGH)])
+def test_what_the_law_does_not_bear_is_named(stable, friction):
     """The box is 4 mm thick: with 1e4 N/m its middle is reached before the load is borne."""
-    scene, _ = pulled("box", contact.PowerLaw(k=1e4), gap=1e-4)
+    scene, _ = pulled("box", contact.PowerLaw(k=1e4), gap=1e-4, friction=friction)
     told = r"contact of sphere ball with Box .*, pressed in by 0\.01\d* m, does not bear the load before the middle"
     with pytest.raises(SceneError, match=told):
         scene.equilibrium(stable=stable)
