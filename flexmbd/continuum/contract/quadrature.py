@@ -90,8 +90,8 @@ def _layered(degree: int, n: int) -> tuple[FloatArray, FloatArray]:
 def _across(n: int) -> tuple[FloatArray, FloatArray]:
     """Points and weights on the interval from 0 to 1."""
     if n < 4:
-        x, w = leggauss(n)
-        return (1 + x) / 2, w / 2
+        middle, shares = leggauss(n)
+        return (1 + middle) / 2, shares / 2
     m = (n + 1) // 2
     # of the upper half, from -1 at the middle to 1 on the surface
     x: FloatArray
