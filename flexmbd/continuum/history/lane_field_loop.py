@@ -1,4 +1,4 @@
-"""The compiled loop over blocks of cells with fields of their own: `cell_field_loop` for kernels whose numbers have lanes.
+"""The compiled loop over blocks of cells with fields of their own: `cell_field_loop` for kernels with lanes.
 
 Forces of a block are evaluated together until the fields of each of its cells are solved for, or wait for a new
 tangent; what is done with them is done cell by cell, as there, and comes out the same to the bit.
@@ -21,8 +21,8 @@ _GOES_ON, _SOLVED, _WAITS, _LEFT, _IS_NONE = 0, 1, 2, 3, 4
 def _inner_of_lane(inner, room, lane):  # type: ignore[no-untyped-def]
     """The fields, with room of a lane's own."""
     return CellUnknowns(
-        inner.shared, inner.places, inner.values, inner.before, inner.inverse, inner.coupling, inner.known, inner.solved,
-        room.force[lane], room.change[lane], room.moved[lane], room.search[lane],
+        inner.shared, inner.places, inner.values, inner.before, inner.inverse, inner.coupling, inner.known,
+        inner.solved, room.force[lane], room.change[lane], room.moved[lane], room.search[lane],
     )  # fmt: skip
 
 
