@@ -142,7 +142,7 @@ class ThicknessMass:
     def _set(self, nodes: NDArray[np.int32], added: FloatArray, arms: FloatArray) -> None:
         self.nodes, self.added, self.arms = nodes, added, arms
         self.mine: NDArray[np.bool_] = nodes[:, 0] < self._n
-        self._answers: FloatArray = np.ones((1, 1, 3)) / self._m[nodes][:, :, None]
+        self._answers = np.ones((1, 1, 3)) / self._m[nodes][:, :, None]
 
     def _of_cells(self, x: FloatArray, corners: NDArray[np.int32], scale: float) -> tuple[FloatArray, FloatArray]:
         """Sums over the cells of each node, share by volume, volume, number; of partners' places.
