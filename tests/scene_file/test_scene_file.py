@@ -245,9 +245,9 @@ FORCE_TEXTS = {
 
 
 def test_every_kind_of_force_is_tested():
-    # test_user_files.py, test_between_pairs.py
-    of_users_functions = {"joint_law", "state_force", "kane_force", "between_pairs"}
-    assert set(FORCES) == {*FORCE_TEXTS, *of_users_functions}
+    # test_user_files.py, test_between_pairs.py, test_ports_in_files.py
+    elsewhere = {"joint_law", "state_force", "kane_force", "between_pairs", "shunt"}
+    assert set(FORCES) == {*FORCE_TEXTS, *elsewhere}
 
 
 @pytest.mark.parametrize("kind", FORCE_TEXTS)
