@@ -150,16 +150,6 @@ class WallLaw:
         terms = at_gradient(lambda c: [density for density, _ in self.law.kinetic_energy(c, p)], v, None)
         return list(zip(terms, rules, strict=True))
 
-    def strain_of(self, measure: Callable[[Expr], Expr]) -> Callable[[Expr], Expr]:
-        """A measure of the strain of the law's displacement as that of the wall's unknown."""
-
-        def measured(u: Expr) -> Expr:
-            # the strain alone: what ties it has a modulus
-            gradient = _gradient(_thin_wall.assumed_strain(u, ufl.as_ufl(1.0), finite=True).strain)
-            return at_gradient(lambda c: [measure(c)], u, gradient)[0]
-
-        return measured
-
     def _assumed(self, u: Expr, p: Any) -> _thin_wall.AssumedStrain:
         return _thin_wall.assumed_strain(u, self.modulus(p), finite=True)
 

@@ -20,7 +20,7 @@ from flexmbd.forms._wall_law import WallLaw
 from flexmbd.given import checked
 
 _CELL = "hexahedron"
-_REFUSED = ("motion", "dissipation", "gyroscopic", "gauge", "surface_energy", "surface_kinetic_energy")
+_REFUSED = ("point_law", "motion", "dissipation", "gyroscopic", "gauge", "surface_energy", "surface_kinetic_energy")
 _OF_STEP = ("local_residual", "residual", "update", "stress", "energies", "increment_size")
 _AS_IT_IS = ("Parameters", "reference", "local_unknowns", "scaled_yield")
 
@@ -79,14 +79,6 @@ def wall_form(
         entries["state"] = wall.state
     if optional.state_names is not None:
         entries["state_names"] = wall.state_names
-    if optional.point_law is not None:
-        point_law: Callable[[Any], Any] = optional.point_law
-
-        def walled(p: Any) -> Any:
-            law = point_law(p)
-            return dataclasses.replace(law, strain=wall.strain_of(law.strain))
-
-        entries["point_law"] = walled
     vars(made).update(entries)
     return made
 
