@@ -153,6 +153,37 @@ def test_a_stop_that_is_met_on_the_way_is_told():
         assert abs(run.beta_rate(joint).ravel()[-1]) == pytest.approx(1.0, rel=1e-3)
 
 
+def dropped_ball():
+    """A ball that falls onto a floor on which it would vibrate by 10^4 1/s."""
+    scene = fm.System(gravity=(0, 0, -9.81))
+    ball = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="ball")
+    joint = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(), ball.frame(), name="rail")
+    joint.position = 0.2
+    ground = fm.contact.HalfSpace(scene.ground.frame())
+    scene.touch(ground, fm.contact.Sphere(ball.frame(), 0.1), fm.contact.PowerLaw(k=1e8))
+    return scene, joint
+
+
+@pytest.mark.parametrize(
+    ("build", "long", "short"), [(dropped_ball, 1e-3, 1e-5), (lambda: stopped_slider(1e6), 4e-3, 2e-4)]
+)
+def test_what_is_met_on_the_way_is_told_by_impulses_too(build, long, short):
+    """At its start nothing vibrates, and Moreau-Jean takes smooth contact as any force, at fixed steps."""
+    scene, joint = build()
+    with pytest.warns(fm.StepsWarning, match=r"beyond the stability .*'rail\.displacement'") as told:
+        run = scene.simulate(0.5, h=long, integrator=fm.MoreauJean())
+    assert len(told) == 1
+    right = scene.simulate(0.5, rtol=1e-6)
+    end = right.beta(joint).ravel()[-1]
+    assert abs(run.beta(joint).ravel()[-1] - end) > 0.1 * abs(end)  # it is wrong indeed
+    limit = float(str(told[0].message).split("Take h = ")[1].split()[0])
+    assert short < limit < long
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = scene.simulate(0.5, h=short, integrator=fm.MoreauJean())
+    assert run.beta(joint).ravel()[-1] == pytest.approx(end, abs=5e-4)
+
+
 def test_variants_in_prepared_runs_are_refused_alike():
     scene, joint = sliders(1.0)
     scene.add_force(spring := fm.force.JointSpring(joint, 0.0))

@@ -49,23 +49,23 @@ class FastMotions:
         return values, self.shapes.T @ vectors[: len(self.shapes)]
 
 
-def refuse_unstable_step(
+def beyond_stability(
     scene: CompiledScene, machine: ExplicitMachine, state: st.State, groups: st.Groups, *, method: StepGrowth
-) -> None:
-    """Raise SceneError where the step of a run from the state to TIME_END lets a disturbance grow a thousandfold.
+) -> str | None:
+    """What to tell where the step lets a disturbance of the state grow a thousandfold until TIME_END; None elsewhere.
 
     ``machine``: its work arrays are written to; ``work.time`` is up to date.
     """
     h, span = float(state.numbers[st.STEP]), float(state.numbers[st.TIME_END] - state.numbers[st.TIME])
     if not len(scene.plan.free) or span <= h:
-        return
+        return None
     friction = reversing(scene.plan)
     if friction.any():
         machine = machine.replace(plan=keep_forces(scene.plan, range(len(scene.plan.forces)), ~friction))
     found = _fast_motions(machine, state, groups, h, method.keeps)
     if found is None or scene.plan.flag[0] != 0:
         scene.callbacks.reset()
-        return
+        return None
     rates, shapes = found.rates()
     own = max(0.0, float(rates.real.max()))
 
@@ -73,16 +73,15 @@ def refuse_unstable_step(
         return float((method.growth(found.stiffness, found.damping, step) - own * step) * span / step)
 
     if grows(h) <= _GROWTH:
-        return
+        return None
     worst = int(np.argmax(np.abs(rates)))
     name = scene.velocity_names[int(np.argmax(np.abs(shapes[:, worst]) / groups.full[groups.of]))]
     factor = math.exp(min(700.0, grows(h) * h / span))
     kind = "vibration" if abs(rates[worst].imag) > abs(rates[worst].real) else "decay"
-    raise SceneError(
+    return (
         f"the step h = {h:.4g} s is beyond the stability of {method.name}: the fastest {kind}, {abs(rates[worst]):.4g} "
         f"1/s and mostly of {name!r}, grows by a factor of {factor:.6g} in each step. "
-        f"Take h = {_longest(grows, h):.3g} s at most, none (then rtol rules the step), or an implicit method, "
-        "integrator=fm.GeneralizedAlpha()"
+        f"Take h = {_longest(grows, h):.3g} s at most{method.otherwise}"
     )
 
 
@@ -158,7 +157,8 @@ def judge(
     """``Stepper.refuse_step`` of a method; ``machine`` gives its arrays, whose work is written to."""
 
     def refuse_step() -> None:
-        if state.counts[st.FIXED_STEP] == 1:
-            refuse_unstable_step(scene, machine(), state, groups, method=growth)
+        told = beyond_stability(scene, machine(), state, groups, method=growth) if state.counts[st.FIXED_STEP] else None
+        if told is not None:
+            raise SceneError(told)
 
     return refuse_step

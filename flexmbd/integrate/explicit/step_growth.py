@@ -26,11 +26,13 @@ class StepGrowth:
         keeps: (h^2 times the largest of K, h times the largest of C) -> whether K and C without negative directions
             are certainly stable.
         growth: (K, C, h) -> the logarithm of the largest growth in a step.
+        otherwise: what else may be taken than a shorter step.
     """
 
     name: str
     keeps: Callable[[float, float], bool]
     growth: Callable[[FloatArray, FloatArray, float], float]
+    otherwise: str = ", none (then rtol rules the step), or an implicit method, integrator=fm.GeneralizedAlpha()"
 
 
 def companion(stiffness: FloatArray, damping: FloatArray) -> FloatArray:

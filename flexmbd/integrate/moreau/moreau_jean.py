@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from flexmbd.integrate.explicit.fixed_step import judge
 from flexmbd.integrate.explicit.loop_dynamics import new_loop_memory, set_row_scales
 from flexmbd.integrate.explicit.step_growth import central_difference_growth
 from flexmbd.integrate.interior_support import refuse_interiors
+from flexmbd.integrate.moreau.late_stiffness import LateStiffness
 from flexmbd.integrate.moreau.shape_groups import new_groups
 from flexmbd.integrate.moreau.start_overlap import tell_overlap
 from flexmbd.integrate.moreau.step import N_TOLD, RULE, MoreauMemory, MoreauWorkspace, advance
@@ -38,7 +39,8 @@ class MoreauJean:
 
     Order 2 in smooth motion and 1 across impacts.  Impulses of all contacts follow from Newton's law of impact and
     Coulomb's of friction, contact by contact (projected Gauss-Seidel); what rests rests.  Smooth forces are explicit:
-    h must be below 2 over the fastest vibration's angular frequency.
+    h must be below 2 over the fastest vibration's angular frequency, those that begin as bodies touch included; a run
+    that is beyond is refused at its start, and told of later.
     """
 
     @property
@@ -64,22 +66,25 @@ class MoreauJean:
         if state.counts[st.FIXED_STEP] == 0:
             raise SceneError(f"{self.name}: give the step, simulate(..., h=1e-3); no error rules it, rtol its impulses")
         scratch = new_workspace(scene, work)
-        steps = _Steps(scene, scratch, state, groups)
+        m = scratch.machine
+        machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
+        growth = replace(central_difference_growth(True, self.name), otherwise=", or softer contacts")
+        steps = _Steps(scene, scratch, state, groups, LateStiffness(scene, machine, groups, growth=growth))
 
         def begin() -> None:
             set_row_scales(scene, scratch.machine.loops, state, work)
 
-        m = scratch.machine
-        machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
-        refuse_step = judge(scene, machine, state, groups, growth=central_difference_growth(True, self.name))
+        refuse_step = judge(scene, machine, state, groups, growth=growth)
         return Stepper(steps.advance, begin, steps.forget_impulses, scratch.memory, refuse_step=refuse_step)
 
 
 class _Steps:
     """Steps in arrays that grow with the points of contact."""
 
-    def __init__(self, scene: CompiledScene, scratch: MoreauWorkspace, state: st.State, groups: st.Groups) -> None:
-        self._scene, self._scratch, self._state, self._groups = scene, scratch, state, groups
+    def __init__(
+        self, scene: CompiledScene, scratch: MoreauWorkspace, state: st.State, groups: st.Groups, late: LateStiffness
+    ) -> None:
+        self._scene, self._scratch, self._state, self._groups, self._late = scene, scratch, state, groups, late
 
     def advance(self, record: st.Record, knots: FloatArray) -> int:
         """See ``controller.Stepper``."""
@@ -87,6 +92,7 @@ class _Steps:
             code = int(advance(self._scratch, RULE, knots, self._state, self._groups, record))
             if code != st.NO_ROOM:
                 tell_overlap(self._scene, self._scratch.begun)
+                self._late.look(self._state, record)
                 return code
             self._scratch = with_room(self._scratch)
             self._state.counts[st.REJECTED] -= 1
