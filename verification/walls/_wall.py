@@ -15,7 +15,7 @@ from flexmbd import meshes
 from flexmbd.continuum import NonlinearModel, equilibrium_path
 from flexmbd.continuum.history.displacement_newton import Newton
 from flexmbd.continuum.slow_loading.body_path import BodyPath
-from flexmbd.forms import solid_shell
+from flexmbd.forms import solid_shell, solid_shell_plasticity
 from verification.reference import Source
 
 FloatArray = NDArray[np.float64]
@@ -53,10 +53,11 @@ class Wall:
         *,
         E: float,
         nu: float,
+        yield_stress: float | None = None,
         normals: Normals | None = None,
         layers: int = 1,
     ) -> None:
-        """Of cells about the surface place(i, j), (i, j) in the unit square."""
+        """Of cells about the surface place(i, j), (i, j) in the unit square; elastic, or perfectly plastic."""
         n, m = cells
         i, j = (v.ravel() for v in np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij"))
         row = np.arange((n + 1) * (m + 1)).reshape(n + 1, m + 1)
@@ -66,7 +67,11 @@ class Wall:
             MPI.COMM_SELF, points, corners, cell="quadrilateral", degree=1, facet_groups={}
         )
         mesh = meshes.wall(surface, thickness, normals=normals, layers=layers)
-        self.body = NonlinearModel(mesh, solid_shell, solid_shell.Parameters(E=E, nu=nu, rho=1.0), degree=1)
+        if yield_stress is None:
+            self.body = NonlinearModel(mesh, solid_shell, solid_shell.Parameters(E=E, nu=nu, rho=1.0), degree=1)
+        else:
+            metal = solid_shell_plasticity.Parameters(E=E, nu=nu, rho=1.0, yield_stress=yield_stress)
+            self.body = NonlinearModel(mesh, solid_shell_plasticity, metal, degree=1)
         self.x, self.dofs = self.body.layout.node_x, self.body.layout.displacement_dofs
         self.held: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
         self._size = 1e-9 * float(np.ptp(self.x, axis=0).max())
