@@ -67,7 +67,8 @@ class ExplicitContinuum:
         """Collect the frames and find the stable step.
 
         Args:
-            body: at rest and undeformed, with at least one interface; all of them rigid.
+            body: at rest, with at least one interface; all of them rigid. What has deformed it before, as `follow`, it
+                begins with: its stress and history, and the frames where its interfaces are.
             rigid_parts: by interface, the rigid part bonded there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
             planes: rigid planes that the nodes that are not bonded may touch.
@@ -81,7 +82,8 @@ class ExplicitContinuum:
                 further rotary inertia; 0: as they are.
 
         Raises:
-            InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
+            InterfaceError: no interface, an averaged one, or none of the name of a rigid part; an interface of a
+                deformed body has not moved as a rigid body.
             FormulationError: the mass cannot be lumped; as `ThicknessMass`.
             SceneError, MeshError: as `NodalMotion`, of planes, supports and loads.
         """
@@ -100,13 +102,15 @@ class ExplicitContinuum:
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
         nodes = self.motion
-        nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion))
+        k = len(self.frames)
+        nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion), frames=motion.R[:k])
         nodes.plane.begin(self._bonds.pose(motion)[1], motion)
         nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
-        k = len(self.frames)
         nodes.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
         nodes.v[self._nodes] = 0.0
-        self._wrenches = self._on_frames(motion, nodes.loads_at(t))
+        self._wrenches = self._on_frames(motion, nodes.force + nodes.loads_at(t))
+        if self._bonds.turns.any and not nodes.mesh.begins_fresh:
+            self._wrenches[:k] += nodes.mesh.couples
         self._calls = 0
         return self._wrenches.copy()
 

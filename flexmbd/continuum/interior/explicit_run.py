@@ -97,10 +97,10 @@ class ExplicitRun:
         loads: Sequence[BodyLoad] = (),
         scaled_thickness: float = 0.0,
     ) -> None:
-        """Set the body off, undeformed, where the mesh is.
+        """Set the body off where the mesh is, and where it has been deformed, as by `follow`, from there.
 
         Args:
-            body: at rest and undeformed.
+            body: at rest, with the displacement, stress and history that it has.
             velocity: (3,) m/s of all nodes, or a function of places (n, 3) that returns (n, 3).
             planes: rigid planes that nodes may touch.
             supports: components of nodes held at zero.

@@ -18,6 +18,7 @@ from flexmbd.continuum import parallel
 from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.displacement_newton import Convergence, Newton, Solution
+from flexmbd.continuum.history.fresh_body import as_fresh, is_fresh
 from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
@@ -112,7 +113,8 @@ class ImplicitContinuum:
         """Assemble the mass. Collective.
 
         Args:
-            body: undeformed, with interfaces, not used elsewhere.
+            body: at rest, with interfaces, not used elsewhere. What has deformed it before, as `follow`, it begins
+                with: its stress and history, and the frames where its interfaces are.
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
             loads: on all nodes; those on bonded nodes act on their frames.
@@ -141,11 +143,11 @@ class ImplicitContinuum:
         self._memory = BodyMemory(body)
         self._observer = BodyObserver(body, self._memory)
         self._loads = LoadsInMotion(body, bonds, loads)
-        self._undeformed = body.snapshot()
+        self._first, self._begins_fresh = body.snapshot(), is_fresh(body)
         eps = float(np.finfo(float).eps)
         # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
-        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps)
-        diagonal = stiffness.getDiagonal()
+        with as_fresh(body):
+            diagonal = body.tangent(np.zeros(body.layout.n_local), dt=eps).getDiagonal()
         places = body.layout.displacements(diagonal.array_r)
         self._round_off = eps * body.norm(places.ravel()) * self._extent_of(body.layout.node_x)
         self._mass_size = eps * self._M.getDiagonal().norm()
@@ -165,22 +167,22 @@ class ImplicitContinuum:
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `Interior.begin`. Collective."""
         body, bonds = self.body, self._bonds
-        body.restore(self._undeformed)
+        body.restore(self._first)
         self._halved = None
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
         self._plane.begin(R, motion)
-        x: FloatArray = p + body.layout.node_x @ R.T
+        x: FloatArray = p + body.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
         self._contacts.begin(x, motion)
-        if not self._loads.applied.any_heat:
+        if self._begins_fresh and not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
-        # what holds the warm body in its shape at rest, or that with voltages
+        # what holds the body in its shape at rest: warm, with voltages, or deformed before
         still: FloatArray = np.zeros(body.layout.n_local)
         if body.layout.has_further:
             still = StaggeredFields(body, bonds.turns.dofs[bonds.turns.own]).balanced(still, dt=0.0)[0]

@@ -120,7 +120,7 @@ class NodalMotion:
         """Find masses and the stable step.
 
         Args:
-            body: at rest and undeformed.
+            body: at rest; deformed, it begins so.
             supports: components held at zero.
             planes: what nodes may meet.
             damping: 1/s, force per mass and velocity, against inertial axes.
@@ -268,11 +268,17 @@ class NodalMotion:
         return float(h / np.sqrt(by_itself + (max(self._pushes, default=0.0) + shapes) * h**2 / 4))
 
     def begin(
-        self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0, shapes: Poses | None = None
+        self, p: FloatArray, R: FloatArray, gravity: FloatArray, *, t: float = 0.0, shapes: Poses | None = None,
+        frames: FloatArray | None = None,
     ) -> None:
-        """Undeformed at t (s), at p (m) turned by R, at rest; velocities are to be set, `start` called. Collective.
+        """As the body was given, at rest; velocities are to be set, `start` called. Collective.
 
-        ``shapes``: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.
+        Args:
+            p, R: (3,) m, (3, 3) of the body's axes.
+            gravity: (3,) m/s^2.
+            t: s.
+            shapes: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.
+            frames: as of `advance`.
 
         Raises:
             SceneError: the body begins behind a plane or in a shape.
@@ -287,7 +293,11 @@ class NodalMotion:
         self._works[:] = 0.0
         self._h = self._lost = 0.0
         self._stable.memory = self._fresh
-        self._limit = self._with_contact(self._stable.at_rest)
+        alone = self._stable.at_rest
+        if not self.mesh.begins_fresh:
+            self.force = self._pull(0.0, frames)
+            alone = self._stable.present()
+        self._limit = self._with_contact(alone)
         for plane in self.planes:
             body_energies = self.body.comm.allgather(float(plane.depth(self.x).max(initial=-np.inf)))
             plane.check_start(max(body_energies), self.size)
@@ -296,7 +306,7 @@ class NodalMotion:
             pair.begin()
         if shapes is not None:
             self.shapes.begin(self.x, *shapes, size=self.size)
-            self._limit = self._with_contact(self._stable.at_rest, self.shapes.stiffness_bound(self.x))
+            self._limit = self._with_contact(alone, self.shapes.stiffness_bound(self.x))
 
     @property
     def size(self) -> float:
