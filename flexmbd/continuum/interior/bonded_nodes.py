@@ -177,8 +177,8 @@ class BondedNodes:
         error = None
         if max(body.comm.allgather(float(gap.max(initial=0.0)))) > SAME_PLACE:
             error = InterfaceError(
-                "the body is deformed already, and unknowns that turn with its interfaces have not turned as these; hold "
-                "them too where the body is loaded before, or take a body that is new"
+                "the body is deformed already, and unknowns that turn with its interfaces have not turned as these; "
+                "hold them too where the body is loaded before, or take a body that is new"
             )
         parallel.raise_collectively(self._comm, error)
 

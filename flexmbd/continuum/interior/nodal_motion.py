@@ -274,7 +274,8 @@ class NodalMotion:
         """As the body was given, at rest; velocities are to be set, `start` called. Collective.
 
         Args:
-            p, R: (3,) m, (3, 3) of the body's axes.
+            p: (3,) m, of the body's axes.
+            R: (3, 3) from them to inertial ones.
             gravity: (3,) m/s^2.
             t: s.
             shapes: places (m, 3) m and rotations (m, 3, 3) of the frames of shapes; needed where there are some.

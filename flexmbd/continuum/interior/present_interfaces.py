@@ -46,8 +46,8 @@ def present_poses(body: NonlinearModel) -> tuple[FloatArray, FloatArray]:
                 f"{gap:.3g} m, and a body can begin so only with rigid interfaces (Coupling.RIGID)"
             )
         raise InterfaceError(
-            f"interface {found.name!r}: the body is deformed already, there not as a rigid body, but by up to {gap:.3g} "
-            "m; hold that interface, or move it rigidly, where the body is loaded before, or take a body that is new"
+            f"interface {found.name!r}: the body is deformed already, there not as a rigid body, but by up to "
+            f"{gap:.3g} m; hold that interface, or move it rigidly, where the body is loaded before, or take a body that is new"
         )
     return origins, axes
 

@@ -3,9 +3,9 @@
 A node at the depth d behind a facet is pushed out by k d, and the facet's nodes the other way round, as the place where
 the node is hangs on them: that before it on the facet, and the depth, which turns as the facet's nodes do in the mean.
 So the reaction has the moment of the force at the node, and friction keeps angular momentum.  k is a share of what the
-shorter stable step of both bodies allows, with the masses of the node and of that place in series.  Contact begins where a node comes through the facets from before them, so that
-what comes from beside them, behind their plane, is not thrown out.  Friction is that of bristles as stiff as the push
-(`nodal_push`).
+shorter stable step of both bodies allows, with the masses of the node and of the place on the facet in series.  Contact
+begins where a node comes through the facets from before them, so that what comes from beside them, behind their plane,
+is not thrown out.  Friction is that of bristles as stiff as the push (`nodal_push`).
 """
 
 from __future__ import annotations

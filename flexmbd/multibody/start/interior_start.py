@@ -102,7 +102,7 @@ def _refuse_deformed(body: ContinuumBody, motion: FrameMotion, extent: float) ->
         distance, angle = float(np.linalg.norm(gap)), float(np.linalg.norm(turn - np.eye(3))) / np.sqrt(2.0)
         if distance > _IN_PLACE * extent or angle > _IN_PLACE:
             raise SceneError(
-                f"body {body.name!r} must start in the shape that it has, but the joints put its frame {frame.name!r} {distance:.3g} "
-                f"m and {angle:.3g} rad from where the body has it against {first.name!r}; set the "
+                f"body {body.name!r} must start in the shape that it has, but the joints put its frame {frame.name!r} "
+                f"{distance:.3g} m and {angle:.3g} rad from where the body has it against {first.name!r}; set the "
                 "positions of the joints accordingly"
             )
