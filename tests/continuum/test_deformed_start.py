@@ -118,7 +118,7 @@ def test_a_stretched_rod_that_is_let_go_swings_by_its_wave(tmp_path):
 
 @pytest.mark.parametrize("kind", [ExplicitContinuum, ImplicitContinuum])
 def test_frames_hold_a_bent_body_with_the_forces_that_it_was_bent_with(kind):
-    """Both ends held where they were brought to, one of them turned, in axes that are turned: at rest, as slowly loaded."""
+    """Both ends held where they were brought to, one of them turned: at rest, with the forces of slow loading."""
     body, path, held = bent(names=("x_min", "x_max"))
     interior = kind(body)
     scene, part, R = fixed(interior)

@@ -16,7 +16,8 @@ from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
-from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
+from flexmbd.continuum.interior.nodal_inertia import Support
+from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
 from flexmbd.continuum.interior.thickness_mass import thickness_mass
 from flexmbd.errors import ConvergenceError, ExplicitRunError, SceneError

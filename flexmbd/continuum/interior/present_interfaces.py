@@ -47,7 +47,8 @@ def present_poses(body: NonlinearModel) -> tuple[FloatArray, FloatArray]:
             )
         raise InterfaceError(
             f"interface {found.name!r}: the body is deformed already, there not as a rigid body, but by up to "
-            f"{gap:.3g} m; hold that interface, or move it rigidly, where the body is loaded before, or take a body that is new"
+            f"{gap:.3g} m; hold that interface, or move it rigidly, where the body is loaded before, or take a body "
+            "that is new"
         )
     return origins, axes
 
