@@ -110,9 +110,9 @@ class NodalMotion:
         )
         bulk = None if bulk_viscosity is None else BulkForces(body, bulk_viscosity)
         self.mesh = CarriedMesh(body, inertia.masses, bulk=bulk, turns=turns)
+        self.loads = loads_on_moving_nodes(body, loads, mass=inertia.masses)
         if thickness is not None:
             self.surroundings["scaled_thickness"] = thickness.scale
-        self.loads = loads_on_moving_nodes(body, loads, mass=inertia.masses)
         if self.loads.names:
             self.surroundings["loads"] = list(self.loads.names)
         self.memory = BodyMemory(body)
@@ -320,10 +320,9 @@ class NodalMotion:
         "splitting" (lost) where the form has unknowns besides the displacement (`staggered_fields`), and what else the
         formulation tells, as the energy of its cracks.
         """
-        weights = self.inertia.weights
         kinetic = self.inertia.square_difference(self.v, self._h / 2 * self.a) / 2
-        weight = -weights @ (self.x @ self._g)
-        return self._account.energies(float(kinetic), float(weight), self.x)
+        weight = -float(self.inertia.weights @ (self.x @ self._g))
+        return self._account.energies(kinetic, weight, self.x)
 
     def internal_work(self) -> float:
         """Work, J, done on the deformation since the start, by the trapezoidal rule over all steps. Collective."""
