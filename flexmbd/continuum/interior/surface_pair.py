@@ -40,9 +40,12 @@ class SteppedNodes(Protocol):
 
     body: NonlinearModel
     memory: BodyMemory
-    masses: FloatArray
     x: FloatArray
     v: FloatArray
+
+    @property
+    def masses(self) -> FloatArray:
+        """(owned nodes,) kg."""
 
     @property
     def limit(self) -> float:
@@ -191,10 +194,11 @@ class SurfacePair:
         """(owned nodes, 3) N, on the facets' body. Collective."""
         forces = np.zeros((len(self._surface.number), 2, 3))
         np.add.at(forces, found.nodes, -np.einsum("nkab,nca->nkcb", carry, np.stack([met, rubbed], axis=1)))
-        forces = np.asarray(sum(self._comm.allgather(forces))).reshape(-1, 6)
-        out = np.zeros((len(self._motions[FACETS].masses), 6))
-        out[self._surface.own[self._owned]] = forces[self._owned]
-        return out[:, :3].copy(), out[:, 3:].copy()
+        forces = np.asarray(sum(self._comm.allgather(forces)))
+        met_there, rubbed_there = np.zeros((2, len(self._motions[FACETS].masses), 3))
+        own = self._surface.own[self._owned]
+        met_there[own], rubbed_there[own] = forces[self._owned, 0], forces[self._owned, 1]
+        return met_there, rubbed_there
 
     def _carry(self, found: NearFacets, points: FloatArray, x: FloatArray) -> FloatArray:
         """(n, 4, 3, 3) by how much of their facets' nodes' displacements the places go with these where points are.
@@ -245,4 +249,4 @@ class SurfacePair:
 
 def _products(vectors: FloatArray) -> FloatArray:
     """(..., 3, 3) matrices of the products of vectors (..., 3) with others."""
-    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2), dtype=float)
