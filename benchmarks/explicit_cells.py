@@ -101,7 +101,7 @@ def measure(name: str, body: NonlinearModel, cells: int, *, rounds: int, threads
     """Print the rows of one body."""
     motion = NodalMotion(body)
     motion.begin(np.zeros(3), np.eye(3), np.zeros(3))
-    motion.v[:] = motion.plane.in_plane(100.0 * motion.x * [1.0, -0.5, -0.3])
+    motion.v[:] = motion.inertia.plane.in_plane(100.0 * motion.x * [1.0, -0.5, -0.3])
     case = Case(motion, 0.5 * motion.limit)
     blocks = case.history._pass._blocks
     if blocks is None:

@@ -87,7 +87,7 @@ from flexmbd.continuum.interior.explicit import ExplicitContinuum as ExplicitCon
 from flexmbd.continuum.interior.explicit_run import EnergyAccount as EnergyAccount
 from flexmbd.continuum.interior.explicit_run import ExplicitRun as ExplicitRun
 from flexmbd.continuum.interior.implicit import ImplicitContinuum as ImplicitContinuum
-from flexmbd.continuum.interior.nodal_motion import Support as Support
+from flexmbd.continuum.interior.nodal_inertia import Support as Support
 from flexmbd.continuum.interior.rotational_dofs import Bond as Bond
 from flexmbd.continuum.interior.rotational_dofs import ExplicitOperator as ExplicitOperator
 from flexmbd.continuum.interior.rotational_dofs import condensed_rotations as condensed_rotations

@@ -226,7 +226,7 @@ def _nodes_momentum(interior):
     if isinstance(interior, ExplicitContinuum):
         return interior.motion.momentum(np.zeros(3))[:3]
     state, bonds = interior._state, interior._bonds
-    whole = interior._frames.product(state.v).reshape(-1, 3).sum(axis=0)
+    whole = interior._nodes.inertia(state.v).reshape(-1, 3).sum(axis=0)
     mine = bonds.own & ~bonds.averaged
     bonded = (bonds.mass[mine, None] * state.v[bonds.nodes[mine]]).sum(axis=0)
     return total(COMM, whole - bonded)

@@ -38,7 +38,7 @@ def rebound(n, penalty, share):
     h, pushed = share * run.stable_step, []
     while run.t < 2.4:
         run.simulate(run.t + h, h=h, outputs=1)
-        if abs(run.motion.a[run.motion.x[:, 0] < 0.5 / n, 0]).max() > 0.0 and run.motion._met.any():
+        if abs(run.motion.a[run.motion.x[:, 0] < 0.5 / n, 0]).max() > 0.0 and run.motion.contacts.met.any():
             pushed.append(run.t)
     return pushed[-1], run.motion.momentum(np.zeros(3))[0] / run.motion.mass / 1e-3
 

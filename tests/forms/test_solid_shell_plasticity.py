@@ -133,6 +133,23 @@ def test_a_law_of_an_energy_in_a_wall_is_the_shipped_solid_shell():
     assert found[1] == pytest.approx(found[0], abs=1e-10 * abs(found[0]).max())
 
 
+@pytest.mark.parametrize("nu", [0.0, 1e-6, 0.3])
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_small_strains_of_a_thin_wall_are_those_of_the_elastic_one(nu, noise):
+    """Also at a Poisson's ratio of zero, at which some fields of a cell follow round-off of F alone."""
+    mesh = meshes.wall(meshes.sheet(0.1, 0.2, divisions=(1, 1), comm=MPI.COMM_SELF), 1e-3)
+    found = []
+    for form, more in ((solid_shell, {}), (solid_shell_plasticity, {"yield_stress": 1e9})):
+        body = NonlinearModel(mesh, form, form.Parameters(E=E, nu=nu, rho=7850.0, **more), degree=1)
+        x, dofs = body.layout.node_x, body.layout.displacement_dofs
+        along, z = x[:, 0] - x[:, 0].min(), x[:, 2] - x[:, 2].mean()
+        increment = np.zeros(body.layout.n_local)
+        bent = 1e-3 * np.column_stack([-along * z, 0 * z, along**2 / 2])  # 1e-3/m
+        increment[dofs] = bent + 1e-3 * noise * np.random.default_rng(3).uniform(-1, 1, x.shape)
+        found.append(body.force(increment))
+    assert found[1] == pytest.approx(found[0], abs=1e-4 * abs(found[0]).max())
+
+
 def test_what_a_wall_does_not_carry_is_named():
     with pytest.raises(FormulationError, match="2 to 99, got 1"):
         wall_form(j2_plasticity, layers=1)

@@ -13,6 +13,7 @@ import pytest
 import flexmbd as fm
 from flexmbd import contact, meshes
 from flexmbd.continuum import ContinuumModel, Interface
+from flexmbd.errors import SceneError
 from flexmbd.forms import solid_linear
 from flexmbd.reduction import Keep, ModalDamping, Patch, craig_bampton
 
@@ -68,6 +69,7 @@ def widening(inner, outer, nu):
     return (outer**2 + inner**2) / (outer**2 - inner**2) + nu
 
 
+SHAPES = contact.Cylinder, contact.HollowCylinder
 LAME = E * OVERLAP / (BORE * widening(BORE, OUTSIDE, NU))
 
 
@@ -107,6 +109,22 @@ def test_two_rings_share_their_overlap():
         outside = contact.Cylinder(sleeve.frame(), BORE + OVERLAP)
         (pair,) = scene.touch(bore, contact.ElasticSurface(sleeve, "outer", shape=outside), contact.Hard())
         assert pressures(scene, pair).mean() == pytest.approx(exact, rel=tolerance)
+
+
+def test_shapes_that_face_the_other_way_are_refused():
+    """A bore is a HollowCylinder; as a Cylinder, or a shaft as a HollowCylinder, it would be touched by nothing."""
+    hub = fm.FlexibleBody(ring(32, 0.0142))
+    sleeve = fm.FlexibleBody(ring(32, 0.0142, inner=INSIDE, outer=BORE, touches="outer"))
+    bore = {kind: contact.ElasticSurface(hub, "inner", shape=kind(hub.frame(), BORE)) for kind in SHAPES}
+    shaft = {kind: contact.ElasticSurface(sleeve, "outer", shape=kind(sleeve.frame(), BORE)) for kind in SHAPES}
+    for inner, outer in ((SHAPES[0], SHAPES[0]), (SHAPES[1], SHAPES[1])):
+        for swapped in (False, True):
+            scene = fm.System()
+            scene.add(hub, name="hub")
+            scene.add(sleeve, name="sleeve")
+            pair = bore[inner], shaft[outer]
+            with pytest.raises(SceneError, match=rf"its shape, a {inner.__name__}, faces the other way"):
+                scene.touch(*(pair[::-1] if swapped else pair), contact.Hard())
 
 
 def test_a_fit_of_centroids_is_told():

@@ -84,11 +84,8 @@ def _newton_step(cell, inner):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _is_round_off(cell, room, inner, extent):  # type: ignore[no-untyped-def]
-    """Whether a step of the fields of a cell is round-off of their equations, as where the cell has no stress.
-
-    Equations in F = 1 + grad u have that of displacements of the ``extent`` of the cell, m; those in grad u of 0.
-    """
+def _is_round_off(cell, room, inner):  # type: ignore[no-untyped-def]
+    """Whether a step of the fields of a cell is round-off of their equations, as where the cell has no stress."""
     n, m = inner.shared.shape[0], inner.places.shape[0]
     inverse, coupling = inner.inverse[cell], inner.coupling[cell]
     for i in range(m):
@@ -96,11 +93,39 @@ def _is_round_off(cell, room, inner, extent):  # type: ignore[no-untyped-def]
         for k in range(m):
             summed = 0.0
             for j in range(n):
-                summed += abs(coupling[n * k + j]) * (abs(room.row[inner.shared[j]]) + extent)
+                summed += abs(coupling[n * k + j] * room.row[inner.shared[j]])
             size += abs(inverse[m * i + k]) * summed
         if abs(inner.change[i]) > ROUND_OFF * size:
             return False
     return True
+
+
+@kernel
+def _is_round_off_of_forces(cell, room, inner, moved, extent):  # type: ignore[no-untyped-def]
+    """Whether the change of a cell's forces by a step of its fields is round-off of a law in F = 1 + grad u.
+
+    Such a law has the round-off of displacements of the ``extent`` of the cell, m. Of fields that hardly move the
+    forces, as thickness strains at a small Poisson's ratio, it says nothing. Overwrites ``inner.step`` and
+    ``inner.moved``.
+    """
+    n, m = inner.shared.shape[0], inner.places.shape[0]
+    inverse, coupling, summed, largest = inner.inverse[cell], inner.coupling[cell], inner.step, inner.moved
+    for k in range(m):
+        summed[k] = 0.0
+        for j in range(n):
+            summed[k] += abs(coupling[n * k + j]) * (abs(room.row[inner.shared[j]]) + extent)
+    for j in range(n):
+        largest[j] = 0.0
+    for i in range(m):
+        size = abs(inner.values[cell, i])
+        for k in range(m):
+            size += abs(inverse[m * i + k]) * summed[k]
+        for j in range(n):
+            largest[j] += abs(coupling[n * i + j]) * size
+    most = 0.0
+    for j in range(n):
+        most = max(most, largest[j])
+    return moved <= ROUND_OFF * most
 
 
 @kernel
@@ -167,10 +192,10 @@ def change_fields(cell, room, inner, search, accuracy, extent):  # type: ignore[
     for j in range(n):
         inner.force[inner.shared[j]] += inner.moved[j]
     # forces that are no numbers are told by whoever sums them
-    done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner, 0.0)
+    done = moved <= accuracy * largest + UNDERFLOW or not moved < np.inf or _is_round_off(cell, room, inner)
     shrinks = moved <= CONTRACTION * search[0]
     if extent > 0.0 and not done and not shrinks:
-        done = _is_round_off(cell, room, inner, extent)
+        done = _is_round_off_of_forces(cell, room, inner, moved, extent)
     if not done and not shrinks:
         return 2
     search[0], search[1], search[2] = moved, 0.0, 0.0

@@ -201,6 +201,14 @@ class History:
         accepted = self.solved.accepted
         return np.hstack([state.reshape(len(accepted), -1), accepted]).reshape(-1)
 
+    def fresh(self) -> FloatArray:
+        """The snapshot of an undeformed body, with the first history."""
+        state = np.zeros(0) if self._state is None else np.tile(self._initial, len(self.accepted))
+        if self.solved is None:
+            return state
+        fields = np.zeros_like(self.solved.accepted)
+        return np.hstack([state.reshape(len(fields), -1), fields]).reshape(-1)
+
     def restore(self, kept: FloatArray) -> None:
         """Go back to a snapshot, of the shared unknown that is on trial."""
         if self.solved is not None:

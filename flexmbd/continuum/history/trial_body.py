@@ -30,6 +30,7 @@ from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms, Disc
 from flexmbd.continuum.finite_elements.electrode import Condition
 from flexmbd.continuum.finite_elements.temperature import heated_groups, scalar_function
 from flexmbd.continuum.history.held_fields import PortStates, held_fields
+from flexmbd.continuum.history.history_snapshot import HistorySnapshot
 from flexmbd.continuum.history.moved_mesh import MovedMesh
 from flexmbd.continuum.history.plane_bodies import plane_axis
 from flexmbd.continuum.history.point_history import History
@@ -166,6 +167,13 @@ class TrialBody(DiscretisedBody):
         if not self.layout.has_further:
             return False
         return any(self.comm.allgather(bool(self.layout.kinematic[self.layout.further_dofs].any())))
+
+    def fresh_snapshot(self) -> HistorySnapshot:
+        """The state in which the body was made: undeformed, cold, with the first history."""
+        cold = 0 if self.temperature is None else len(self.layout.node_x)
+        histories = tuple(history.fresh() for history in self._histories)
+        ports = PortStates.at_rest(len(self.ports))
+        return HistorySnapshot(np.zeros(self.layout.n_local), histories, 0.0, np.zeros(cold), ports)
 
     def set_temperature(self, values: FloatArray) -> None:
         """Bring the body to a rise of temperature, K; not collective.

@@ -8,6 +8,7 @@ free; they lend the frame, which a machine gives a mass, a small part of theirs.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -22,10 +23,12 @@ from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_turns import BondedTurns, refuse_turning_unknowns
 from flexmbd.continuum.interior.further_unknowns import refuse_inertia_of_further_unknowns
 from flexmbd.continuum.interior.machine_frames import check_frames, interface_frame, mass_of_part, mass_of_points
+from flexmbd.continuum.interior.present_interfaces import present_poses
 from flexmbd.continuum.interior.thickness_mass import ThicknessMass
 from flexmbd.errors import InterfaceError
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, InteriorFrame
+from flexmbd.round_off import SAME_PLACE
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +41,7 @@ class BondedNodes:
     """The nodes of all interfaces of a body. Constructing one is collective.
 
     Attributes:
-        frames: one for each interface, in the order of `NonlinearModel.interfaces`.
+        frames: one for each interface, in the order of `NonlinearModel.interfaces`, where the body stands.
         nodes: (n,) local nodes, ghosts included.
         frame_of: (n,) the number of each node's frame.
         own: (n,) whether this rank owns the node.
@@ -70,7 +73,7 @@ class BondedNodes:
         Raises:
             InterfaceError: on all ranks: no interface, an averaged one where none may be or which shares nodes
                 with another, a rigid part of another name, or nodes whose inertia about an axis is zero where no
-                rigid part helps.
+                rigid part helps; as `present_poses`.
             FormulationError: the mass cannot be lumped, or there are unknowns besides the displacement that have mass
                 or turn with the body, or springs on facets.
         """
@@ -95,9 +98,9 @@ class BondedNodes:
         self.mass = np.where(self.averaged, LENT, 1.0) * mass[self.nodes]
         own = mass[: body.layout.n_owned_nodes].sum() - self.mass[self.own].sum()
         self.free_mass = float(self.total(np.array(own)))
-        self._origins = np.array([found.p for found in body.interfaces])
-        self._axes = np.array([found.R for found in body.interfaces])
-        offsets = body.layout.node_x[self.nodes] - self._origins[self.frame_of]
+        self._origins, self._axes = present_poses(body)
+        self._refuse_turned(body)
+        offsets = body.node_x[self.nodes] - self._origins[self.frame_of]
         self._arms = np.einsum("nba,nb->na", self._axes[self.frame_of], offsets)
         self.reach = float(max(body.comm.allgather(abs(self._arms).max(initial=0.0))))
         self._thickness = thickness
@@ -165,11 +168,25 @@ class BondedNodes:
             )
         parallel.raise_collectively(self._comm, error)
 
+    def _refuse_turned(self, body: NonlinearModel) -> None:
+        """Unknowns that turn must have turned with their frames. Collective."""
+        if not self.turns.any:
+            return
+        values = self.turns.values(self._axes, np.eye(3))
+        gap = abs(values - body.displacement[self.turns.dofs])
+        error = None
+        if max(body.comm.allgather(float(gap.max(initial=0.0)))) > SAME_PLACE:
+            error = InterfaceError(
+                "the body is deformed already, and unknowns that turn with its interfaces have not turned as these; "
+                "hold them too where the body is loaded before, or take a body that is new"
+            )
+        parallel.raise_collectively(self._comm, error)
+
     def _frames(self, body: NonlinearModel, parts: Mapping[str, RigidBody]) -> tuple[InteriorFrame, ...]:
         frames, error = [], None
         for k, found in enumerate(body.interfaces):
             mine = self.own & (self.frame_of == k)
-            mass = self.total(mass_of_points(self.mass[mine], self._arms[mine] @ found.R.T))
+            mass = self.total(mass_of_points(self.mass[mine], self._arms[mine] @ found.R.T))  # undeformed
             if self._thickness is not None:
                 edges = self._thickness
                 held = edges.mine & (self._frame_at[edges.nodes[:, 0]] == k)
@@ -178,7 +195,8 @@ class BondedNodes:
             if found.name in parts:
                 mass = mass + mass_of_part(parts[found.name], found.R)
             try:
-                frames.append(interface_frame(found, mass))
+                frame = interface_frame(found, mass)
+                frames.append(replace(frame, p_BI_B=self._origins[k], R_BI=self._axes[k]))
             except InterfaceError as caught:
                 error = error or caught
         parallel.raise_collectively(self._comm, error)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.finite_elements import assembly
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.plane_bodies import inverse_jacobian
-from flexmbd.errors import SceneError
+from flexmbd.errors import FormulationError, SceneError
 from flexmbd.given import is_number
 
 FloatArray = NDArray[np.float64]
@@ -59,9 +59,17 @@ class BulkForces:
         """Find densities and wave speeds.
 
         Args:
-            body: at rest and undeformed.
+            body: at rest.
             viscosity: the coefficients.
+
+        Raises:
+            FormulationError: there are unknowns besides the displacement.
         """
+        if body.layout.has_further:
+            raise FormulationError(
+                f"{body.form_name} has unknowns besides the displacement, with which there is no bulk viscosity; leave "
+                "it out, or give the form a dissipation"
+            )
         self._body, self.viscosity = body, viscosity
         domain = body.mesh.mesh
         self._mass = self._cell_masses()

@@ -17,6 +17,7 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from flexmbd.continuum.history.fresh_body import is_fresh
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_turns import BondedTurns
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
@@ -30,6 +31,7 @@ class CarriedMesh:
 
     Attributes:
         body: with its history.
+        begins_fresh: whether it begins undeformed, with the first history.
         X: (owned nodes, 3) m, undeformed places in body axes.
         masses: (owned nodes,) kg.
         p, R: origin (m) and rotation of the body axes in inertial ones.
@@ -47,10 +49,10 @@ class CarriedMesh:
         bulk: BulkForces | None = None,
         turns: BondedTurns | None = None,
     ) -> None:
-        """Not collective.
+        """Collective.
 
         Args:
-            body: at rest and undeformed.
+            body: at rest; what it is deformed by it is deformed by whenever it begins.
             masses: (owned nodes,) kg, lumped.
             bulk: the forces of bulk viscosity, if any.
             turns: unknowns that turn with frames, if any.
@@ -68,14 +70,14 @@ class CarriedMesh:
         self.X: FloatArray = body.layout.node_x[: len(masses)].copy()
         self.p: FloatArray = np.zeros(3)
         self.R: FloatArray = np.eye(3)
-        self._rest = body.snapshot()
+        self._rest, self.begins_fresh = body.snapshot(), is_fresh(body)
         self._increment = fem.Function(body.space).x
         self._mass = float(self.sum(masses.sum()))
         self._centre = self.sum(masses @ self.X) / self._mass
         self._arms = self.X - self._centre
 
     def begin(self, p: FloatArray, R: FloatArray) -> FloatArray:
-        """Undeformed and unspoilt, with the body axes at p (m), turned by R. Not collective.
+        """As the body was at first, with its axes at p (m), turned by R. Not collective.
 
         Returns:
             (owned nodes, 3) m, places of the nodes in inertial axes.
@@ -85,7 +87,7 @@ class CarriedMesh:
             self.fields.forget()
             self.fields.lost = 0.0
         self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
-        return self.p + self.X @ self.R.T
+        return np.asarray(self.p + self.body.node_x[: len(self.X)] @ self.R.T)
 
     def pull(self, x: FloatArray, *, dt: float, frames: FloatArray | None = None) -> FloatArray:
         """Move to the nodes' places and accept what that does. Collective.

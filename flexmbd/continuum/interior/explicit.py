@@ -20,7 +20,9 @@ from flexmbd.continuum.interior.bonded_nodes import BondedNodes
 from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
 from flexmbd.continuum.interior.machine_frames import path_of_frames
-from flexmbd.continuum.interior.nodal_motion import NodalMotion, Poses, Support
+from flexmbd.continuum.interior.nodal_contacts import Poses
+from flexmbd.continuum.interior.nodal_inertia import Support
+from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.surface_pair import FACETS, NODES, SurfacePair
 from flexmbd.continuum.interior.thickness_mass import thickness_mass
@@ -67,7 +69,8 @@ class ExplicitContinuum:
         """Collect the frames and find the stable step.
 
         Args:
-            body: at rest and undeformed, with at least one interface; all of them rigid.
+            body: at rest, with at least one interface; all of them rigid. What has deformed it before, as `follow`, it
+                begins with: its stress and history, and the frames where its interfaces are.
             rigid_parts: by interface, the rigid part bonded there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
             planes: rigid planes that the nodes that are not bonded may touch.
@@ -81,7 +84,8 @@ class ExplicitContinuum:
                 further rotary inertia; 0: as they are.
 
         Raises:
-            InterfaceError: no interface, an averaged one, or none of the name of a rigid part.
+            InterfaceError: no interface, an averaged one, or none of the name of a rigid part; an interface of a
+                deformed body has not moved as a rigid body.
             FormulationError: the mass cannot be lumped; as `ThicknessMass`.
             SceneError, MeshError: as `NodalMotion`, of planes, supports and loads.
         """
@@ -100,13 +104,15 @@ class ExplicitContinuum:
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `ExplicitInterior`. The nodes move as the first frame, rigidly. Collective."""
         nodes = self.motion
-        nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion))
-        nodes.plane.begin(self._bonds.pose(motion)[1], motion)
-        nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
         k = len(self.frames)
-        nodes.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
+        nodes.begin(*self._bonds.pose(motion), gravity, t=t, shapes=self._shapes(motion), frames=motion.R[:k])
+        nodes.inertia.plane.begin(self._bonds.pose(motion)[1], motion)
+        nodes.v[:] = motion.v[0] + np.cross(motion.w[0], nodes.x - motion.p[0])
+        nodes.contacts.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
         nodes.v[self._nodes] = 0.0
-        self._wrenches = self._on_frames(motion, nodes.loads_at(t))
+        self._wrenches = self._on_frames(motion, nodes.force + nodes.loads_at(t))
+        if self._bonds.turns.any and not nodes.mesh.begins_fresh:
+            self._wrenches[:k] += nodes.mesh.couples
         self._calls = 0
         return self._wrenches.copy()
 
@@ -117,11 +123,11 @@ class ExplicitContinuum:
     def advance(self, h: float, start: FrameMotion, end: FrameMotion) -> Push:
         """See `ExplicitInterior`. Collective."""
         # a body that is crushed may need shorter steps before the machine asks again
-        self.motion.plane.check(end)
+        self.motion.inertia.plane.check(end)
         limit = self.motion.renew_limit() if self._calls % _RENEWAL == 0 else self.motion.limit
         self._calls += 1
         steps = max(1, int(np.ceil(h / limit * (1.0 - _ESTIMATE))))
-        if steps > 1 and self.motion.pairs:
+        if steps > 1 and self.motion.contacts.pairs:
             raise ConvergenceError(
                 f"a body that touches another one steps with it, and h = {h:.4g} s is above its stable step by now, "
                 f"{limit:.4g} s; take a smaller h"
@@ -131,7 +137,7 @@ class ExplicitContinuum:
             before = self._wrenches
             bonded = self._bonds.positions(frames)[self._bonds.own]
             self.motion.advance(h / steps, bonded, frames.R, shapes=self._shapes(frames))
-            self._wrenches = self._on_frames(frames, self.motion.force + self.motion.load + self.motion.touched)
+            self._wrenches = self._on_frames(frames, self.motion.pushing)
             if self._bonds.turns.any:
                 couples = self.motion.mesh.couples
                 self._wrenches[: len(couples)] += couples
@@ -143,7 +149,7 @@ class ExplicitContinuum:
         forces = np.zeros((len(self._bonds.own), 3))
         forces[self._bonds.own] = nodal[self._nodes]
         wrenches = self._bonds.wrenches(forces, self._bonds.arms(frames))
-        return np.vstack([wrenches, self.motion.shapes.wrenches()])
+        return np.vstack([wrenches, self.motion.contacts.shapes.wrenches()])
 
     def _shapes(self, frames: FrameMotion) -> Poses | None:
         """Where the frames of shapes are; None where there are none."""
@@ -152,7 +158,7 @@ class ExplicitContinuum:
 
     def plan(self, h: float, start: FrameMotion, end: FrameMotion) -> None:
         """See `PairedInterior`. Collective."""
-        if self.motion.pairs:
+        if self.motion.contacts.pairs:
             self.motion.plan(h, self._bonds.positions(end)[self._bonds.own])
 
     def check_surface(self, surface: str, *, what: str) -> None:
@@ -179,8 +185,8 @@ class ExplicitContinuum:
                 f"them ExplicitContinuum; the other's interior is {type(other).__name__}"
             )
         pair = SurfacePair(facing, self.motion, other.motion, (facing.surface, facing.facets))
-        self.motion.pairs.append((pair, NODES))
-        other.motion.pairs.append((pair, FACETS))
+        self.motion.contacts.pairs.append((pair, NODES))
+        other.motion.contacts.pairs.append((pair, FACETS))
 
     @property
     def load_factors(self) -> tuple[TimeFactor, ...]:
@@ -197,7 +203,7 @@ class ExplicitContinuum:
         own = self._bonds.own
         v[self._nodes], a[self._nodes] = self._bonds.velocities(motion)[own], self._bonds.accelerations(motion)[own]
         pose, nodal = self._bonds.pose(motion), (nodes.x, v, a)
-        return self._observer.fields(pose, nodes.mesh.R, nodal=nodal, pushed=nodes.pushed())
+        return self._observer.fields(pose, nodes.mesh.R, nodal=nodal, pushed=nodes.contacts.pushed())
 
     def locate(self, point: FloatArray) -> tuple[IntArray, FloatArray]:
         """See `ObservedInterior`. Collective."""

@@ -16,7 +16,8 @@ from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bulk_viscosity import BulkViscosity
 from flexmbd.continuum.interior.contact_plane import RigidPlane
-from flexmbd.continuum.interior.nodal_motion import NodalMotion, Support
+from flexmbd.continuum.interior.nodal_inertia import Support
+from flexmbd.continuum.interior.nodal_motion import NodalMotion
 from flexmbd.continuum.interior.run_checkpoint import RegularCheckpoints, RunState
 from flexmbd.continuum.interior.thickness_mass import thickness_mass
 from flexmbd.errors import ConvergenceError, ExplicitRunError, SceneError
@@ -97,10 +98,10 @@ class ExplicitRun:
         loads: Sequence[BodyLoad] = (),
         scaled_thickness: float = 0.0,
     ) -> None:
-        """Set the body off, undeformed, where the mesh is.
+        """Set the body off where the mesh is, and where it has been deformed, as by `follow`, from there.
 
         Args:
-            body: at rest and undeformed.
+            body: at rest, with the displacement, stress and history that it has.
             velocity: (3,) m/s of all nodes, or a function of places (n, 3) that returns (n, 3).
             planes: rigid planes that nodes may touch.
             supports: components of nodes held at zero.

@@ -9,41 +9,29 @@ a wrench on each frame, and its derivative with all other nodes condensed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
-from flexmbd.continuum.finite_elements.interface import AveragedInterface
 from flexmbd.continuum.history.body_memory import BodyMemory
-from flexmbd.continuum.history.displacement_newton import Convergence, Newton, Solution
+from flexmbd.continuum.history.fresh_body import is_fresh
 from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver
+from flexmbd.continuum.interior.body_at_rest import balance_at_rest, linear_at_rest, refuse_restless
 from flexmbd.continuum.interior.body_observer import BodyObserver
-from flexmbd.continuum.interior.bonded_nodes import BondedNodes
-from flexmbd.continuum.interior.condensed_newton import CondensedNewton
-from flexmbd.continuum.interior.face_averages import FaceAverages
-from flexmbd.continuum.interior.frame_response import Condensation
-from flexmbd.continuum.interior.further_unknowns import owned_further_dofs, with_unit_rows_of_further_unknowns
 from flexmbd.continuum.interior.halved_steps import HalvedSteps
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
-from flexmbd.continuum.interior.implicit_touch import TouchedState
-from flexmbd.continuum.interior.linear_interior import linear_equations
 from flexmbd.continuum.interior.loads_in_motion import LoadsInMotion
 from flexmbd.continuum.interior.nodal_energies import kinetic_energy, weight_energy
+from flexmbd.continuum.interior.nodal_solution import NodalSolution
 from flexmbd.continuum.interior.plane_motion import PlaneMotion
 from flexmbd.continuum.interior.shape_contacts import check_surface
 from flexmbd.continuum.interior.staggered_fields import StaggeredFields
-from flexmbd.continuum.interior.step_equations import (
-    BodyAxes,
-    NodalState,
-    RestEquations,
-    StepEquations,
-    TriedStep,
-)
-from flexmbd.errors import ConvergenceError, SceneError
+from flexmbd.continuum.interior.step_equations import NodalState, StepEnd, StepEquations, TriedStep
+from flexmbd.errors import SceneError
 from flexmbd.given import checked
 from flexmbd.multibody.bodies.body import RigidBody
 from flexmbd.multibody.bodies.continuum_body import (
@@ -57,39 +45,12 @@ from flexmbd.multibody.interiors.observed import InteriorFields, InteriorMesh
 from flexmbd.multibody.interiors.steady import InteriorModes, LinearInterior
 from flexmbd.multibody.interiors.time_factor import TimeFactor
 from flexmbd.multibody.interiors.touching_interior import FacingSurface, Obstacle, ReducedFacets
-from flexmbd.round_off import STALLED
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Far below the tolerance of a machine's own iteration.
-_CONVERGENCE = Convergence(tolerance=1e-11, round_off=STALLED)
-
 #: A tangent costs some ten times the forces, and a step of a motion is short.
 _SOLVER = LinearSolver(reuse_below=0.03)
-
-#: `Scheme.slopes` at rest: displacements cause no accelerations.
-_AT_REST = (np.inf, 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A step's end that was solved for.
-
-    Attributes:
-        state: of the nodes there.
-        increment: (local dofs,) m, displacement since the last accepted step.
-        load: (owned nodes, 3) N, in inertial axes, that acts there.
-        touched: what shapes do there.
-        dt: s, the time that passes for the material, none on the way to rest.
-    """
-
-    state: NodalState
-    increment: FloatArray
-    load: FloatArray
-    touched: tuple[TouchedState, ...]
-    dt: float
-
 
 @checked(agree=parallel.told_to_all)
 class ImplicitContinuum:
@@ -112,7 +73,8 @@ class ImplicitContinuum:
         """Assemble the mass. Collective.
 
         Args:
-            body: undeformed, with interfaces, not used elsewhere.
+            body: at rest, with interfaces, not used elsewhere. What has deformed it before, as `follow`, it begins
+                with: its stress and history, and the frames where its interfaces are.
             rigid_parts: by interface the rigid part there: mass, inertia, and centre of mass from the
                 interface's origin, in the interface's axes.
             loads: on all nodes; those on bonded nodes act on their frames.
@@ -123,64 +85,43 @@ class ImplicitContinuum:
             SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
         """
         self.body = body
-        self._M = body.mass()
-        self._bonds = bonds = BondedNodes(body, rigid_parts=rigid_parts, may_average=True)
-        self._averages = FaceAverages(body, bonds)
-        bonds.take_lent_mass(self._M)
-        self.frames: tuple[InteriorFrame, ...] = self._bonds.frames
-        self.mass = self._bonds.free_mass
-        self._bonded = bonds.nodes[~bonds.averaged]
-        dofs = body.displacement_dofs[bonds.nodes[bonds.own & ~bonds.averaged]]
-        turning = bonds.turns.dofs[bonds.turns.own]
-        self._prescribed = np.sort(np.concatenate([dofs.reshape(-1), turning])).astype(np.int32)
-        self._newton = Newton(body, self._prescribed, solver=solver, convergence=_CONVERGENCE)
-        # what has no mass has no acceleration
-        still = np.union1d(self._prescribed, owned_further_dofs(body)).astype(np.int32)
-        self._accelerated = Newton(body, still, solver=solver) if body.layout.has_further else self._newton
-        self._frames = Condensation(body, bonds, self._averages, self._newton, self._M)
+        self._nodes = nodes = NodalSolution(body, rigid_parts=rigid_parts, solver=solver)
+        self._bonds = bonds = nodes.bonds
+        self.frames: tuple[InteriorFrame, ...] = bonds.frames
+        self.mass = bonds.free_mass
         self._memory = BodyMemory(body)
         self._observer = BodyObserver(body, self._memory)
         self._loads = LoadsInMotion(body, bonds, loads)
-        self._undeformed = body.snapshot()
-        eps = float(np.finfo(float).eps)
-        # in so short a time (s) nothing flows; in none a form whose viscosity is zero would divide 0 by 0
-        stiffness = body.tangent(np.zeros(body.layout.n_local), dt=eps)
-        diagonal = stiffness.getDiagonal()
-        places = body.layout.displacements(diagonal.array_r)
-        self._round_off = eps * body.norm(places.ravel()) * self._extent_of(body.layout.node_x)
-        self._mass_size = eps * self._M.getDiagonal().norm()
-        self._diagonal: FloatArray = places.reshape(-1).copy()
+        self._first, self._begins_fresh = body.snapshot(), is_fresh(body)
         self._contacts = self._contacts_with((), ())
         self._gravity: FloatArray = np.zeros(3)
         self._state: NodalState | None = None
-        self._trial: _Trial | None = None
+        self._trial: StepEnd | None = None
         self._iterated: tuple[StepEquations, FrameMotion, FloatArray] | None = None  # a trial that is not worked out
         self._step: TriedStep | None = None  # that is tried
         self._known_energies: dict[str, float] | None = None  # of the last accepted state, once they were asked for
-        self._fixed = np.union1d(self._prescribed, body.held_dofs).astype(np.int32)  # where frames are fixed
-        self._joint = CondensedNewton(body, self._frames, self._fixed, solver)
         self._plane = PlaneMotion(body)
         self._halved: HalvedSteps | None = None  # where the error of updates is asked for
 
     def begin(self, t: float, motion: FrameMotion, gravity: FloatArray) -> FloatArray:
         """See `Interior.begin`. Collective."""
         body, bonds = self.body, self._bonds
-        body.restore(self._undeformed)
+        body.restore(self._first)
         self._halved = None
         self._forget()
         self._set_gravity(np.asarray(gravity, dtype=float))
         p, R = bonds.pose(motion)
         self._plane.begin(R, motion)
-        x: FloatArray = p + body.layout.node_x @ R.T
+        x: FloatArray = p + body.node_x @ R.T
         v: FloatArray = motion.v[0] + np.cross(motion.w[0], x - motion.p[0])
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
         self._loads.now = self._loads.after(t, x, R)
         self._contacts.begin(x, motion)
-        if not self._loads.applied.any_heat:
+        if self._begins_fresh and not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
-        # what holds the warm body in its shape at rest, or that with voltages
+        # what holds the body in its shape at rest: warm, with voltages, or deformed before
         still: FloatArray = np.zeros(body.layout.n_local)
         if body.layout.has_further:
             still = StaggeredFields(body, bonds.turns.dofs[bonds.turns.own]).balanced(still, dt=0.0)[0]
@@ -195,9 +136,9 @@ class ImplicitContinuum:
         """See `SteadyInterior.resume`. Collective."""
         now = self._current_state()
         v = now.v.copy()
-        v[self._bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
+        v[self._nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
-        axes = self._axes(motion)
+        axes = self._nodes.axes(motion)
         self._loads.now = self._loads.after(t, now.x, axes.R)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         self._forget()
@@ -209,54 +150,19 @@ class ImplicitContinuum:
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
-        self._check_rigid_interface()
-        self._check_settles()
-        axes, still = self._axes(motion), np.zeros_like(self._current_state().x)
-        loads = self._loads.at(self._loads.applied.values(t), axes)
-        at_rest = RestEquations(self.body, axes.to_body(self._inertia(still)), loads, self._round_off)
+        refuse_restless(self.body, self._contacts)
         guess = np.zeros(self.body.layout.n_local) if self._trial is None else self._trial.increment
-        solution = self._solve(guess, motion, axes, at_rest)
-        x: FloatArray = axes.positions(solution.increment)
-        v = still + motion.v[0]
-        force = axes.to_inertial(loads.force(solution.increment))
-        self._trial = _Trial(NodalState(t, x, v, still, still, 0.0), solution.increment, force, (), 0.0)
-        response = self._frames.condense(
-            lambda: at_rest.tangent(solution.increment),
-            axes.to_inertial(solution.balance.residual),
-            motion,
-            x=x,
-            apparent_acceleration=still - self._gravity,
-            dead_load=axes.to_inertial(loads.dead),
-            slopes=_AT_REST,
-            couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
-        )
-        return response.wrenches, response.slopes
+        found = balance_at_rest(self._nodes, self._loads, t, motion, guess=guess, gravity=self._gravity)
+        still = np.zeros_like(found.x)
+        state = NodalState(t, found.x, still + motion.v[0], still, still, 0.0)
+        self._trial = StepEnd(state, found.increment, found.load, (), 0.0)
+        return found.wrenches, found.slopes
 
     def linear(self, motion: FrameMotion, modes: InteriorModes) -> LinearInterior:
         """See `SteadyInterior.linear`; modes by block Lanczos, converged to a residual of 1e-12. Collective."""
-        self._check_rigid_interface()
-        self._check_settles()
-        body, now = self.body, self._current_state()
-        if self._loads.applied.any_follow:
-            raise SceneError(
-                "a load that follows its surface is left out of the linear equations of a body with history; linearise "
-                "without it, or with follows=False"
-            )
-        axes = self._axes(motion)
-        apparent_acceleration = np.zeros_like(now.x) - self._gravity
-        dead_load = self._loads.after(now.t, now.x, axes.R)
-        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
-        found = linear_equations(
-            self._frames,
-            motion,
-            internal=axes.to_inertial(internal) - dead_load,
-            dead_load=dead_load,
-            couples=self._bonds.turns.wrenches(internal, axes.R),
-            x=now.x,
-            apparent_acceleration=apparent_acceleration,
-            modes=modes,
-            prescribed=self._fixed,
-        )
+        refuse_restless(self.body, self._contacts)
+        now = self._current_state()
+        found = linear_at_rest(self._nodes, self._loads, now, motion, modes=modes, gravity=self._gravity)
         self.revert()
         return found
 
@@ -270,34 +176,22 @@ class ImplicitContinuum:
             guess = self.body.layout.at_dofs(axes.increment(equations.step.coasted()), owned=False)
         else:
             guess = self._trial.increment
-        try:
-            solution = self._solve(guess, motion, axes, equations)
-        except ConvergenceError:
-            # a guess by accelerations of vibrations shorter than the step is far off: begin from the deformed body
-            if not guess.any():
-                raise
-            self._newton.discard_factor()
-            solution = self._solve(np.zeros_like(guess), motion, axes, equations)
+        nodes = self._nodes
+        solution = nodes.solve_or_anew(guess, motion, axes, equations)
         self.body.check_increment(solution.increment)
         self._trial, self._iterated = self._end(equations, motion, solution.increment), None
-        response = self._frames.condense(
-            lambda: equations.tangent(solution.increment),
-            axes.to_inertial(solution.balance.residual),
-            motion,
-            x=self._trial.state.x,
-            apparent_acceleration=self._trial.state.a - self._gravity,
-            dead_load=axes.to_inertial(equations.loads.dead),
-            slopes=scheme.slopes(h),
-            couples=self._bonds.turns.wrenches(solution.balance.residual, axes.R),
-            touched=equations.touched(self._trial.state.x) if self._contacts.touches else None,
-        )
+        state = self._trial.state
+        response = nodes.response(
+            solution, equations, motion, x=state.x, apparent=state.a - self._gravity, slopes=scheme.slopes(h),
+            touched=equations.touched(state.x) if self._contacts.touches else None,
+        )  # fmt: skip
         return response.wrenches, response.slopes
 
     def iterate(
         self, t_end: float, h: float, scheme: Scheme, motion: FrameMotion, *, tolerance: float, renew: bool
     ) -> InteriorIteration:
         """See `IteratedInterior.iterate`. Collective."""
-        equations, joint = self._equations(self._step_to(t_end, h, scheme), motion), self._joint
+        equations, joint = self._equations(self._step_to(t_end, h, scheme), motion), self._nodes.joint
         energy = sum(abs(value) for value in self._own_energies().values())
         found = joint.iterate(equations, motion, energy=energy, tolerance=tolerance, renew=renew)
         if found.correction <= tolerance:
@@ -320,7 +214,7 @@ class ImplicitContinuum:
         self._contacts.accept(self._trial.touched)
         self._state = replace(self._state, h=self._state.t - before.t)
         self._trial = self._iterated = self._step = self._known_energies = None
-        self._joint.end_step()
+        self._nodes.joint.end_step()
 
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
@@ -366,14 +260,14 @@ class ImplicitContinuum:
         "kinetic" is that of the consistent mass less the frames', lumped: below zero where little else moves.
         """
         own = self._own_energies()
-        weight = weight_energy(self._frames, self._weight, self._gravity, self._current_state().x)
+        weight = weight_energy(self._nodes.frames, self._weight, self._gravity, self._current_state().x)
         outer = {**self._loads.energies(), **self._contacts.energies()}
         return {"kinetic": own["kinetic"], "gravitational": weight, **own, **outer}
 
     def _own_energies(self) -> dict[str, float]:
         """J, what the body holds in the last accepted state, of all kinds but its weight's. Collective."""
         if self._known_energies is None:
-            kinetic = kinetic_energy(self._frames, self._current_state().v)
+            kinetic = kinetic_energy(self._nodes.frames, self._current_state().v)
             self._known_energies = {"kinetic": kinetic, **self.body.energies()}
         return self._known_energies
 
@@ -423,9 +317,9 @@ class ImplicitContinuum:
         both = names & set(self._loads.applied.names)
         if both:
             raise SceneError(f"a contact and a load are both called {sorted(both)[0]!r}; give each its own name")
-        size = self._extent_of(self.body.layout.node_x)
+        size = self._nodes.extent_of(self.body.layout.node_x)
         return ImplicitContacts(
-            self.body, self._memory, self._diagonal, size=size, obstacles=obstacles, surfaces=surfaces
+            self.body, self._memory, self._nodes.diagonal, size=size, obstacles=obstacles, surfaces=surfaces
         )
 
     def face(self, facing: FacingSurface) -> None:
@@ -439,32 +333,10 @@ class ImplicitContinuum:
             "ExplicitContinuum and fm.CentralDifference()"
         )
 
-    def _check_rigid_interface(self) -> None:
-        if all(isinstance(found, AveragedInterface) for found in self.body.interfaces):
-            raise SceneError(
-                "it has averaged interfaces alone, which hold no node, and at rest no inertia holds it: its "
-                "equilibrium is found only with a rigid interface (Coupling.RIGID)"
-            )
-
-    def _check_settles(self) -> None:
-        if self._contacts.touches:
-            raise SceneError(
-                f"its surface touches something (contact {self._contacts.touches[0].name!r}): its state at rest is not "
-                "searched for with contacts yet, nor is it linearised with them. Let it come to rest in a simulation"
-            )
-        if self.body.is_rate_dependent:
-            raise SceneError(
-                f"{self.body.form_name} has a stress that depends on rates: its state at rest and its linear response "
-                "depend on the loading's duration. Let it come to rest in a simulation"
-            )
-
     def _current_state(self) -> NodalState:
         if self._state is None:
             raise SceneError("a continuum body cannot step before begin was called, as a simulation does")
         return self._state
-
-    def _axes(self, motion: FrameMotion) -> BodyAxes:
-        return BodyAxes(self.body, *self._bonds.pose(motion))
 
     def _step_to(self, t_end: float, h: float, scheme: Scheme) -> TriedStep:
         """The step to try, the last one if it is the same. Collective."""
@@ -473,8 +345,9 @@ class ImplicitContinuum:
             now = self._current_state()
             if now.h > 0.0:
                 now = replace(now, auxiliary=scheme.carry(now.auxiliary, h, now.h, now.a))
+            nodes = self._nodes
             # accelerations are differences of places over the square of the step
-            round_off = max(self._round_off, self._mass_size * self._extent_of(now.x) / scheme.slopes(h)[0])
+            round_off = max(nodes.round_off, nodes.mass_size * nodes.extent_of(now.x) / scheme.slopes(h)[0])
             factors = self._loads.factors_before(t_end)
             self._step = step = TriedStep(t_end, h, scheme, now, factors, self._gravity, round_off)
         return step
@@ -482,55 +355,27 @@ class ImplicitContinuum:
     def _equations(self, step: TriedStep, motion: FrameMotion) -> StepEquations:
         """The balance at a step's end with the frames as ``motion`` says. Not collective."""
         self._plane.check(motion)
-        bonds, axes = self._bonds, self._axes(motion)
+        bonds, axes = self._bonds, self._nodes.axes(motion)
         loads = self._loads.at(step.factors, axes)
-        held = self._bonded, bonds.accelerations(motion)[~bonds.averaged]
-        return StepEquations(self.body, step, axes, self._frames, loads, *held, self._contacts, motion)
+        held = self._nodes.bonded, bonds.accelerations(motion)[~bonds.averaged]
+        return StepEquations(self.body, step, axes, self._nodes.frames, loads, *held, self._contacts, motion)
 
-    def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> _Trial:
+    def _end(self, equations: StepEquations, motion: FrameMotion, increment: FloatArray) -> StepEnd:
         """A trial's end. Collective."""
         state = equations.end(increment, self._bonds.velocities(motion)[~self._bonds.averaged])
         load = equations.axes.to_inertial(equations.loads.force(increment))
         touched = self._contacts.evaluate(state.x, motion)[1]
-        return _Trial(state, increment, load, touched, equations.step.h)
-
-    def _inertia(self, a: FloatArray) -> FloatArray:
-        """(owned nodes, 3) N, M (a - g), in inertial axes. Collective."""
-        return self._frames.product(a - self._gravity)
-
-    def _solve(
-        self, guess: FloatArray, motion: FrameMotion, axes: BodyAxes, equations: StepEquations | RestEquations
-    ) -> Solution:
-        """Newton's solution with the frames as ``motion`` says. Collective."""
-        bonds = self._bonds
-        # the first step moves the bonded nodes, and the others with them
-        layout, moved = self.body.layout, guess.copy()
-        steps = axes.increment(bonds.positions(motion), bonds.nodes)
-        gap = steps - layout.displacements(moved)[bonds.nodes]
-        moved[layout.displacement_dofs[self._bonded]] = steps[~bonds.averaged]
-        guess = guess.copy()
-        guess[self.body.held_dofs] = 0.0
-        constraints = self._averages.constraints(motion, axes.R, displacement=gap)
-        if bonds.turns.any:
-            turned = bonds.turns.values(motion.R, axes.R)
-            moved[bonds.turns.dofs] = turned - self.body.displacement[bonds.turns.dofs]
-        target = moved[self._prescribed]
-        return self._newton.solve(guess, target, equations.balance, equations.tangent, constraints)
+        return StepEnd(state, increment, load, touched, equations.step.h)
 
     def _set_gravity(self, gravity: FloatArray) -> None:
         """Take (3,) m/s^2. Collective."""
         self._gravity = gravity
-        self._weight = self._frames.product(np.tile(gravity, (len(self.body.layout.node_x), 1)))
+        self._weight = self._nodes.inertia(np.tile(gravity, (len(self.body.layout.node_x), 1)))
 
     def _forget(self) -> None:
         """Forget trials, guesses and factors."""
         self._trial = self._iterated = self._step = self._known_energies = None
-        self._newton.discard_factor()
-        self._joint.discard()
-
-    def _extent_of(self, x: FloatArray) -> float:
-        """m, the largest coordinate of all nodes, of which these (local nodes, 3) are here. Collective."""
-        return float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
+        self._nodes.discard_factors()
 
     def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
         """Set the accelerations that internal forces (owned nodes, 3) N, in inertial axes, cause. Collective.
@@ -538,23 +383,13 @@ class ImplicitContinuum:
         Returns:
             (k, 6) wrenches on the frames.
         """
-        now, bonds, body = self._current_state(), self._bonds, self.body
-        a, carried = np.zeros_like(now.x), bonds.accelerations(motion)
-        a[self._bonded] = carried[~bonds.averaged]
+        nodes, bonds, gravity = self._nodes, self._bonds, self._gravity
         # a node has one mass along all axes: these may be inertial, but for dofs that are held in the body's
-        R = self._axes(motion).R if self._plane.is_plane else np.eye(3)
-        constraints = self._averages.constraints(motion, R, displacement=carried @ R)
-        matrix = with_unit_rows_of_further_unknowns(body, self._M)
-        forces = body.layout.at_dofs(-(internal + self._inertia(a)) @ R, owned=True).reshape(-1, 1)
-        found = self._accelerated.solve_columns(matrix, forces, constraints)[:, 0]
-        self._accelerated.discard_factor()
-        matrix.destroy()
-        vector = body.vector()
-        vector.array[: body.n_owned] = found
-        vector.scatter_forward()
-        a = np.asarray(a + body.layout.displacements(vector.array) @ R.T)
-        self._state = replace(now, a=a, auxiliary=a.copy())
-        nodal_forces = self._frames.nodal_forces(internal + self._inertia(a), a[self._bonded] - self._gravity)
+        R = nodes.axes(motion).R if self._plane.is_plane else np.eye(3)
+        a = nodes.accelerations(motion, self._weight - internal, R=R)
+        self._state = replace(self._current_state(), a=a, auxiliary=a.copy())
+        held = a[nodes.bonded] - gravity
+        nodal_forces = nodes.frames.nodal_forces(internal + nodes.inertia(a - gravity), held)
         wrenches = bonds.wrenches(nodal_forces, bonds.arms(motion))
         if self._contacts.touches:
             wrenches = np.vstack([wrenches, bonds.total(self._contacts.wrenches())])

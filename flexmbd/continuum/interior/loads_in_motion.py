@@ -17,6 +17,24 @@ from flexmbd.errors import SceneError
 FloatArray = NDArray[np.float64]
 
 
+def loads_on_moving_nodes(
+    body: NonlinearModel, loads: Sequence[BodyLoad], *, mass: FloatArray | None = None
+) -> AppliedLoads:
+    """Loads on a body whose nodes have inertia; mass: as of `AppliedLoads`. Collective.
+
+    Raises:
+        SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
+    """
+    applied = AppliedLoads(body, loads, mass=mass)
+    for load in applied.loads:
+        if isinstance(load, CentrifugalLoad):
+            raise SceneError(
+                f"load {load.name!r}: moving nodes have inertia, so that a centrifugal load would count twice; let "
+                "the body rotate"
+            )
+    return applied
+
+
 class LoadsInMotion:
     """The loads of one body.
 
@@ -34,13 +52,7 @@ class LoadsInMotion:
             SceneError, MeshError: on all ranks: as `AppliedLoads`, or a load is for slow loading alone.
         """
         self._body, self._bonds, self._n = body, bonds, body.layout.n_owned_nodes
-        self.applied = AppliedLoads(body, loads)
-        for load in self.applied.loads:
-            if isinstance(load, CentrifugalLoad):
-                raise SceneError(
-                    f"load {load.name!r}: moving nodes have inertia, so that a centrifugal load would count twice; let "
-                    "the body rotate"
-                )
+        self.applied = loads_on_moving_nodes(body, loads)
         self.now: FloatArray = np.zeros((self._n, 3))
         self.work = 0.0
         self.R_begun: FloatArray = np.eye(3)

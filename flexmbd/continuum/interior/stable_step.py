@@ -24,6 +24,7 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from flexmbd.continuum.history.body_memory import BodyMemory
+from flexmbd.continuum.history.fresh_body import as_fresh
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.plane_bodies import inverse_jacobian
 from flexmbd.continuum.interior.bulk_viscosity import BulkForces
@@ -57,7 +58,7 @@ class StableStep:
         """Collective; compiles.
 
         Args:
-            body: at rest and undeformed.
+            body: at rest. What is found is of the undeformed body, but for `present`.
             masses: (owned nodes,) kg, lumped.
             memory: of the body, whose numbers of nodes tell where Lanczos' method begins on any ranks.
             bulk: the forces of bulk viscosity, if any.
@@ -81,9 +82,15 @@ class StableStep:
         inverse = inverse_jacobian(domain)
         self._inverse = fem.Expression(ufl.inner(inverse, inverse), points)
         self._cells = np.arange(domain.topology.index_map(body.mesh.dim).size_local, dtype=np.int32)
+        self._bulk = bulk
+        with as_fresh(body):
+            self._find_at_rest()
+
+    def _find_at_rest(self) -> None:
+        """The estimate of the undeformed body. Collective."""
+        body, bulk, fields = self._body, self._bulk, self._fields
         self._first, self._size = self._of_shapes(), self._smallest()
         self._damping = self._damping_rate()
-        self._bulk = bulk
         self._bulk_rate = 0.0 if bulk is None else self._largest_rate(bulk.unit_matrix())
         if body.springs is not None and not body.springs.are_linear:
             raise FormulationError(

@@ -20,6 +20,7 @@ from flexmbd.continuum.history.displacement_newton import Balance
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.frame_response import Condensation
 from flexmbd.continuum.interior.implicit_contacts import ImplicitContacts
+from flexmbd.continuum.interior.implicit_touch import TouchedState
 from flexmbd.continuum.interior.touched_nodes import TouchedNodes
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
 from flexmbd.round_off import STALLED
@@ -45,6 +46,25 @@ class NodalState:
     a: FloatArray
     auxiliary: FloatArray
     h: float
+
+
+@dataclass(frozen=True, eq=False)
+class StepEnd:
+    """A step's end that was solved for, or the state at rest.
+
+    Attributes:
+        state: of the nodes there.
+        increment: (local dofs,) m, displacement since the last accepted step.
+        load: (owned nodes, 3) N, in inertial axes, that acts there.
+        touched: what shapes do there.
+        dt: s, the time that passes for the material, none on the way to rest.
+    """
+
+    state: NodalState
+    increment: FloatArray
+    load: FloatArray
+    touched: tuple[TouchedState, ...]
+    dt: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,11 @@
 """Nodes of one body that touch facets of another one, both stepped by central differences side by side.
 
-A node at the depth d behind a facet is pushed out by k d, and the facet's nodes the other way round, as the place at
-which it touches hangs on them.  k is a share of what the shorter stable step of both bodies allows, with the masses of
-the node and of that place in series.  Contact begins where a node comes through the facets from before them, so that
-what comes from beside them, behind their plane, is not thrown out.  Friction is that of bristles as stiff as the push
-(`nodal_push`).
+A node at the depth d behind a facet is pushed out by k d, and the facet's nodes the other way round, as the place where
+the node is hangs on them: that before it on the facet, and the depth, which turns as the facet's nodes do in the mean.
+So the reaction has the moment of the force at the node, and friction keeps angular momentum.  k is a share of what the
+shorter stable step of both bodies allows, with the masses of the node and of the place on the facet in series.  Contact
+begins where a node comes through the facets from before them, so that what comes from beside them, behind their plane,
+is not thrown out.  Friction is that of bristles as stiff as the push (`nodal_push`).
 """
 
 from __future__ import annotations
@@ -39,9 +40,12 @@ class SteppedNodes(Protocol):
 
     body: NonlinearModel
     memory: BodyMemory
-    masses: FloatArray
     x: FloatArray
     v: FloatArray
+
+    @property
+    def masses(self) -> FloatArray:
+        """(owned nodes,) kg."""
 
     @property
     def limit(self) -> float:
@@ -131,9 +135,12 @@ class SurfacePair:
         nodes, facets = self._motions
         stride = max(self._comm.allgather(self._stride))
         x = self._gathered(facets.x)
-        found = self._surface.find(nodes.x[self._nodes], x, margin=_AHEAD * stride)
+        points = nodes.x[self._nodes]
+        found = self._surface.find(points, x, margin=_AHEAD * stride)
         spring, on_facets = self._springs(found), np.zeros(len(x))
-        size = abs(found.weights)
+        straight = found.weights[:, :, None, None] * np.eye(3)
+        turning = self._carry(found, points, x) - straight
+        size = abs(found.weights) + np.sqrt((turning**2).sum(axis=(2, 3)))  # at least the spectral norms
         np.add.at(on_facets, found.nodes, spring[:, None] * size * size.sum(axis=1)[:, None])
         own = nodes.masses[self._nodes[found.points]]
         most = max([self._stiffness, *self._comm.allgather(float((spring / own).max(initial=0.0)))])
@@ -165,9 +172,11 @@ class SurfacePair:
         nodes, facets = self._motions
         points, x = nodes.ahead[self._nodes], self._gathered(facets.ahead)
         found = self._surface.find(points, x)
-        went = self._went(points, x, found)
+        carry = self._carry(found, points, x)
+        went = self._went(points, x, found, carry)
         told = {"friction": self.given.friction, "size": nodes.size}
         pushed = push_out(found, went, self.memory[self._nodes], **told)
+        carry = carry[np.isin(found.points, pushed.found.points)]
         found, touching = pushed.found, self._nodes[pushed.found.points]
         spring = self._springs(found)
         self.memory = np.zeros_like(self.memory)
@@ -175,22 +184,46 @@ class SurfacePair:
         met, rubbed = spring[:, None] * pushed.met, spring[:, None] * pushed.rubbed
         self.resultant = (met + rubbed).sum(axis=0)
         on_nodes = np.zeros_like(nodes.x), np.zeros_like(nodes.x)
-        self._forces = {NODES: on_nodes, FACETS: self._on_facets(found, met, rubbed)}
+        self._forces = {NODES: on_nodes, FACETS: self._on_facets(found, carry, met, rubbed)}
         for out, force in zip(self._forces[NODES], (met, rubbed), strict=True):
             out[touching] = force
 
-    def _on_facets(self, found: NearFacets, met: FloatArray, rubbed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _on_facets(
+        self, found: NearFacets, carry: FloatArray, met: FloatArray, rubbed: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """(owned nodes, 3) N, on the facets' body. Collective."""
-        forces = np.zeros((len(self._surface.number), 6))
-        both = np.hstack([met, rubbed])
-        np.add.at(forces, found.nodes, -found.weights[:, :, None] * both[:, None, :])
+        forces = np.zeros((len(self._surface.number), 2, 3))
+        np.add.at(forces, found.nodes, -np.einsum("nkab,nca->nkcb", carry, np.stack([met, rubbed], axis=1)))
         forces = np.asarray(sum(self._comm.allgather(forces)))
-        out = np.zeros((len(self._motions[FACETS].masses), 6))
-        out[self._surface.own[self._owned]] = forces[self._owned]
-        return out[:, :3].copy(), out[:, 3:].copy()
+        met_there, rubbed_there = np.zeros((2, len(self._motions[FACETS].masses), 3))
+        own = self._surface.own[self._owned]
+        met_there[own], rubbed_there[own] = forces[self._owned, 0], forces[self._owned, 1]
+        return met_there, rubbed_there
 
-    def _went(self, points: FloatArray, x: FloatArray, found: NearFacets) -> FloatArray:
-        """(n, 3) m, how far nodes went in the step against the places where they touch. Collective."""
+    def _carry(self, found: NearFacets, points: FloatArray, x: FloatArray) -> FloatArray:
+        """(n, 4, 3, 3) by how much of their facets' nodes' displacements the places go with these where points are.
+
+        Args:
+            found: where points are before facets.
+            points: (all points, 3) m.
+            x: (k, 3) m, of the facets' nodes.
+        """
+        width = self._surface.facets.shape[1]  # what is beyond is a corner again
+        nodes = found.nodes[:, :width]
+        corners, mass = x[nodes], self._facet_mass[nodes]
+        centre = np.einsum("nk,nka->na", mass, corners) / mass.sum(axis=1)[:, None]
+        arms = corners - centre[:, None]
+        behind = points[found.points] - np.einsum("nk,nka->na", found.weights[:, :width], corners)
+        square = np.einsum("nk,nka,nka->n", mass, arms, arms)[:, None, None]
+        inertia = square * np.eye(3) - np.einsum("nk,nka,nkb->nab", mass, arms, arms)
+        # the mean rotation by mass, J^-1 sum of m r x du, moves what is behind: a force there has its moment about J
+        turn = np.linalg.solve(inertia[:, None], mass[:, :, None, None] * _products(arms))
+        carry = found.weights[:, :, None, None] * np.eye(3)
+        carry[:, :width] -= _products(behind)[:, None] @ turn
+        return np.asarray(carry)
+
+    def _went(self, points: FloatArray, x: FloatArray, found: NearFacets, carry: FloatArray) -> FloatArray:
+        """(n, 3) m, how far nodes went in the step against the places that go with facets. Collective."""
         if len(self._starts) < 2:  # at the start nothing has moved
             return np.zeros((len(found.points), 3))
         before = np.zeros_like(x)
@@ -199,7 +232,7 @@ class SurfacePair:
         own, other = points - self._starts[NODES], x - before
         way = np.sqrt((own**2).sum(axis=1).max(initial=0.0)) + np.sqrt((other**2).sum(axis=1).max(initial=0.0))
         self._stride = float(way)
-        return np.asarray(own[found.points] - np.einsum("nk,nka->na", found.weights, other[found.nodes]))
+        return np.asarray(own[found.points] - np.einsum("nkab,nkb->na", carry, other[found.nodes]))
 
     def _springs(self, found: NearFacets) -> FloatArray:
         """(n,) N/m, of nodes that touch: of the masses of node and place in series."""
@@ -212,3 +245,8 @@ class SurfacePair:
         out = np.zeros((len(self._surface.number), values.shape[1]))
         out[self._owned] = values[self._surface.own[self._owned]]
         return np.asarray(sum(self._comm.allgather(out)))
+
+
+def _products(vectors: FloatArray) -> FloatArray:
+    """(..., 3, 3) matrices of the products of vectors (..., 3) with others."""
+    return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2), dtype=float)

@@ -31,7 +31,7 @@ Memory = Mapping[str, NDArray[np.generic]]
 
 @dataclass(frozen=True, eq=False)
 class InteriorFrame:
-    """An interface frame I of the undeformed body B, and the constant mass that moves with it.
+    """An interface frame I of the body B as it begins, and the constant mass that moves with it.
 
     Attributes:
         name: unique in the body.

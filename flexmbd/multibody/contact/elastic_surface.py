@@ -126,7 +126,7 @@ class ElasticSurface:
         return x if found is None else np.asarray(x - found[:, :1] * found[:, 1:])
 
     def check(self) -> None:
-        """Raise SceneError for a shape that is beside a patch."""
+        """Raise SceneError for a shape that is beside a patch, or faces the other way."""
         if self._beside is None:
             return
         far, width = np.abs(self._beside[:, 0]), np.sqrt(self.area)
@@ -137,6 +137,12 @@ class ElasticSurface:
                 f"{self.what}: its shape, a {type(self.shape).__name__}, lies {far[k]:.3g} m from the centroid of "
                 f"patch {self.patches[k]}, which is {width[k]:.2g} m wide, and is not its surface: check its size, "
                 "and where it is in the body's axes (m)"
+            )
+        if self.area @ np.einsum("pa,pa->p", self._beside[:, 1:], self.normals) < 0.0:
+            raise SceneError(
+                f"{self.what}: its shape, a {type(self.shape).__name__}, faces the other way than its patches, whose "
+                "normals point out of the body: of a bore it is a HollowCylinder or a HollowSphere, of a shaft or a "
+                "ball a Cylinder or a Sphere, of a plane a HalfSpace whose normal points out of the body"
             )
 
     @cached_property

@@ -93,7 +93,7 @@ def resume_interiors(
 
 
 def _refuse_deformed(body: ContinuumBody, motion: FrameMotion, extent: float) -> None:
-    """Raise SceneError where the joints put a frame elsewhere than the undeformed body has it."""
+    """Raise SceneError where the joints put a frame elsewhere than the body has it as it was given."""
     first, *others = body.interior.frames
     R_WB = motion.R[0] @ first.R_BI.T
     for k, frame in enumerate(others, start=1):
@@ -102,7 +102,7 @@ def _refuse_deformed(body: ContinuumBody, motion: FrameMotion, extent: float) ->
         distance, angle = float(np.linalg.norm(gap)), float(np.linalg.norm(turn - np.eye(3))) / np.sqrt(2.0)
         if distance > _IN_PLACE * extent or angle > _IN_PLACE:
             raise SceneError(
-                f"body {body.name!r} must start undeformed, but the joints put its frame {frame.name!r} {distance:.3g} "
-                f"m and {angle:.3g} rad from where the undeformed body has it against {first.name!r}; set the "
+                f"body {body.name!r} must start in the shape that it has, but the joints put its frame {frame.name!r} "
+                f"{distance:.3g} m and {angle:.3g} rad from where the body has it against {first.name!r}; set the "
                 "positions of the joints accordingly"
             )
