@@ -264,6 +264,7 @@ BY_NAME: dict[str, dict[str, Callable[[Any], Any]]] = {
     "continuum.ExplicitContinuum": {},
     "continuum.ExplicitRun.simulate": {"t_end": lambda w: 1e-5, "outputs": lambda w: 1},
     "continuum.ForceAtNodes": {"nodes": lambda w: [0]},
+    "continuum.Voltage": {"electrode": lambda w: "top", "factor": lambda w: 1.0},
     "continuum.PressureOnFacets": {"facets": lambda w: "y_max", "factor": lambda w: 1.0},
     "continuum.TractionOnFacets": {"facets": lambda w: "y_max"},
     "continuum.TaggedMesh.cells": {"name": lambda w: "block"},

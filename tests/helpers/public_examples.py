@@ -34,7 +34,8 @@ CALLED_BY_THE_MACHINE = (
     "continuum.CellFields.", "continuum.CellGroup.", "continuum.CondensedStiffness.", "continuum.FieldConditions.",
     "continuum.ContinuumModel.unknown_columns", "continuum.LinearModel.unknown_columns",
     "continuum.NonlinearModel.refuse_surface_energy",
-    "continuum.NonlinearModel.set_temperature", "Event.value", "Event.passes", "Checkpoint.of",
+    "continuum.NonlinearModel.set_temperature", "continuum.NonlinearModel.set_voltages", "continuum.PortStates.",
+    "Event.value", "Event.passes", "Checkpoint.of",
     "ExactBeam.resultants", "RunSettings.method",
 )
 #: Made by flexmbd and handed to users: nobody calls their constructors.
@@ -64,7 +65,7 @@ MADE_BY_FLEXMBD = {
     "continuum.DiscreteForms", "continuum.DofLayout", "continuum.EnergyAccount", "continuum.Equilibrium",
     "continuum.ExplicitOperator", "continuum.FormReport", "continuum.HeldSurface", "continuum.HistorySnapshot",
     "continuum.LinearModel", "continuum.NodalGroup", "continuum.OptionalEntries", "continuum.PieceSummary",
-    "continuum.PointStep", "continuum.StaticPath", "continuum.SurfaceGroup", "continuum.TaggedMesh",
+    "continuum.PointStep", "continuum.PortStates", "continuum.StaticPath", "continuum.SurfaceGroup", "continuum.TaggedMesh",
 }  # fmt: skip
 
 
