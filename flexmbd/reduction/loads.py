@@ -118,5 +118,6 @@ def missing_energy(
     """
     full = model.comm.allreduce(np.einsum("ij,ij->j", forces, displacements))
     reduced = (modal**2 / stiffness).sum(axis=1)
-    part: FloatArray = np.maximum(1.0 - reduced / full, 0.0)
+    # a load that strains nothing, as no rise of temperature, lacks nothing
+    part: FloatArray = np.maximum(1.0 - np.divide(reduced, full, out=np.ones_like(full), where=full > 0.0), 0.0)
     return part

@@ -225,6 +225,11 @@ def test_fields_of_one_cell_are_prestressed_by_a_temperature():
     assert found[0] == pytest.approx(found[1], abs=1e-9 * abs(found[0]).max())
 
 
+def test_no_rise_of_temperature_lacks_no_energy():
+    record = craig_bampton(column(n=4), modes=1, frame="x_min", loads=[TemperatureRise("heat", 0.0)])
+    assert record.provenance["load heat"].endswith("static energy missing 0.0e+00")
+
+
 @pytest.mark.mpi
 def test_temperatures_that_would_be_left_out_are_refused():
     model, load = column(n=4), TemperatureRise("heat", 10.0)

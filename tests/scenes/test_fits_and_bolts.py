@@ -127,6 +127,26 @@ def test_shapes_that_face_the_other_way_are_refused():
                 scene.touch(*(pair[::-1] if swapped else pair), contact.Hard())
 
 
+def test_triangles_that_face_into_a_body_or_are_in_millimetres_are_refused():
+    hub = fm.FlexibleBody(ring(32, 0.0142))
+    angle = 2.0 * np.pi * np.arange(64) / 64
+    circle = np.column_stack([BORE * np.cos(angle), BORE * np.sin(angle)])
+    x = np.concatenate([np.insert(circle, 2, z, axis=1) for z in (-0.5 * HEIGHT, 0.5 * HEIGHT)])
+    one, next_one = np.arange(64), np.roll(np.arange(64), -1)
+    into = np.concatenate([np.column_stack(t) for t in ((one, one + 64, next_one), (next_one, one + 64, next_one + 64))])
+    for scale, triangles, said in ((1.0, into, None), (1.0, into[:, ::-1], "faces the other"), (1e3, into, "lies 50 m")):
+        bore = contact.TriangleSurface(hub.frame(), scale * x, triangles, open=True)
+        scene = fm.System()
+        scene.add(hub, name="hub")
+        pair = contact.Sphere(scene.ground.frame(), 0.01), contact.ElasticSurface(hub, "inner", shape=bore)
+        law = contact.PowerLaw(k=1e6)
+        if said is None:
+            scene.touch(*pair, law)
+        else:
+            with pytest.raises(SceneError, match=said):
+                scene.touch(*pair, law)
+
+
 def test_a_fit_of_centroids_is_told():
     """Which lie behind the bore by six overlaps; with the bore's shape, and apart from a shaft, nothing is told."""
     record = ring(32, 0.0142)

@@ -73,7 +73,10 @@ class ElasticSurface:
         if self.shape is not None:
             refuse_other(self.shape, SHAPES, f"{self.what}: its shape", wanted="a shape as fm.contact.Cylinder(...)")
             if not self._is_own(self.shape.frame):
-                raise SceneError(f"{self.what}: its shape must be on the body's own frame, {label}.frame()")
+                raise SceneError(
+                    f"{self.what}: its shape must be on the body's own frame, {label}.frame(); that this lies in a bore "
+                    "and along it is said by Interface(name, origin=, axes=) and craig_bampton(..., frame=name)"
+                )
 
     @property
     def frame(self) -> Frame:
@@ -122,37 +125,47 @@ class ElasticSurface:
 
         The centroid of a curved patch lies behind it: of an arc of the width w and radius r by w^2 / (24 r).
         """
-        x, found = self._group.x[self.patches], self._beside
-        return x if found is None else np.asarray(x - found[:, :1] * found[:, 1:])
+        x = self._group.x[self.patches]
+        if self.shape is None or isinstance(self.shape, TableShape):
+            return x
+        found = self._from_shape(self.shape)
+        return np.asarray(x - found[:, :1] * found[:, 1:])
 
     def check(self) -> None:
-        """Raise SceneError for a shape that is beside a patch, or faces the other way."""
-        if self._beside is None:
+        """Raise SceneError for a shape that is beside its patches, or faces the other way.
+
+        A shape of a formula is beside them where it is beside one, a table of triangles or a profile where it is beside
+        all.
+        """
+        if self.shape is None:
             return
-        far, width = np.abs(self._beside[:, 0]), np.sqrt(self.area)
-        beside = np.flatnonzero(~(far <= 0.5 * width))
-        if len(beside):
-            k = beside[0]
+        found, width = self._from_shape(self.shape), np.sqrt(self.area)
+        far, kind = np.abs(found[:, 0]), type(self.shape).__name__
+        near = far <= 0.5 * width
+        is_there = near.any() if isinstance(self.shape, TableShape) else near.all()
+        if not is_there:
+            k = int(np.argmin(near))
             raise SceneError(
-                f"{self.what}: its shape, a {type(self.shape).__name__}, lies {far[k]:.3g} m from the centroid of "
+                f"{self.what}: its shape, a {kind}, lies {far[k]:.3g} m from the centroid of "
                 f"patch {self.patches[k]}, which is {width[k]:.2g} m wide, and is not its surface: check its size, "
                 "and where it is in the body's axes (m)"
             )
-        if self.area @ np.einsum("pa,pa->p", self._beside[:, 1:], self.normals) < 0.0:
+        outwards = np.einsum("pa,pa->p", found[:, 1:], self.normals)
+        if self.area[near] @ outwards[near] < 0.0:
             raise SceneError(
-                f"{self.what}: its shape, a {type(self.shape).__name__}, faces the other way than its patches, whose "
-                "normals point out of the body: of a bore it is a HollowCylinder or a HollowSphere, of a shaft or a "
-                "ball a Cylinder or a Sphere, of a plane a HalfSpace whose normal points out of the body"
+                f"{self.what}: its shape, a {kind}, faces the other way than its patches, whose normals point out of "
+                "the body: of a bore it is a HollowCylinder or a HollowSphere, of a shaft or a ball a Cylinder or a "
+                "Sphere, of a plane a HalfSpace whose normal points out of the body; of triangles the corners go "
+                "anticlockwise as seen from outside"
             )
 
-    @cached_property
-    def _beside(self) -> FloatArray | None:
-        """(p, 4) signed distances (m) and gradients of its shape at the centroids; None if no formula tells it."""
-        if self.shape is None or isinstance(self.shape, TableShape):
-            return None
-        found = np.zeros((len(self.patches), 4))
+    def _from_shape(self, shape: TouchedShape) -> FloatArray:
+        """(p, 4) signed distances (m) of a shape at the centroids, and their gradients."""
         x = np.ascontiguousarray(self._group.x[self.patches])
-        distances(np.append(self.shape.numbers(), 0.0), x, found)
+        if isinstance(shape, TableShape):
+            return shape.distances(x)
+        found = np.zeros((len(x), 4))
+        distances(np.append(shape.numbers(), 0.0), x, found)
         return found
 
     @cached_property

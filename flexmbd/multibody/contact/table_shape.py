@@ -64,7 +64,11 @@ class TableShape(LoneShape, ABC):
             SceneError: the points are not finite numbers of this shape.
         """
         p = finite_points(points, 3, f"signed_distance of {type(self).__name__} on {self.frame.label}")
-        return self._distances(p, self.table)[:, 0]
+        return self.distances(p)[:, 0]
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Signed distances (m) and gradients, (n, 4), of points (n, 3) m in the frame's axes."""
+        return self._distances(points, self.table)
 
     def _distances(self, points: FloatArray, table: SharedNumbers) -> FloatArray:
         """Signed distances and gradients, (n, 4), of points (n, 3)."""
