@@ -133,8 +133,10 @@ def test_triangles_that_face_into_a_body_or_are_in_millimetres_are_refused():
     circle = np.column_stack([BORE * np.cos(angle), BORE * np.sin(angle)])
     x = np.concatenate([np.insert(circle, 2, z, axis=1) for z in (-0.5 * HEIGHT, 0.5 * HEIGHT)])
     one, next_one = np.arange(64), np.roll(np.arange(64), -1)
-    into = np.concatenate([np.column_stack(t) for t in ((one, one + 64, next_one), (next_one, one + 64, next_one + 64))])
-    for scale, triangles, said in ((1.0, into, None), (1.0, into[:, ::-1], "faces the other"), (1e3, into, "lies 50 m")):
+    first, second = (one, one + 64, next_one), (next_one, one + 64, next_one + 64)
+    inwards = np.concatenate([np.column_stack(first), np.column_stack(second)])
+    cases = (1.0, inwards, None), (1.0, inwards[:, ::-1], "faces the other"), (1e3, inwards, "lies 50 m")
+    for scale, triangles, said in cases:
         bore = contact.TriangleSurface(hub.frame(), scale * x, triangles, open=True)
         scene = fm.System()
         scene.add(hub, name="hub")

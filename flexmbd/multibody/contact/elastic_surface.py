@@ -74,8 +74,8 @@ class ElasticSurface:
             refuse_other(self.shape, SHAPES, f"{self.what}: its shape", wanted="a shape as fm.contact.Cylinder(...)")
             if not self._is_own(self.shape.frame):
                 raise SceneError(
-                    f"{self.what}: its shape must be on the body's own frame, {label}.frame(); that this lies in a bore "
-                    "and along it is said by Interface(name, origin=, axes=) and craig_bampton(..., frame=name)"
+                    f"{self.what}: its shape must be on the body's own frame, {label}.frame(); that this lies in a "
+                    "bore and along it is said by Interface(name, origin=, axes=) and craig_bampton(..., frame=name)"
                 )
 
     @property
