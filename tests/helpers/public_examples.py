@@ -46,7 +46,7 @@ MADE_BY_FLEXMBD = {
     "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "Heat", "HotSpot", "Instant", "InterfaceFrame",
     "InteriorFields", "InteriorFrame", "InteriorIteration", "InteriorMesh", "LinearInterior", "LinearizedMachine",
     "ModalStretch", "Moment", "Momentum", "NodalInterfaces", "NodalModes", "NonlinearStiffness", "Occurrence",
-    "FacingSurface", "Obstacle", "Outline", "Push", "ReducedBody", "ResultTable", "Scheme", "SimulationInterrupted",
+    "FacingSurface", "Obstacle", "ReducedFacets", "Outline", "Push", "ReducedBody", "ResultTable", "Scheme", "SimulationInterrupted",
     "Solid", "Start", "StateSpace",
     "Stats", "StressField", "StressModes", "Surface", "SwarmContacts", "SwarmEnergy", "TimeFactor", "Trajectory",
     "WorkingPoint",
