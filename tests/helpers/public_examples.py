@@ -46,7 +46,8 @@ MADE_BY_FLEXMBD = {
     "Frame", "FurtherUnknowns", "GeometricStiffness", "Gyroscopic", "Heat", "HotSpot", "Instant", "InterfaceFrame",
     "InteriorFields", "InteriorFrame", "InteriorIteration", "InteriorMesh", "LinearInterior", "LinearizedMachine",
     "ModalStretch", "Moment", "Momentum", "NodalInterfaces", "NodalModes", "NonlinearStiffness", "Occurrence",
-    "FacingSurface", "Obstacle", "ReducedFacets", "Outline", "Push", "ReducedBody", "ResultTable", "Scheme", "SimulationInterrupted",
+    "FacingSurface", "Obstacle", "ReducedFacets",
+    "Outline", "Push", "ReducedBody", "ResultTable", "Scheme", "SimulationInterrupted",
     "Solid", "Start", "StateSpace",
     "Stats", "StressField", "StressModes", "Surface", "SwarmContacts", "SwarmEnergy", "TimeFactor", "Trajectory",
     "WorkingPoint",
@@ -65,7 +66,8 @@ MADE_BY_FLEXMBD = {
     "continuum.DiscreteForms", "continuum.DofLayout", "continuum.EnergyAccount", "continuum.Equilibrium",
     "continuum.ExplicitOperator", "continuum.FormReport", "continuum.HeldSurface", "continuum.HistorySnapshot",
     "continuum.LinearModel", "continuum.NodalGroup", "continuum.OptionalEntries", "continuum.PieceSummary",
-    "continuum.PointStep", "continuum.PortStates", "continuum.StaticPath", "continuum.SurfaceGroup", "continuum.TaggedMesh",
+    "continuum.PointStep", "continuum.PortStates",
+    "continuum.StaticPath", "continuum.SurfaceGroup", "continuum.TaggedMesh",
 }  # fmt: skip
 
 
