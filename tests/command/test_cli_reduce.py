@@ -220,7 +220,7 @@ GOOD = {
     [
         ({"--form": ["solid_lnear"]}, "has no 'solid_lnear'"),
         ({"--form": ["nowhere/my_form.py"]}, "my_form.py"),
-        ({"--parameter": ["E=2.1e11", "nu=0.3"]}, "has the parameters E, nu, rho; no rho: give each as"),
+        ({"--parameter": ["E=2.1e11", "nu=0.3"]}, "has the parameters E, nu, rho, alpha; no rho: give each as"),
         ({"--parameter": ["E=2.1e11", "nu=0.3", "rho=1", "G=1"]}, "unknown G"),
         ({"--parameter": ["E=2.1e11", "nu=0.5", "rho=1"]}, "Poisson's ratio nu must lie between"),
         ({"--parameter": ["E=stiff"]}, "--parameter E=stiff: write NAME=VALUE with a number"),

@@ -17,7 +17,7 @@ SOURCE = Source(
     "Christiansen & Larsen 1983, International Journal for Numerical Methods in Engineering 19:169",
 )
 REFERENCES = (
-    Reference("pressure at the limit, over the plastic moment over the square of the side", "1", (44.13,), 0.06,
+    Reference("pressure at the limit, over the plastic moment over the square of the side", "1", (44.13,), 0.049,
               Sureness.RECALLED),
 )  # fmt: skip
 
