@@ -50,7 +50,7 @@ def test_a_sound_form(check):
     assert re.match(r"\S*my_form\.py is Python code and runs now", lines[0])
     assert lines[1] == "my_form: tetrahedron 1"
     assert lines[2].startswith("PASS  names, signatures and results")
-    assert len(lines) == 26
+    assert len(lines) == 27
     assert [line[:4] for line in lines[-5:-2]] == ["PASS"] * 3
     assert re.search("energy changed by .*\n.*angular momentum by", out)
     ranks = "needs two ranks: mpirun -n 2 flexmbd check ..." if COMM.size == 1 else "K, off by"
