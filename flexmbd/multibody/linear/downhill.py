@@ -36,15 +36,22 @@ class HinderedError(SceneError):
 
 
 class UnbalancedContactError(ConvergenceError):
-    """Newton's steps lead to no equilibrium, and to a contact."""
+    """Newton's steps lead to no equilibrium, and have led to a contact."""
 
 
 @dataclass(frozen=True, eq=False)
 class _DownhillPlace:
-    """Forces and derivatives at a configuration, and the strains there by the linear equations of the last step."""
+    """A place of the search.
+
+    Attributes:
+        at: forces and derivatives there.
+        predicted: the strains there by the linear equations of the last step.
+        met: whether a step on the way there pressed what it touched.
+    """
 
     at: ForceBalance
     predicted: FloatArray
+    met: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +139,8 @@ class _DownhillProblem:
 
         fails = () if scene.interiors is None else (SceneError,)
         found = searched(trial, most=_TRIALS, fails=fails)
-        return self._laid_down(found.place) if 0.0 < touch <= found.share else found.place
+        there = replace(found.place, met=here.met or touch == 0.0)
+        return self._laid_down(there) if 0.0 < touch <= found.share else there
 
     def _laid_down(self, here: _DownhillPlace) -> _DownhillPlace:
         """With the patches that have come to touch sticking where they have, if there is friction."""
@@ -202,22 +210,21 @@ def newton_cut(
     most = _ITERATIONS if may_touch(scene) else _FEW  # each goes to what lies on the way, or a part of a turn
     found = newton(search, search.begin(start), most=most, close=SETTLED)
     if not found.is_solution:
-        presses = _refuse_hindered(search, found.place)
-        error = UnbalancedContactError if presses else ConvergenceError
+        _refuse_hindered(search, found.place)
+        error = UnbalancedContactError if found.place.met else ConvergenceError
         raise error(f"Newton's steps lead to no equilibrium: {most_lacking(scene, found.place.at)}")
     return found.place.at
 
 
-def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> bool:
-    """Raise HinderedError where the next step would pass through a contact; whether it presses one."""
+def _refuse_hindered(search: _DownhillProblem, here: _DownhillPlace) -> None:
+    """Raise HinderedError where the next step would pass through a contact."""
     try:
         step = search.correction(here).change.along
     except ConvergenceError:
-        return False
+        return
     through = passing(search.scene, search.work, here.at.x, step)
     if through.share < 1.0:
         raise hindered(search.scene, here.at, through)
-    return through.touch == 0.0
 
 
 def hindered(scene: CompiledScene, at: ForceBalance, through: Passing) -> HinderedError:
