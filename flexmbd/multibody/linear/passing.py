@@ -119,13 +119,15 @@ def passing_on_the_way(
     size = step_size(sizes, step)
     if not may_touch(scene) or not np.isfinite(size):
         return Passing()
-    pieces, found = min(max(1, int(np.ceil(min(size / _PIECE, _PIECES)))), _PIECES), Passing()
+    pieces, found, touch = max(1, int(np.ceil(min(size / _PIECE, _PIECES)))), Passing(), np.inf
     for k in range(pieces):
         place = x if k == 0 else moved(scene, work, x, (k / pieces) * step)
         found = passing(scene, work, place, step / pieces)
+        if found.touch <= 1.0 or k == pieces - 1:
+            touch = min(touch, (k + found.touch) / pieces)
         if found.share < 1.0:
-            return replace(found, share=(k + found.share) / pieces)
-    return replace(found, share=np.inf)
+            return replace(found, share=(k + found.share) / pieces, touch=touch)
+    return replace(found, share=np.inf, touch=touch)
 
 
 def may_touch(scene: CompiledScene) -> bool:

@@ -144,6 +144,20 @@ def test_a_step_is_looked_along_wherever_angles_turn():
     assert passing_on_the_way(plan, new_work(plan.plan), start.x, np.array([3.0]), np.ones(1)).share == np.inf
 
 
+def test_a_step_touches_where_the_first_of_its_pieces_does():
+    """An arm of 1 m comes down to a floor 0.5 m below its hinge, after 30 degrees, and up again."""
+    scene = fm.System()
+    arm = scene.add(fm.RigidBody(1.0, (1, 1, 1)), name="arm")
+    scene.connect(fm.joint.Revolute("y"), scene.ground.frame(), arm.frame())
+    floor = contact.HalfSpace(scene.ground.frame(p=(0.0, 0.0, -0.5)))
+    scene.touch(floor, contact.Sphere(arm.frame(p=(1.0, 0.0, 0.0)), 1e-3), contact.PowerLaw(k=1e8))
+    compiled = scene.compile()
+    plan, start = compiled.scene, compiled.start()
+    found = passing_on_the_way(plan, new_work(plan.plan), start.x, np.array([3.0]), np.ones(1))
+    assert 3.0 * found.touch == pytest.approx(np.pi / 6.0, abs=0.02)
+    assert not passing_on_the_way(plan, new_work(plan.plan), start.x, np.array([-1.0]), np.ones(1)).meets
+
+
 @pytest.mark.parametrize("to", [30.0, 1e3, 1e6])
 @pytest.mark.parametrize("name", ["half space", "box"])
 def test_a_path_goes_through_a_touch(name, to):
