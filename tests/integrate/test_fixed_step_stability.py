@@ -184,6 +184,40 @@ def test_what_is_met_on_the_way_is_told_by_impulses_too(build, long, short):
     assert run.beta(joint).ravel()[-1] == pytest.approx(end, abs=5e-4)
 
 
+def beside_a_blow(scene):
+    """A body strikes a hard floor by 200 m/s: its impulse is far more than what stops the ball."""
+    fast = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="fast")
+    rail = scene.connect(fm.joint.Prismatic("z"), scene.ground.frame(p=(5.0, 0.0, 0.0)), fast.frame())
+    rail.position, rail.velocity = 0.3, -200.0
+    scene.touch(fm.contact.HalfSpace(scene.ground.frame()), fm.contact.Sphere(fast.frame(), 0.1), fm.contact.Hard())
+
+
+def under_a_sampled_law(scene):
+    """No stretch of steps between two samples is long enough for a disturbance to grow."""
+    push = fm.Signal("push")
+    body = scene.add(fm.RigidBody(1.0, (1e-2,) * 3), name="pushed")
+    rail = scene.connect(fm.joint.Prismatic("x"), scene.ground.frame(p=(0.0, 5.0, 0.0)), body.frame())
+    scene.add_force(fm.force.JointForce(rail, push))
+    scene.add_controller(lambda t, y: 0.0, period=1e-3, inputs=[push])
+
+
+@pytest.mark.parametrize("what", [beside_a_blow, under_a_sampled_law])
+def test_what_else_a_machine_does_hides_nothing_that_is_met(what):
+    scene, _ = dropped_ball()
+    what(scene)
+    with pytest.warns(fm.StepsWarning, match=r"beyond the stability .*'rail\.displacement'"):
+        scene.simulate(0.5, h=1e-3, integrator=fm.MoreauJean())
+
+
+def test_steps_one_by_one_tell_what_is_met():
+    scene, _ = dropped_ball()
+    stepper = scene.stepper(h=1e-3, integrator=fm.MoreauJean())
+    with pytest.warns(fm.StepsWarning, match=r"beyond the stability .*'rail\.displacement'") as told:
+        for _ in range(200):
+            stepper.step(1e-3)
+    assert len(told) == 1
+
+
 def test_variants_in_prepared_runs_are_refused_alike():
     scene, joint = sliders(1.0)
     scene.add_force(spring := fm.force.JointSpring(joint, 0.0))

@@ -69,7 +69,7 @@ class MoreauJean:
         m = scratch.machine
         machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
         growth = replace(central_difference_growth(True, self.name), otherwise=", or softer contacts")
-        steps = _Steps(scene, scratch, state, groups, LateStiffness(scene, machine, groups, growth=growth))
+        steps = _Steps(scene, scratch, state, groups, LateStiffness(scene, machine, state, groups, growth=growth))
 
         def begin() -> None:
             set_row_scales(scene, scratch.machine.loops, state, work)
@@ -88,11 +88,13 @@ class _Steps:
 
     def advance(self, record: st.Record, knots: FloatArray) -> int:
         """See ``controller.Stepper``."""
+        if len(self._scratch.smooth) < len(record.t):
+            self._scratch = self._scratch.replace(smooth=np.zeros(len(record.t)))
         while True:
             code = int(advance(self._scratch, RULE, knots, self._state, self._groups, record))
             if code != st.NO_ROOM:
                 tell_overlap(self._scene, self._scratch.begun)
-                self._late.look(self._state, record)
+                self._late.look(self._state, record, self._scratch.smooth)
                 return code
             self._scratch = with_room(self._scratch)
             self._state.counts[st.REJECTED] -= 1
@@ -117,7 +119,7 @@ def new_workspace(scene: CompiledScene, work: Work) -> MoreauWorkspace:
         spins, parts,
         new_contacts(n, int(parts.widest[0]), nv), memory, moves, np.array([not alone, True], np.int64),
         np.array([scene.extent]), zeros(4), zeros((n, N_TOLD)),
-        zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
+        zeros(0), zeros(len(plan.rows)), zeros(scene.nx), zeros(scene.nx), *(zeros(nv) for _ in range(6)),
     )  # fmt: skip
 
 

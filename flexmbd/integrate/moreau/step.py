@@ -79,6 +79,7 @@ class MoreauWorkspace(ArrayStruct):
         begun: (4,) of the deepest overlap with which a run begins the gap (m), the number of its element in the scene,
             and its two shapes in their table, -1 of pairs.
         told: (k, N_TOLD) of each contact.
+        smooth: (rows,) 1/s^2, of the steps that the record has, see ``smooth_size``.
         x, u: the middle of the step, and a displacement.  end: its end.
         begin: the velocity at the step's begin, as of free spins in the middle.
         v: that at which forces are evaluated; free: at the end without impulses; last: with them.
@@ -98,6 +99,7 @@ class MoreauWorkspace(ArrayStruct):
     extent: FloatArray
     begun: FloatArray
     told: FloatArray
+    smooth: FloatArray
     multipliers: FloatArray
     x: FloatArray
     end: FloatArray
@@ -394,6 +396,16 @@ def _finish(s, state, groups, h):
     accept(m, state, s.end, s.last, s.a, s.multipliers)
 
 
+@kernel
+def smooth_size(s, groups, h):
+    """The largest acceleration of the last attempt by smooth forces, over the machine's size (1/s^2)."""
+    largest = 0.0
+    for k in range(s.free.shape[0]):
+        if s.moves[k] == 1:
+            largest = max(largest, abs(s.free[k] - s.begin[k]) / groups.full[groups.of[k]])
+    return largest / h
+
+
 @entry_kernel
 def advance(s, rule, knots, state, groups, record):
     """Step until the end, a full record, or a failure; see ``controller``."""
@@ -403,6 +415,7 @@ def advance(s, rule, knots, state, groups, record):
         if h == 0.0:
             return state.counts[st.OUTCOME]
         attempt(s, state, groups, h)
+        s.smooth[state.counts[st.STORED]] = smooth_size(s, groups, h)
 
 
 @entry_kernel
