@@ -204,6 +204,8 @@ def test_loads_that_press_a_cylinder_flat_are_refused():
         ({"radius": 0.0}, "radius"),
         ({"nu": 0.6}, "nu"),
         ({"radius_other": -1.0}, "radius_other"),
+        ({"E_other": 7e10}, "give its radius_other"),
+        ({"nu_other": 0.2}, "give its radius_other"),
         ({"E": "steel"}, "E"),
     ):
         given = {"load": 10.0, **right, **wrong}

@@ -216,17 +216,23 @@ class PowerLaw(_Impact):
             speed: as of the law.
 
         Raises:
-            SceneError: a number that no material or size has, or a load that would press it flat.
+            SceneError: a number that no material or size has, a material of a cylinder without a radius, or a load
+                that would press it flat.
         """
         what = "PowerLaw.of_cylinder"
         check_numbers(what, positive={"load": load, "length": length, "radius": radius})
         if radius_other is not None:
             check_numbers(what, positive={"radius_other": radius_other})
-        Hertz(E=E, nu=nu, E_other=E_other, nu_other=nu_other).check(what)
-        other = E if E_other is None else E_other, nu if nu_other is None else nu_other
+        elif E_other is not None or nu_other is not None:
+            raise SceneError(
+                f"{what}: E_other and nu_other are of a second cylinder: give its radius_other. A plane gives way "
+                "under a line load by an amount that its depth decides: take PowerLaw.bearing(load, depth=)"
+            )
+        material = Hertz(E=E, nu=nu, E_other=E_other, nu_other=nu_other)
+        material.check(what)
         parts = [(radius, (1.0 - nu**2) / E)]
         if radius_other is not None:
-            parts.append((radius_other, (1.0 - other[1] ** 2) / other[0]))
+            parts.append((radius_other, 1.0 / material.touched_modulus))
         P = load / length
         curvature, give = sum(1.0 / R for R, _ in parts), sum(part for _, part in parts)
         half = math.sqrt(4.0 * P * give / (math.pi * curvature))

@@ -141,7 +141,7 @@ def backward(values, place, n, b):
 def forward_rows(values, place, n, B, rows, width):
     """Solve U^T Y = B (n, width) in place, in rows from ``rows`` of the array B, which has room for N of them.
 
-    Rows have a `padded` number of columns; those of them beyond n are overwritten.
+    Rows have ``width`` numbers, a `padded` number; the rows beyond n are overwritten.
     """
     N = padded(n)
     for i in range(0, n, ROWS):

@@ -5,10 +5,9 @@ that is its only point, else 0; the coefficient of friction; the place of the ta
 shape undeformed, or -1; k and p of a law N = k delta^p of one point, in series with the flexibility, or 0.
 
 Of a table: how many patches p and modes n; a ball about the centroids, its centre (3) and radius (m); the largest
-displacement of a patch by each mode (n); then rows of P = `padded` p numbers, those beyond p zero if nothing else is
-said: centroids (3, P); how far around them a patch is felt by what touches between the
-patches, as a form r . M r < 1 (6, P): xx, xy, xz, yy, yz, zz (1/m^2); mean displacements by the modes (3, n, P);
-residual flexibility (3, 3, p, P): all in the body's axes.
+displacement of a patch by each mode (n); then rows of P = `padded` p numbers, zeros beyond p: centroids (3, P); how far
+around them a patch is felt by what touches between the patches, as a form r . M r < 1 (6, P): xx, xy, xz, yy, yz, zz
+(1/m^2); mean displacements by the modes (3, n, P); residual flexibility (3, 3, p, P): all in the body's axes.
 
 ``work.generalized`` holds vectors of P numbers: FAR of the patches, the others of the m slots of those that are near:
 their numbers, forces, gaps under these, ways through the complementarity, vectors in the body's axes; rows of the
