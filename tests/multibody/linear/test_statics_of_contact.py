@@ -13,6 +13,7 @@ from flexmbd import contact
 from flexmbd.errors import SceneError
 from flexmbd.multibody.kernels.base.arrays import new_work
 from flexmbd.multibody.kernels.contact.signed_distance import distances
+from flexmbd.multibody.kernels.sampling.passing_shares import SHARE, point_shares
 from flexmbd.multibody.linear.passing import passing, passing_on_the_way
 
 RADIUS, LOAD = 0.01, 1000.0
@@ -129,6 +130,16 @@ def test_a_step_that_is_allowed_passes_no_shape(name):
             deep = max(0.0, -out[:, 0].min()) if deep is None else deep  # at the start; then half of what is left
             assert out[:, 0].min() >= -half - 0.5 * deep - 1e-9
     assert shortest < 0.5  # some are in its way
+
+
+def test_of_no_step_less_than_nothing_is_allowed():
+    """Of a ball over a plane that is felt to 0.1 m: half of what is left of that, and nothing deeper."""
+    plane = np.append(contact.HalfSpace(fm.System().ground.frame()).numbers(), 0.0)
+    gaps = np.array([0.2, 0.0, -0.05, -0.1, -0.3])
+    out = np.zeros((5, 3))
+    places, speeds = np.outer(gaps + RADIUS, (0.0, 0.0, 1.0)), np.tile((0.0, 0.0, -1.0), (5, 1))
+    point_shares(plane, 0, RADIUS, 0.1, places, speeds, 0.0, out)
+    np.testing.assert_allclose(out[:, SHARE], (0.25, 0.05, 0.025, 0.0, 0.0), atol=1e-15)
 
 
 def test_a_step_is_looked_along_wherever_angles_turn():

@@ -22,7 +22,7 @@ _HALVINGS = 50
 @kernel
 def _room(way, gap):
     """How far a point may come nearer (m): to half of the way to the middle, once inside by half of what is left."""
-    return gap + 0.5 * way if gap > 0.0 else 0.5 * (gap + way)
+    return gap + 0.5 * way if gap > 0.0 else 0.5 * max(gap + way, 0.0)
 
 
 @kernel
