@@ -184,6 +184,17 @@ def test_what_is_met_on_the_way_is_told_by_impulses_too(build, long, short):
     assert run.beta(joint).ravel()[-1] == pytest.approx(end, abs=5e-4)
 
 
+def test_what_is_met_on_the_way_is_told_of_runs_that_are_stepped():
+    """Each call is a step, which knows nothing of the run's length."""
+    scene, _ = dropped_ball()
+    stepped = scene.stepper(h=1e-3, integrator=fm.MoreauJean())
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for _ in range(300):
+            stepped.step(1e-3)
+    assert ["beyond the stability" in str(one.message) for one in told] == [True]
+
+
 def test_variants_in_prepared_runs_are_refused_alike():
     scene, joint = sliders(1.0)
     scene.add_force(spring := fm.force.JointSpring(joint, 0.0))
