@@ -35,19 +35,14 @@ class LateStiffness:
     """Looks through the rows of a run of a scene with forces, and tells once."""
 
     def __init__(
-        self,
-        scene: CompiledScene,
-        machine: Callable[[], ExplicitMachine],
-        state: st.State,
-        groups: st.Groups,
-        *,
-        growth: StepGrowth,
-    ) -> None:
+        self, scene: CompiledScene, machine: Callable[[], ExplicitMachine], state: st.State, groups: st.Groups,
+        *, growth: StepGrowth,
+    ) -> None:  # fmt: skip
         """Watch a run from a state; ``machine`` gives arrays, whose work is written to, between turns of steps."""
         self._scene, self._machine, self._groups, self._growth = scene, machine, groups, growth
+        self._begin, self._end = float(state.numbers[st.TIME]), float(state.numbers[st.TIME_END])
         plan = scene.plan
         self._open = len(plan.forces) > 0 or any(not one.hard for one in behaviours(plan))
-        self._span = float(state.numbers[st.TIME_END] - state.numbers[st.TIME])  # of the run, not up to the next jump
         self._largest = 0.0
 
     def look(self, state: st.State, record: st.Record, smooth: FloatArray) -> None:
@@ -73,8 +68,9 @@ class LateStiffness:
             told = self._told(state, record, row)
             if told is not None:
                 self._open = False
-                what = f"as the machine is at t = {record.t[row]:.6g} s, {told}"
-                warn(what, StepsWarning, subject="step beyond stability")
+                if self._scene.parts.team.is_root:
+                    what = f"as the machine is at t = {record.t[row]:.6g} s, {told}"
+                    warn(what, StepsWarning, subject="step beyond stability")
                 return
 
     def _grows(self, size: float, times: float) -> bool:
@@ -88,7 +84,8 @@ class LateStiffness:
         """What to tell of the middle of the step that ends at a row."""
         numbers, half = state.numbers.copy(), 0.5 * float(state.numbers[st.STEP])
         t = float(record.t[row]) - half
-        numbers[st.TIME], numbers[st.TIME_END] = t, t + self._span
+        # a run that is stepped from outside does not know its end: it goes on for as long as it has lasted, at least
+        numbers[st.TIME], numbers[st.TIME_END] = t, t + max(self._end - t, t - self._begin)
         x, v, machine = np.zeros(len(state.x)), record.v[row].copy(), self._machine()
         _moved(machine, record.x[row], -half * v, x)
         there = state.replace(x=x, v=v, a=record.a[row].copy(), numbers=numbers)

@@ -32,6 +32,8 @@ from flexmbd.multibody.plan.compiled_scene import CompiledScene
 
 FloatArray = NDArray[np.float64]
 
+_OTHERWISE = ", or smooth laws of contact in place of hard ones and no step (then rtol rules it)"
+
 
 @dataclass(frozen=True)
 class MoreauJean:
@@ -68,7 +70,7 @@ class MoreauJean:
         scratch = new_workspace(scene, work)
         m = scratch.machine
         machine = partial(ExplicitMachine, m.plan, m.work, m.aw, m.loops, m.plain, m.quaternions)
-        growth = replace(central_difference_growth(True, self.name), otherwise=", or softer contacts")
+        growth = replace(central_difference_growth(True, self.name), otherwise=_OTHERWISE)
         steps = _Steps(scene, scratch, state, groups, LateStiffness(scene, machine, state, groups, growth=growth))
 
         def begin() -> None:
