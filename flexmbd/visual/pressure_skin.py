@@ -128,15 +128,15 @@ def _pressures_at(pressures: PressuresAt, times: FloatArray) -> Mapping[Flexible
     found = pressures(times)
     if not isinstance(found, Mapping) or not all(isinstance(body, FlexibleBody) for body in found):
         raise PictureError(f"pressures must give a mapping of flexible bodies to pressures, got {shown(found)}")
-    for body, pressure in found.items():
+    checked = {body: numbers(pressure) for body, pressure in found.items()}
+    for body, pressure in checked.items():
         count = 0 if body.record.contact is None else len(body.record.contact.area)
-        shape = numbers(pressure).shape
-        if shape != (len(times), count):
+        if pressure.shape != (len(times), count):
             raise PictureError(
                 f"pressures of body {body.name!r}, which has {count} patches, must be ({len(times)}, {count}) Pa at "
-                f"{len(times)} times, got {shape}"
+                f"{len(times)} times, got {pressure.shape}"
             )
-    return found
+    return checked
 
 
 def patched_surface(record: ReducedBody, name: str) -> PatchedSurface:

@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from interior_momentum import linear_momentum
 from scipy.spatial.transform import Rotation
 
 import flexmbd as fm
@@ -262,5 +263,6 @@ def test_a_body_with_pressures_touches(kind):
     energies = run.energies(body)
     assert force.min() >= 0.0
     assert impulse > 5.0
+    assert linear_momentum(interior, run, body.frame("x_max"))[0] == pytest.approx(impulse - 5.0, abs=1e-4 * impulse)
     total = sum(np.asarray(value) for value in energies.values())
     assert abs(total + run.energy().total - (total + run.energy().total)[0]).max() < 0.02 * 12.5

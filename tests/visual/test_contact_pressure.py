@@ -106,6 +106,19 @@ def test_the_integral_of_the_pressure_is_the_force_on_both_bodies():
     assert drawn.quantities == (QUANTITY,)
 
 
+def test_pressures_may_be_lists():
+    run, pair, *_ = pressed()
+
+    def listed(t):
+        return {body: values.tolist() for body, values in run.contact_pressures(pair, t=t).items()}
+
+    largest = [
+        drawn_scene(run, run.t[-1:], notes=[""], pressures=given).largest(QUANTITY)
+        for given in (listed, run._pressures_of([pair]))
+    ]
+    assert largest[0] == largest[1] > 0.0
+
+
 def test_pressures_of_several_contacts_add_up():
     """A slab between two half spaces whose patches each feel one; given twice, as one list."""
     scene = fm.System(gravity=(0.0, 0.0, -9.81))

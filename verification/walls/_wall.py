@@ -74,11 +74,11 @@ class Wall:
             self.body = NonlinearModel(mesh, solid_shell_plasticity, metal, degree=1)
         self.x, self.dofs = self.body.layout.node_x, self.body.layout.displacement_dofs
         self.held: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
-        self._size = 1e-9 * float(np.ptp(self.x, axis=0).max())
+        self._round_off = 1e-9 * float(np.ptp(self.x, axis=0).max())
 
     def on(self, axis: int, value: float) -> NDArray[np.intp]:
         """Nodes of a plane."""
-        return np.flatnonzero(abs(self.x[:, axis] - value) < self._size)
+        return np.flatnonzero(abs(self.x[:, axis] - value) < self._round_off)
 
     def near(self, place: Sequence[float], distance: float) -> NDArray[np.intp]:
         """Nodes of the middle surface and of the faces at a place of it."""

@@ -16,8 +16,6 @@ import flexmbd as fm
 from flexmbd import contact
 from flexmbd.errors import RangeWarning, SceneError, StartWarning
 from flexmbd.multibody.kernels.base.arrays import new_work
-from flexmbd.multibody.kernels.base.lanes import padded_size
-from flexmbd.multibody.kernels.contact.complementarity import complementary_forces
 from flexmbd.multibody.kernels.contact.signed_distance import distances
 from flexmbd.multibody.kernels.inverse_dynamics.canonical import write_potential
 from flexmbd.multibody.kernels.inverse_dynamics.memories import remember
@@ -219,47 +217,6 @@ def test_forces_of_many_patches_are_the_least_energy(name):
     np.testing.assert_allclose(met.normal_force[0], f, atol=max(1e-7, turns**2) * f.max())
     np.testing.assert_allclose(met.gap[0], gap + C @ f, atol=1e-9)
     np.testing.assert_allclose(met.pressure[0], f / group.area, atol=max(1e-7, turns**2) * met.pressure.max())
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_complementarity(seed):
-    """What does not touch has no force, and what touches no gap; also where Newton's steps on the set go around."""
-    rng = np.random.default_rng(seed)
-    for m in (1, 2, 5, 30):
-        half = rng.standard_normal((m, m))
-        C, b = half @ half.T / m + 1e-3 * np.eye(m), rng.standard_normal(m)
-        size = padded_size(m)
-        f, left = np.zeros((2, size))
-        assert complementary_forces(C, b, f, left, np.zeros((2, size)), np.zeros(size**2))
-        f, left = f[:m], left[:m]
-        assert (f >= 0.0).all()
-        assert (left >= 0.0).all()
-        assert not (f * left).any()
-        np.testing.assert_allclose(C @ f + b, left, atol=1e-9)
-
-
-@pytest.mark.parametrize("m", [3, 8, 13, 30])
-def test_complementarity_beside_what_has_no_gap(m):
-    """Where the gap is infinite nothing touches, nothing is read, and the others' forces are as without it."""
-    rng = np.random.default_rng(m)
-    half = rng.standard_normal((m, m))
-    C, b = half @ half.T / m + 1e-3 * np.eye(m), rng.standard_normal(m)
-    C -= 2.0 * np.abs(C) * (1.0 - np.eye(m)) / m  # some come to overlap by others' forces
-    C = np.eye(m) + 0.5 * (C + C.T)
-    there = np.sort(rng.permutation(2 * m)[:m])
-    wide, gaps = np.full((2 * m, 2 * m), np.nan), np.full(2 * m, np.inf)
-    wide[np.ix_(there, there)], gaps[there] = C, b
-    found = []
-    for matrix, gap in ((C, b), (wide, gaps)):
-        size = padded_size(len(gap))
-        f, left = np.zeros((2, size))
-        assert complementary_forces(matrix, gap, f, left, np.zeros((2, size)), np.zeros(size**2))
-        found.append((f[: len(gap)], left[: len(gap)]))
-    np.testing.assert_allclose(found[1][0][there], found[0][0], atol=1e-12)
-    np.testing.assert_allclose(found[1][1][there], found[0][1], atol=1e-12)
-    assert not found[1][0][np.isinf(gaps)].any()
-    assert (found[0][1] >= 0.0).all()
-    np.testing.assert_allclose(C @ found[0][0] + b, found[0][1], atol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore::flexmbd.errors.RangeWarning")
