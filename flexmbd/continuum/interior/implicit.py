@@ -117,7 +117,7 @@ class ImplicitContinuum:
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
-        self._loads.now = self._loads.after(t, x, R)
+        self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
         if self._begins_fresh and not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
@@ -139,7 +139,7 @@ class ImplicitContinuum:
         v[self._nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
         axes = self._nodes.axes(motion)
-        self._loads.now = self._loads.after(t, now.x, axes.R)
+        self._loads.now = self._loads.after(t, now.x)
         internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
         self._forget()
         acting = self._loads.now + self._contacts.nodal()
