@@ -20,7 +20,7 @@ class PushedNodes:
 
     Attributes:
         touches: (n,) 1 of nodes on surfaces that touch, else 0.
-        force: (n,) N, normal to what is touched.
+        force: (n,) N, normal to what is touched; where contacts of unlike normals press a node the sum of their sizes.
     """
 
     touches: FloatArray
