@@ -101,6 +101,11 @@ class ImplicitContacts:
             self.works += one.works(before, after)
         self._now = states
 
+    def revert(self) -> None:
+        """Forget the step that was tried."""
+        for one in self.touches:
+            one.forget()
+
     def nodal(self) -> FloatArray:
         """(owned nodes, 3) N, on the nodes in the accepted state, in inertial axes."""
         out = np.zeros((self._body.layout.n_owned_nodes, 3))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum.interior.reduced_contact import frame_wrenches
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -102,12 +103,8 @@ class Carrier:
 
     def _by(self, f: FloatArray, r: FloatArray) -> FloatArray:
         """(c, 6) wrenches by forces on the body at r, in its axes."""
-        modal, arms = np.einsum("nai,na->i", self.phi, f).reshape(-1, 3), self.y.reshape(-1, 3)
-        out = np.zeros((self.frames, 6))
-        out[1:, :3] = modal
-        out[0, :3] = f.sum(axis=0) - modal.sum(axis=0)
-        out[0, 3:] = np.cross(r, f).sum(axis=0) - np.cross(arms, modal).sum(axis=0)
-        return out
+        modal = np.einsum("nai,na->i", self.phi, f)
+        return frame_wrenches(f.sum(axis=0), np.cross(r, f).sum(axis=0), modal, self.y)
 
     def _turned(self, wrenches: FloatArray) -> FloatArray:
         return np.asarray((wrenches.reshape(-1, 3) @ self.R.T).reshape(-1, 6))
