@@ -16,7 +16,7 @@ CONTACT_PRESSURE = "contact_pressure"
 
 @dataclass(frozen=True, eq=False)
 class PushedNodes:
-    """What contacts do to nodes.
+    """Normal forces of contacts on nodes.
 
     Attributes:
         touches: (n,) 1 of nodes on surfaces that touch, else 0.

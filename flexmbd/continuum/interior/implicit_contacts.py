@@ -71,10 +71,10 @@ class ImplicitContacts:
         self._now = tuple(states)
 
     def evaluate(self, x: FloatArray, motion: FrameMotion) -> tuple[TouchedNodes, tuple[TouchedState, ...]]:
-        """What is done to nodes at x (local nodes, 3) m at a step's end, by the last accepted state. Not collective.
+        """Contact forces at a tried step's end, with friction from the last accepted state. Not collective.
 
         Args:
-            x: of the nodes.
+            x: (local nodes, 3) m, of the nodes.
             motion: of the frames.
         """
         nothing: FloatArray = np.zeros((0, 3))

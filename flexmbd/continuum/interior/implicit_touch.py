@@ -1,4 +1,4 @@
-"""What a shape, or facets of a reduced body, do to the nodes of a surface at a step's end that is solved for.
+"""Forces of a shape, or of a reduced body's facets, on a surface's nodes at a step's end that is solved for.
 
 A node at the depth d is pushed by N = r d, r above the stiffness that it feels with its neighbours held.  Were nothing
 to enter, the node's mass would be stopped at once, a jump of velocities that no step resolves, however short.  Friction
@@ -30,10 +30,10 @@ _BRISTLE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class TouchedState:
-    """What a contact does to the n nodes of a surface at an accepted or tried step's end, in the first frame's axes.
+    """Places and forces of one contact at an accepted or tried step's end, in the first frame's axes.
 
     Attributes:
-        y: (n, 3) m, places of the nodes.
+        y: (n, 3) m, places of the surface's nodes.
         met, rubbed: (n, 3) N, forces on them, out of what they touch and across.
         p, R: (c, 3) m, (c, 3, 3) of the frames.
         reaction: (2, k + 1, 3) as of `MovedFacets.reaction`, of both kinds; (2, 0, 3) of a shape.
@@ -62,7 +62,7 @@ class Touch:
         slopes: (n, 3, 3) N/m, minus the derivative of their forces, in the first frame's axes.
         y: (3 (c - 1),) m, displacements of the frames of modes.
         phi: (n, 3, 3 (c - 1)) what they move of the places, in these axes.
-        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the place's coordinates, which are the first of its axes.
+        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the places' coordinates; these are the second index.
         normal: (n, 3) out of what is touched, where facets turn; else 0.
     """
 

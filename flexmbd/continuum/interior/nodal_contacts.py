@@ -1,4 +1,4 @@
-"""What the nodes of a body that steps explicitly touch: rigid planes, what frames carry, and other such bodies."""
+"""Contacts of the nodes of a body that steps explicitly: with planes, shapes, reduced bodies and others of its kind."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class NodalContacts:
 
     Attributes:
         planes: rigid ones at rest, which all nodes may touch.
-        shapes: of the machine, which surfaces touch.
+        shapes: contacts of surfaces with shapes and reduced bodies of the machine.
         pairs: contacts with other bodies, and on which side of each this one is.
-        met, rubbed: (owned nodes, 3) N, of contact and friction, of shapes those on bonded nodes as well.
+        met, rubbed: (owned nodes, 3) N, by normal forces and by friction; on bonded nodes those of planes are left out.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class NodalContacts:
         n = len(self._masses)
         self.met, self.rubbed = (self._memory.scatter_nodes(kept[name])[:n] for name in ("_met", "_rubbed"))
         self._pushes = [(slice(None), self._memory.scatter_nodes(kept["pressed"])[:n])]
-        # sums over the ranks, of which the first has the whole
+        # the first rank has the sum over all
         self._plane_forces = kept["plane forces"] * (self._comm.rank == 0)
         self.shapes.restore(kept, x)
         for k, (pair, side) in enumerate(self.pairs):

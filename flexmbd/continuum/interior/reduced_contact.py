@@ -100,8 +100,7 @@ class ReducedContact:
         stiffness: 1/s^2, of the penalty.
         facets: of the other body.
         memory: (owned nodes, 4) m, the stretch of the nodes' bristles, in the other body's axes; 1 of those that touch.
-        forces: (2, k + 1, 3) the `MovedFacets.reaction` by what pushes and by friction, in inertial axes: this rank's
-            part.
+        forces: (2, k + 1, 3) `MovedFacets.reaction` to normal and friction forces, in inertial axes: this rank's part.
         stride: m, the longest way of a node against the facets in the last step.
     """
 
@@ -148,7 +147,7 @@ class ReducedContact:
         return -found.depth[~found.beside]
 
     def push(self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float) -> Pushed:
-        """What the facets do to nodes at x (owned nodes, 3) m."""
+        """Accelerations of nodes at x (owned nodes, 3) m; arguments as of `FrameContact.push`."""
         found, facets = self._find(x), self.facets
         before, points = self._before or (facets.seen(x[self.nodes]), facets.points)
         own, other = facets.seen(x[self.nodes]) - before, facets.points - points
@@ -161,7 +160,7 @@ class ReducedContact:
         return Pushed(self.nodes[pushed.found.points], met, rubbed)
 
     def take(self, x: FloatArray, met: FloatArray, rubbed: FloatArray) -> None:
-        """Note forces (n, 3) N, of both kinds, on the nodes that were pushed last; a step ends."""
+        """Keep, at a step's end, the reaction to forces (n, 3) N on the nodes pushed last, at x (n, 3) m."""
         if self._found is not None:
             facets = self.facets
             for k, force in enumerate((met, rubbed)):
@@ -197,11 +196,11 @@ class ReducedContact:
         return float(np.linalg.eigvalsh(self._root.T @ springs @ self._root)[-1])
 
     def remembered(self) -> tuple[FloatArray, ...]:
-        """What `worked` wants to know of before a step."""
+        """What `worked` needs of the state before a step."""
         return self.forces.copy(), self._inertial(), self.facets.R[0]
 
     def worked(self, before: tuple[FloatArray, ...]) -> FloatArray:
-        """(2,) J, this rank's part of what contact and friction did on the facets since then."""
+        """(2,) J, work of normal and friction forces on the body since `remembered`: this rank's part."""
         forces, points, R = before
         turn = Rotation.from_matrix(self.facets.R[0] @ R.T).as_rotvec()
         way = np.vstack([self._inertial() - points, turn])

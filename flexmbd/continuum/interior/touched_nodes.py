@@ -1,4 +1,4 @@
-"""Contact forces on nodes at a trial's end, what they do to the frames of what is touched, and their derivatives."""
+"""Contact forces on nodes at a trial's end, the wrenches on the frames of touched bodies, and their derivatives."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """What n nodes touch: a body on the first of c frames, which moves further by what the others are displaced.
+    """A touched body: it moves with the first of c frames, and deforms by the displacements of the others.
 
-    A place at the arm r of the body moves by dp + w x r + R phi dy (`ReducedFacets`); c is 1 of a rigid one.
+    A place at the arm r moves by dp + w x r + R phi dy (`ReducedFacets`).  A rigid body has one frame.
 
     Attributes:
         p, R: (3,) m, (3, 3) of the first frame.
         y: (3 (c - 1),) m, displacements of the other frames in the first one's axes.
-        phi: (n, 3, 3 (c - 1)) in these.
-        wander: (n, 3, 3, 3 (c - 1)) 1/m, its derivative by the places' coordinates, the first of its axes.
-        normal: (n, 3) in these axes, of facets, which turn; else 0.
-        rows: of its nodes.
-        first: its first frame, of those of all that is touched.
+        phi: (n, 3, 3 (c - 1)) modes at the places of n nodes that touch it, in these axes.
+        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the places' coordinates; these are the second index.
+        normal: (n, 3) of facets, which turn, in these axes; 0 of a rigid body.
+        rows: the n nodes among those of all contacts.
+        first: number of its first frame among those of all contacts.
     """
 
     p: FloatArray
