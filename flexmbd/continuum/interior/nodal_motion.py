@@ -336,7 +336,7 @@ class NodalMotion:
         """(3,) N by name, of planes (of one name their sum) and loads on the body at a step's end. Collective."""
         found = self.contacts.resultants()
         if self.loads.any:
-            values = self.loads.values(self.t)
+            values = self.loads.values(self.t - _BESIDE * self._h)  # those that the last step ended with
             found.update(self.loads.resultants(values, self.x, self._R_begun))
         return found
 
