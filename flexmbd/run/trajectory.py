@@ -38,9 +38,10 @@ from flexmbd.run.controller import Controller
 from flexmbd.run.recording import BodyRecording
 from flexmbd.run.result_file import Runnable, SavedRun, load_run, save_run
 from flexmbd.run.sampling import ControllerSamples, with_samples
-from flexmbd.run.series.columns import table_columns, table_times, tabulate
+from flexmbd.run.series.columns import table_columns
 from flexmbd.run.series.contact_pressures import ContactPressures
 from flexmbd.run.series.departure import Departure
+from flexmbd.run.series.table_rows import table_times, tabulate
 from flexmbd.run.stats import Stats
 from flexmbd.run.stream_file import STREAM, load_stream
 

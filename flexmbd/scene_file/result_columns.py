@@ -15,6 +15,7 @@ from flexmbd.multibody.contact.hard_group import HardGroup
 from flexmbd.multibody.contact.touch import AnyContact
 from flexmbd.multibody.results.surface_series import SurfaceSeries
 from flexmbd.run.series import columns as table
+from flexmbd.run.series import table_rows
 from flexmbd.run.series.columns import Answers, ResultColumns
 from flexmbd.run.trajectory import Trajectory
 from flexmbd.scene_file.scene_builder import Built
@@ -47,8 +48,8 @@ def plan_columns(built: Built, output: OutputEntry) -> tuple[ResultColumns, ...]
 
 def tabulate(run: Trajectory, columns: tuple[ResultColumns, ...], *, every: float | None) -> ResultTable:
     """The table of a trajectory, at the ends of its steps or each ``every`` s."""
-    t = None if every is None else table.equal_times(float(run.t[0]), float(run.t[-1]), every)
-    return table.tabulate(run, columns, t=t)
+    t = None if every is None else table_rows.equal_times(float(run.t[0]), float(run.t[-1]), every)
+    return table_rows.tabulate(run, columns, t=t)
 
 
 def _of_states(built: Built) -> Iterator[ResultColumns]:

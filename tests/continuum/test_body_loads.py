@@ -211,7 +211,7 @@ def test_a_force_that_begins_at_an_instant_gives_its_impulse_in_a_machine(way):
     _, block, run = freely_flying(interior, 3e-3, comm=COMM, **options)
     assert np.isclose(run.t, JUMP, rtol=0.0, atol=1e-15).any()
     pushed = run.outer_forces(block)["push"]
-    assert pushed[0] == pytest.approx(0.0)
+    assert not pushed[run.t < JUMP + 1e-15].any()  # a row has what acted up to it
     assert pushed[-1] == pytest.approx([0.0, 0.0, 1600.0], rel=1e-12)
     momentum = linear_momentum(interior, run, block.frame("x_min"))
     exact = 1600.0 * (3e-3 - JUMP) - 9.81 * 8.0 * 3e-3

@@ -69,6 +69,37 @@ def test_the_integral_is_the_normal_force(kind, degree, tmp_path):
     assert (pressure >= 0.0).all()
 
 
+@pytest.mark.parametrize("kind", [ExplicitContinuum, ImplicitContinuum])
+def test_a_node_on_an_edge_has_what_both_faces_press(kind, tmp_path):
+    """A block that is pushed into a corner; and what is restored has it."""
+    scene = fm.System()
+    interior = block(kind)
+    part = scene.add(fm.ContinuumBody(interior), name="block")
+    rail = scene.connect(
+        fm.joint.Prismatic((1.0, 0.0, 1.0)), scene.ground.frame(p=interior.frames[0].p_BI_B), part.frame("z_max")
+    )
+    t = np.linspace(0.0, 0.02, 41)
+    rail.prescribe(fm.Table(t, -2e-3 * (t / 0.02) ** 2 * (3.0 - 2.0 * t / 0.02)))
+    wall = scene.ground.frame(p=(-1e-4, 0.0, 0.0), R=[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    pairs = [
+        *scene.touch(fm.contact.Nodes(part, "z_min"), half_space(scene.ground), fm.contact.Hard()),
+        *scene.touch(fm.contact.Nodes(part, "x_min"), fm.contact.HalfSpace(wall), fm.contact.Hard()),
+    ]
+    explicit = kind is ExplicitContinuum
+    told = {"integrator": EXPLICIT} if explicit else {"integrator": fm.GeneralizedAlpha(), "h": 1e-3}
+    run = scene.simulate(0.02, recording=fm.Recording(tmp_path / "fields", every=2e-3), **told)
+    kept = run.recorded(part)
+    on = (kept.mesh.x[:, 2] < -0.05 + 1e-9) | (kept.mesh.x[:, 0] < 1e-9)
+    forces = [run.outer_forces(part)[pair.name][np.searchsorted(run.t, kept.t)] for pair in pairs]
+    sizes = [np.linalg.norm(force, axis=1) for force in forces]
+    assert min(size[-1] for size in sizes) > 50.0
+    assert integral(kept, on) == pytest.approx(sum(sizes), rel=1e-6, abs=1e-6 * sizes[0][-1])
+    if explicit:
+        before = interior.motion.contacts.pushed().force
+        interior.restore(interior.snapshot())
+        assert np.array_equal(interior.motion.contacts.pushed().force, before)
+
+
 def test_both_bodies_of_a_pair_have_it(tmp_path):
     """Their meshes do not match."""
     scene = fm.System()

@@ -198,6 +198,23 @@ def test_a_bar_that_is_heated_in_motion_moves_as_a_reduced_one():
         assert run.position(bar.frame("x_max"))[-1, 0] - 0.2 == pytest.approx(wanted, rel=off), (kind, form)
 
 
+@pytest.mark.parametrize("form", [j2_plasticity, solid_micropolar])
+@pytest.mark.parametrize("kind", [ExplicitContinuum, ImplicitContinuum])
+def test_a_bar_that_begins_hot_pushes_what_holds_its_ends_from_the_start(kind, form):
+    own = {"coupling": 1e8, "length": 0.01, "micro_inertia": 0.0} if form is solid_micropolar else {"yield_stress": 1e9}
+    material = form.Parameters(E=2e9, nu=0.0, rho=7800.0, alpha=ALPHA, **own)
+    mesh = meshes.block(0.2, 0.1, 0.1, divisions=(4, 1, 1), cell="hexahedron", degree=1, comm=MPI.COMM_SELF)
+    ends = [Interface("x_min"), Interface("x_max")]
+    body = NonlinearModel(mesh, form, material, degree=2, interfaces=ends, heated=True)
+    scene, bar = swung(fm.ContinuumBody(kind(body, loads=[Heating(50.0)])))
+    scene.connect(fm.joint.Fixed(), scene.ground.frame(p=(0.2, 0.0, 0.0)), bar.frame("x_max"))
+    explicit = kind is ExplicitContinuum
+    run = scene.simulate(2e-5, integrator=fm.CentralDifference() if explicit else fm.GeneralizedAlpha())
+    for end, way in (("x_min", -1.0), ("x_max", 1.0)):
+        push = run.interior_wrench(bar, end)[0]
+        assert push == pytest.approx([way * 2e9 * 0.01 * ALPHA * 50.0, 0.0, 0.0, 0.0, 0.0, 0.0], rel=1e-9, abs=1e-4)
+
+
 @pytest.mark.parametrize("form", [solid_mixed, solid_micropolar])
 def test_a_bar_with_fields_without_mass_is_heated_in_motion(form):
     """Pressures that couple cells, and micro-rotations, as by the reduced body."""

@@ -230,6 +230,24 @@ def test_the_derivative_of_the_wrenches_knows_facets_that_move(mu):
     assert abs(slopes[12:, 12:]).max() > 0.1 * size
 
 
+def test_a_rejected_step_leaves_no_trace():
+    """Places near facets' edges, which it found on others."""
+    interior, scene = block(ImplicitContinuum, n=4), fm.System()
+    part, beam = scene.add(fm.ContinuumBody(interior), name="block"), scene.add(fm.FlexibleBody(record(6)), name="beam")
+    (pair,) = scene.touch(contact.Nodes(part, "z_min"), contact.SurfaceFacets(beam, "top"), contact.Hard(mu=0.3))
+    interior.meet_reduced([pair.reduced()])
+    motions = Motions(interior, len(pair.reduced().frames))
+    still = np.zeros(6 * len(motions.start.p))
+    aside = still.copy()
+    aside[:2] = 1.5e-3
+    interior.begin(0.0, motions.start, np.zeros(3))
+    wanted = interior.trial(H, H, SCHEME, motions.at(still))[0]
+    interior.revert()
+    interior.trial(H, H, SCHEME, motions.at(aside))
+    interior.revert()
+    assert np.array_equal(interior.trial(H, H, SCHEME, motions.at(still))[0], wanted)
+
+
 def hitting(kind, *, team=None, comm=MPI.COMM_SELF, h=None, **told):
     drop = Drop.on_reduced(block(kind, n=3, comm=comm), record(6), team=team, mu=0.3)
     integrator = IMPLICIT if kind is ImplicitContinuum else EXPLICIT

@@ -230,7 +230,7 @@ def test_a_table_is_the_same_in_blocks(ran, monkeypatch):
     run, (rod, drive, _, tip) = ran
     times = np.linspace(0.0, 0.05, 23)
     whole = run.table(drive, tip, rod, energies=True, t=times)
-    monkeypatch.setattr("flexmbd.run.series.columns._AT_ONCE", 5)
+    monkeypatch.setattr("flexmbd.run.series.table_rows._AT_ONCE", 5)
     np.testing.assert_allclose(run.table(drive, tip, rod, energies=True, t=times).values, whole.values, rtol=1e-13)
     with pytest.raises(SceneError, match=r"array \(k,\) of times"):
         run.table(drive, t=[])

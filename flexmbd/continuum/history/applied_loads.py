@@ -153,6 +153,10 @@ class AppliedLoads:
                 force += values[k] * self._summed(load, places)
         return force
 
+    def forces(self, values: FloatArray, x: FloatArray, R: FloatArray) -> FloatArray:
+        """(owned nodes, 3) N, of all loads; arguments as of `dead` and `following`. Collective."""
+        return self.dead(values, R) + self.following(values, x)
+
     def resultants(self, values: FloatArray, x: FloatArray, R: FloatArray) -> dict[str, FloatArray]:
         """(3,) N by name: the sum of each load over the body; arguments as above. Collective."""
         found = {}

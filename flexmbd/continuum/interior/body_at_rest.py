@@ -72,7 +72,7 @@ def linear_at_rest(
             "without it, or with follows=False"
         )
     body, axes = nodes.body, nodes.axes(motion)
-    dead_load = loads.after(now.t, now.x, axes.R)
+    dead_load = loads.after(now.t, now.x)
     internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
     return linear_equations(
         nodes.frames,

@@ -87,6 +87,7 @@ class CarriedMesh:
             self.fields.forget()
             self.fields.lost = 0.0
         self.p, self.R = np.array(p, dtype=float), np.array(R, dtype=float)
+        self.couples = np.zeros_like(self.couples)
         return np.asarray(self.p + self.body.node_x[: len(self.X)] @ self.R.T)
 
     def pull(self, x: FloatArray, *, dt: float, frames: FloatArray | None = None) -> FloatArray:

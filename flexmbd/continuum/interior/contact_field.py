@@ -16,11 +16,11 @@ CONTACT_PRESSURE = "contact_pressure"
 
 @dataclass(frozen=True, eq=False)
 class PushedNodes:
-    """What contacts do to nodes.
+    """Normal forces of contacts on nodes.
 
     Attributes:
         touches: (n,) 1 of nodes on surfaces that touch, else 0.
-        force: (n,) N, normal to what is touched.
+        force: (n,) N, normal to what is touched; where contacts of unlike normals press a node the sum of their sizes.
     """
 
     touches: FloatArray

@@ -111,8 +111,6 @@ class ExplicitContinuum:
         nodes.contacts.shapes.approach(nodes.x, nodes.v, motion.v[k:], motion.w[k:], h=nodes.limit)
         nodes.v[self._nodes] = 0.0
         self._wrenches = self._on_frames(motion, nodes.force + nodes.loads_at(t))
-        if self._bonds.turns.any and not nodes.mesh.begins_fresh:
-            self._wrenches[:k] += nodes.mesh.couples
         self._calls = 0
         return self._wrenches.copy()
 
@@ -138,9 +136,6 @@ class ExplicitContinuum:
             bonded = self._bonds.positions(frames)[self._bonds.own]
             self.motion.advance(h / steps, bonded, frames.R, shapes=self._shapes(frames))
             self._wrenches = self._on_frames(frames, self.motion.pushing)
-            if self._bonds.turns.any:
-                couples = self.motion.mesh.couples
-                self._wrenches[: len(couples)] += couples
             mean += (before + self._wrenches) / (2 * steps)
         return Push(self._wrenches.copy(), mean)
 
@@ -148,7 +143,8 @@ class ExplicitContinuum:
         """(k + m, 6) wrenches: of what acts on the bonded among the owned nodes (n, 3) N, and on shapes. Collective."""
         forces = np.zeros((len(self._bonds.own), 3))
         forces[self._bonds.own] = nodal[self._nodes]
-        wrenches = self._bonds.wrenches(forces, self._bonds.arms(frames))
+        wrenches, couples = self._bonds.wrenches(forces, self._bonds.arms(frames)), self.motion.mesh.couples
+        wrenches[: len(couples)] += couples
         return np.vstack([wrenches, self.motion.contacts.shapes.wrenches()])
 
     def _shapes(self, frames: FrameMotion) -> Poses | None:

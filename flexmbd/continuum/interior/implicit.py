@@ -117,7 +117,7 @@ class ImplicitContinuum:
         v[bonds.nodes] = bonds.velocities(motion)
         self._state = NodalState(t, x, v, v, v, 0.0)
         self._loads.begin(R)
-        self._loads.now = self._loads.after(t, x, R)
+        self._loads.now = self._loads.after(t, x)
         self._contacts.begin(x, motion)
         if self._begins_fresh and not self._loads.applied.any_heat:
             return self._start_accelerations(motion, -self._loads.now)
@@ -126,11 +126,7 @@ class ImplicitContinuum:
         if body.layout.has_further:
             still = StaggeredFields(body, bonds.turns.dofs[bonds.turns.own]).balanced(still, dt=0.0)[0]
             body.commit(still, dt=0.0)
-        internal = body.force(np.zeros(body.layout.n_local), dt=0.0)
-        couples = bonds.turns.wrenches(internal, R)
-        found = self._start_accelerations(motion, body.layout.displacements(internal) @ R.T - self._loads.now)
-        found[: len(couples)] += couples
-        return found
+        return self._start_in_shape(motion)
 
     def resume(self, t: float, motion: FrameMotion) -> FloatArray:
         """See `SteadyInterior.resume`. Collective."""
@@ -138,15 +134,9 @@ class ImplicitContinuum:
         v = now.v.copy()
         v[self._nodes.bonded] = self._bonds.velocities(motion)[~self._bonds.averaged]
         self._state = replace(now, t=t, v=v, h=0.0)
-        axes = self._nodes.axes(motion)
-        self._loads.now = self._loads.after(t, now.x, axes.R)
-        internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
+        self._loads.now = self._loads.after(t, now.x)
         self._forget()
-        acting = self._loads.now + self._contacts.nodal()
-        couples = self._bonds.turns.wrenches(internal, axes.R)
-        found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
-        found[: len(couples)] += couples
-        return found
+        return self._start_in_shape(motion)
 
     def equilibrate(self, t: float, motion: FrameMotion) -> tuple[FloatArray, FloatArray]:
         """See `SteadyInterior.equilibrate`. Collective."""
@@ -219,6 +209,7 @@ class ImplicitContinuum:
     def revert(self) -> None:
         """See `ImplicitInterior.revert`."""
         self.body.revert()
+        self._contacts.revert()
         self._forget()
 
     def snapshot(self) -> Memory:
@@ -376,6 +367,16 @@ class ImplicitContinuum:
         """Forget trials, guesses and factors."""
         self._trial = self._iterated = self._step = self._known_energies = None
         self._nodes.discard_factors()
+
+    def _start_in_shape(self, motion: FrameMotion) -> FloatArray:
+        """As `_start_accelerations`, of the body as it is deformed and touches. Collective."""
+        axes = self._nodes.axes(motion)
+        internal = self.body.force(np.zeros(self.body.layout.n_local), dt=0.0)
+        couples = self._bonds.turns.wrenches(internal, axes.R)
+        acting = self._loads.now + self._contacts.nodal()
+        found = self._start_accelerations(motion, axes.to_inertial(internal) - acting)
+        found[: len(couples)] += couples
+        return found
 
     def _start_accelerations(self, motion: FrameMotion, internal: FloatArray) -> FloatArray:
         """Set the accelerations that internal forces (owned nodes, 3) N, in inertial axes, cause. Collective.

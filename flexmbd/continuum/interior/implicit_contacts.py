@@ -71,10 +71,10 @@ class ImplicitContacts:
         self._now = tuple(states)
 
     def evaluate(self, x: FloatArray, motion: FrameMotion) -> tuple[TouchedNodes, tuple[TouchedState, ...]]:
-        """What is done to nodes at x (local nodes, 3) m at a step's end, by the last accepted state. Not collective.
+        """Contact forces at a tried step's end, with friction from the last accepted state. Not collective.
 
         Args:
-            x: of the nodes.
+            x: (local nodes, 3) m, of the nodes.
             motion: of the frames.
         """
         nothing: FloatArray = np.zeros((0, 3))
@@ -100,6 +100,11 @@ class ImplicitContacts:
         for one, before, after in zip(self.touches, self._now, states, strict=True):
             self.works += one.works(before, after)
         self._now = states
+
+    def revert(self) -> None:
+        """Forget the step that was tried."""
+        for one in self.touches:
+            one.forget()
 
     def nodal(self) -> FloatArray:
         """(owned nodes, 3) N, on the nodes in the accepted state, in inertial axes."""

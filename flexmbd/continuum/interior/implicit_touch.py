@@ -1,4 +1,4 @@
-"""What a shape, or facets of a reduced body, do to the nodes of a surface at a step's end that is solved for.
+"""Forces of a shape, or of a reduced body's facets, on a surface's nodes at a step's end that is solved for.
 
 A node at the depth d is pushed by N = r d, r above the stiffness that it feels with its neighbours held.  Were nothing
 to enter, the node's mass would be stopped at once, a jump of velocities that no step resolves, however short.  Friction
@@ -30,13 +30,13 @@ _BRISTLE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class TouchedState:
-    """What a contact does to the n nodes of a surface at an accepted or tried step's end, in the first frame's axes.
+    """Places and forces of one contact at an accepted or tried step's end, in the first frame's axes.
 
     Attributes:
-        y: (n, 3) m, places of the nodes.
+        y: (n, 3) m, places of the surface's nodes.
         met, rubbed: (n, 3) N, forces on them, out of what they touch and across.
         p, R: (c, 3) m, (c, 3, 3) of the frames.
-        reaction: (2, k, 3) N, of both kinds on points of facets; k is 0 of a shape.
+        reaction: (2, k + 1, 3) as of `MovedFacets.reaction`, of both kinds; (2, 0, 3) of a shape.
     """
 
     y: FloatArray
@@ -62,7 +62,7 @@ class Touch:
         slopes: (n, 3, 3) N/m, minus the derivative of their forces, in the first frame's axes.
         y: (3 (c - 1),) m, displacements of the frames of modes.
         phi: (n, 3, 3 (c - 1)) what they move of the places, in these axes.
-        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the place's coordinates, which are the first of its axes.
+        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the places' coordinates; these are the second index.
         normal: (n, 3) out of what is touched, where facets turn; else 0.
     """
 
@@ -91,6 +91,9 @@ class ImplicitTouch(Protocol):
 
     def evaluate(self, x: FloatArray, p: FloatArray, R: FloatArray, before: TouchedState, felt: FloatArray) -> Touch:
         """With nodes at x (n, 3) m and frames at p (c, 3), R (c, 3, 3); felt: (n,) N/m, a node's stiffness."""
+
+    def forget(self) -> None:
+        """Forget the step that was tried."""
 
     def works(self, before: TouchedState, after: TouchedState) -> FloatArray:
         """(2,) J, what contact and friction did along the ways of nodes against what they touch."""
@@ -125,6 +128,9 @@ class ShapeTouch:
         n = len(on)
         return Touch(state, on, slopes[on], np.zeros(0), np.zeros((n, 3, 0)), np.zeros((n, 3, 3, 0)), np.zeros((n, 3)))
 
+    def forget(self) -> None:
+        """See `ImplicitTouch`."""
+
     def works(self, before: TouchedState, after: TouchedState) -> FloatArray:
         """See `ImplicitTouch`."""
         return _works_on_nodes(before, after)
@@ -155,7 +161,7 @@ class ReducedTouch:
         facets.place(p, R)
         y = facets.seen(x)
         found = facets.mesh.find(y, facets.points)
-        reaction = np.zeros((2, len(facets.points), 3))
+        reaction = np.zeros((2, len(facets.points) + 1, 3))
         return TouchedState(y, np.zeros_like(y), np.zeros_like(y), p, R, reaction), -found.depth[~found.beside]
 
     def evaluate(self, x: FloatArray, p: FloatArray, R: FloatArray, before: TouchedState, felt: FloatArray) -> Touch:
@@ -176,23 +182,28 @@ class ReducedTouch:
         slopes += of_law["r"][:, None, None] * found.bends
         whole = np.zeros((2, *y.shape))
         whole[:, on] = met, rubbed
-        reaction = np.array([self._on_points(found, one) for one in (met, rubbed)])
+        reaction = np.array([facets.reaction(found, y[on], one) for one in (met, rubbed)])
         state = TouchedState(y, whole[0], whole[1], p, R, reaction)
         shapes = given.shapes[found.nodes]
         phi = np.einsum("nk,nkai->nai", found.weights, shapes)
         wander = np.einsum("nkb,nkai->nbai", found.gradients, shapes)
         return Touch(state, on, slopes, facets.y, phi, wander, found.normal)
 
+    def forget(self) -> None:
+        """See `ImplicitTouch`."""
+        self._before = None
+
     def works(self, before: TouchedState, after: TouchedState) -> FloatArray:
         """See `ImplicitTouch`."""
         way = 0.5 * (self._points(after) - self._points(before))
-        return _works_on_nodes(before, after) + np.einsum("ka,tka->t", way, before.reaction + after.reaction)
+        reaction = (before.reaction + after.reaction)[:, :-1]  # a couple does no work in the body's axes
+        return _works_on_nodes(before, after) + np.einsum("ka,tka->t", way, reaction)
 
     def wrenches(self, state: TouchedState) -> FloatArray:
         """See `ImplicitTouch`."""
-        facets, points, on_points = self._facets, self._points(state), state.reaction.sum(axis=0)
-        couple = -np.cross(state.y, state.met + state.rubbed).sum(axis=0) - np.cross(points, on_points).sum(axis=0)
-        found = facets.wrenches(np.vstack([on_points, couple]))
+        facets = self._facets
+        facets.place(state.p, state.R)
+        found = facets.wrenches(state.reaction.sum(axis=0))
         return facets.turned(found.reshape(-1, 3)).reshape(-1, 6)
 
     def _find(self, y: FloatArray, before: TouchedState) -> NearFacets:
@@ -213,11 +224,6 @@ class ReducedTouch:
     def _points(self, state: TouchedState) -> FloatArray:
         self._facets.place(state.p, state.R)
         return self._facets.points
-
-    def _on_points(self, found: NearFacets, forces: FloatArray) -> FloatArray:
-        out = np.zeros_like(self._facets.points)
-        np.add.at(out, found.nodes, -found.weights[:, :, None] * forces[:, None, :])
-        return out
 
 
 def _works_on_nodes(before: TouchedState, after: TouchedState) -> FloatArray:

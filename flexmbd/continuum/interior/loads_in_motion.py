@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads, beside, is_following
+from flexmbd.continuum.history.applied_loads import AppliedLoads, TrialLoads, beside
 from flexmbd.continuum.history.loads import BodyLoad, CentrifugalLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.interior.bonded_nodes import BondedNodes
@@ -61,15 +61,14 @@ class LoadsInMotion:
         """Begin anew with the body's axes turned by R."""
         self.R_begun, self.work = R, 0.0
 
-    def after(self, t: float, x: FloatArray, R: FloatArray) -> FloatArray:
+    def after(self, t: float, x: FloatArray) -> FloatArray:
         """(owned nodes, 3) N, in inertial axes, just after t (s), with nodes at x (local nodes, 3). Collective.
 
         The body is brought to its temperature then.
         """
         factors = self.applied.values(beside(t, 1))
         self.applied.heat(factors)
-        turned = self.applied.following(factors, x[: self._n] @ R)
-        return np.asarray(turned @ R.T + self.applied.dead(factors, self.R_begun))
+        return self.applied.forces(factors, x[: self._n], self.R_begun)
 
     def factors_before(self, t: float) -> FloatArray:
         """The loads' factors just before t (s), the same on all ranks. Collective."""
@@ -95,7 +94,4 @@ class LoadsInMotion:
         """(3,) N of each load by name, in inertial axes, with nodes at x (local nodes, 3). Collective."""
         if not self.applied.any:
             return {}
-        R = self.R_begun
-        found = self.applied.resultants(self.factors_before(t), x[: self._n] @ R, R)
-        following = {load.name for load in self.applied.loads if is_following(load)}
-        return {name: R @ force if name in following else force for name, force in found.items()}
+        return self.applied.resultants(self.factors_before(t), x[: self._n], self.R_begun)

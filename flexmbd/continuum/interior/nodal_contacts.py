@@ -1,9 +1,9 @@
-"""What the nodes of a body that steps explicitly touch: rigid planes, what frames carry, and other such bodies."""
+"""Contacts of the nodes of a body that steps explicitly: with planes, shapes, reduced bodies and others of its kind."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,9 @@ class NodalContacts:
 
     Attributes:
         planes: rigid ones at rest, which all nodes may touch.
-        shapes: of the machine, which surfaces touch.
+        shapes: contacts of surfaces with shapes and reduced bodies of the machine.
         pairs: contacts with other bodies, and on which side of each this one is.
-        met, rubbed: (owned nodes, 3) N, of contact and friction, of shapes those on bonded nodes as well.
+        met, rubbed: (owned nodes, 3) N, by normal forces and by friction; on bonded nodes those of planes are left out.
     """
 
     def __init__(
@@ -61,6 +61,7 @@ class NodalContacts:
         self._stiffness = [plane.stiffness(h) for plane in planes]
         self._plane_forces: FloatArray = np.zeros((len(planes), 3))
         self.met, self.rubbed = np.zeros((2, len(inertia.masses), 3))
+        self._pushes: list[tuple[Any, FloatArray]] = []  # of the last step, by contact: which nodes; N, along normals
         self.meet(())
 
     def meet(self, obstacles: Sequence[Obstacle]) -> None:
@@ -88,6 +89,7 @@ class NodalContacts:
             SceneError: the body begins behind a plane or in a shape.
         """
         self.met, self.rubbed = np.zeros((2, *x.shape))
+        self._pushes = []
         self._plane_forces[:] = 0.0
         for plane in self.planes:
             depths = self._comm.allgather(float(plane.depth(x).max(initial=-np.inf)))
@@ -117,25 +119,23 @@ class NodalContacts:
         """
         inertia, m = self._inertia, self._inertia.weights[:, None]
         self.met, self.rubbed = np.zeros((2, *x.shape))
+        self._pushes = []
         for k, (plane, stiffness) in enumerate(zip(self.planes, self._stiffness, strict=True)):
             met, rubbed = plane.push(x, v, a, h=h, reach=reach, stiffness=stiffness)
-            self.met += m * met
-            self.rubbed += m * rubbed
+            self._add(slice(None), m * met, m * rubbed)
             self._plane_forces[k] = (m * (met + rubbed)).sum(axis=0)
             a = a + inertia.answered(inertia.held(met + rubbed))
         for shape in self.shapes.contacts:
             pushed = shape.push(x, v, a, h=h, reach=reach)
             nodes, on = pushed.nodes, self._masses[pushed.nodes, None]
-            self.met[nodes] += on * pushed.met
-            self.rubbed[nodes] += on * pushed.rubbed
+            self._add(nodes, on * pushed.met, on * pushed.rubbed)
             shape.take(x[nodes], on * pushed.met, on * pushed.rubbed)
             alone = np.zeros_like(a)
             alone[nodes] = inertia.held(pushed.met + pushed.rubbed, nodes)
             a = a + inertia.answered(alone)
         for pair, side in self.pairs:
             met, rubbed = pair.take(side)
-            self.met += met
-            self.rubbed += rubbed
+            self._add(slice(None), met, rubbed)
             a = a + inertia.answered(inertia.held((met + rubbed) / self._masses[:, None]))
         return a
 
@@ -147,7 +147,7 @@ class NodalContacts:
         touches = np.full(len(self.met), float(bool(self.planes)))  # a plane is met by all nodes
         for nodes in surfaces:
             touches[nodes] = 1.0
-        return PushedNodes(touches, np.linalg.norm(self.met, axis=1))
+        return PushedNodes(touches, self._pressed())
 
     def resultants(self) -> dict[str, FloatArray]:
         """(3,) N by name, on the body at a step's end, of planes of one name their sum. Collective."""
@@ -162,6 +162,7 @@ class NodalContacts:
     def snapshot(self) -> dict[str, FloatArray]:
         """Copies of what they remember, of the whole body. Collective."""
         kept = {"_met": self._memory.gather_nodes(self.met), "_rubbed": self._memory.gather_nodes(self.rubbed)}
+        kept["pressed"] = self._memory.gather_nodes(self._pressed()[:, None])
         kept["plane forces"] = self._sum(self._plane_forces)
         kept |= self.shapes.snapshot()
         for k, (pair, side) in enumerate(self.pairs):
@@ -173,12 +174,26 @@ class NodalContacts:
         """Go back to a snapshot with nodes at x (owned nodes, 3) m, on any number of ranks. Collective."""
         n = len(self._masses)
         self.met, self.rubbed = (self._memory.scatter_nodes(kept[name])[:n] for name in ("_met", "_rubbed"))
-        # sums over the ranks, of which the first has the whole
+        self._pushes = [(slice(None), self._memory.scatter_nodes(kept["pressed"])[:n])]
+        # the first rank has the sum over all
         self._plane_forces = kept["plane forces"] * (self._comm.rank == 0)
         self.shapes.restore(kept, x)
         for k, (pair, side) in enumerate(self.pairs):
             if side == NODES:
                 pair.restore({name: kept[f"pair {k} {name}"] for name in ("memory", "sums")})
+
+    def _add(self, nodes: Any, met: FloatArray, rubbed: FloatArray) -> None:
+        """Take the forces (n, 3) N of one contact on some owned nodes."""
+        self.met[nodes] += met
+        self.rubbed[nodes] += rubbed
+        self._pushes.append((nodes, met))
+
+    def _pressed(self) -> FloatArray:
+        """(owned nodes,) N, sums over the contacts, whatever their normals."""
+        force = np.zeros(len(self.met))
+        for nodes, met in self._pushes:
+            force[nodes] += np.linalg.norm(met, axis=1)
+        return force
 
     def _sum(self, part: FloatArray) -> FloatArray:
         return np.asarray(sum(self._comm.allgather(part)))

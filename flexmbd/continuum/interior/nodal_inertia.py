@@ -84,7 +84,7 @@ class NodalInertia:
         self.weights[self.bonded] = 0.0
 
     def held(self, vectors: FloatArray, nodes: Any = slice(None)) -> FloatArray:
-        """Vectors (nodes, 3) of owned nodes, or of these, without the components along which they are held."""
+        """Vectors (k, 3) at the given owned nodes, or at all, without the components along which these are held."""
         return self.plane.in_plane(vectors * self._moves[nodes])
 
     def answered(self, alone: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum import parallel
+from flexmbd.continuum.history.applied_loads import beside
 from flexmbd.continuum.history.body_memory import BodyMemory
 from flexmbd.continuum.history.loads import BodyLoad
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
@@ -209,10 +210,11 @@ class NodalMotion:
         self._account.begin()
         self._h = 0.0
         self._stable.memory = self._fresh
-        alone = self._stable.at_rest
-        if not self.mesh.begins_fresh:
+        if self.loads.any_heat:
+            self.loads.heat(self.loads.values(beside(t, 1)))
+        if self.loads.any_heat or not self.mesh.begins_fresh:
             self.force = self._pull(0.0, frames)
-            alone = self._stable.present()
+        alone = self._stable.at_rest if self.mesh.begins_fresh else self._stable.present()
         self._planned = None
         self.contacts.begin(self.x, shapes, size=self.size)
         self._limit = self.contacts.limited(alone, self.contacts.shapes.stiffness_bound(self.x))
@@ -226,9 +228,6 @@ class NodalMotion:
         """Forces at the start, before a first step h (s). Collective where there are loads."""
         self.v = self.inertia.held(self.v)
         self._h = h
-        if self.loads.any_heat:
-            self.loads.heat(self.loads.values(self.t + _BESIDE * h))
-            self.force = self._pull(0.0, None)
         self.load = self.loads_at(self.t + _BESIDE * h)
         free = self._accelerate(self.v, h, h**2 / 2, answer=1.0)
         self._damped = self.inertia.drag(self.v)
@@ -337,7 +336,7 @@ class NodalMotion:
         """(3,) N by name, of planes (of one name their sum) and loads on the body at a step's end. Collective."""
         found = self.contacts.resultants()
         if self.loads.any:
-            values = self.loads.values(self.t)
+            values = self.loads.values(self.t - _BESIDE * self._h)  # those that the last step ended with
             found.update(self.loads.resultants(values, self.x, self._R_begun))
         return found
 
@@ -380,12 +379,7 @@ class NodalMotion:
         """(owned nodes, 3) N, of the loads at t (s) where the nodes are. Collective where there are loads."""
         if not self.loads.any:
             return np.zeros_like(self.x)
-        values, force = self.loads.values(t), np.zeros_like(self.x)
-        if self.loads.any_follow:
-            # tractions are given in body axes, and follow from the axes in which the body began
-            turned = self.loads.following(values, self.x @ self._R_begun)
-            force += turned @ self._R_begun.T
-        return np.asarray(force + self.loads.dead(values, self._R_begun))
+        return self.loads.forces(self.loads.values(t), self.x, self._R_begun)
 
     def _accelerate(self, v: FloatArray, h: float, reach: float, *, answer: float) -> FloatArray:
         """Set accelerations and contact forces; returns the accelerations without contact.

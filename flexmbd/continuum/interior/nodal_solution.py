@@ -33,7 +33,7 @@ _CONVERGENCE = Convergence(tolerance=1e-11, round_off=STALLED)
 
 
 class NodalSolution:
-    """Constructing one is collective.
+    """Matrices and Newton iterations of one body. Constructing one is collective.
 
     Attributes:
         body: the body.
@@ -80,7 +80,7 @@ class NodalSolution:
         self.joint = CondensedNewton(body, self.frames, self.fixed, solver)
 
     def extent_of(self, x: FloatArray) -> float:
-        """m, the largest coordinate of all nodes, of which these (local nodes, 3) are here. Collective."""
+        """m, the largest coordinate of the body's nodes on all ranks, x (local nodes, 3) on this one. Collective."""
         return float(max(self.body.comm.allgather(abs(x).max(initial=0.0))))
 
     def axes(self, motion: FrameMotion) -> BodyAxes:

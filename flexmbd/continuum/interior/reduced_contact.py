@@ -59,29 +59,25 @@ class MovedFacets:
         return np.asarray(vectors @ self.R[0].T)
 
     def reaction(self, found: NearFacets, seen: FloatArray, forces: FloatArray) -> FloatArray:
-        """(k + 1, 3) N, N m on the points of the surface, and a couple on the body, in the forces' axes.
+        """(k + 1, 3) N, N m on the points of the surface, and a couple on the body, all in its axes.
 
         Args:
             found: where.
-            seen: (n, 3) m, the nodes that touch there, in the same axes as the forces, from the body's frame.
+            seen: (n, 3) m, the nodes that touch there.
             forces: (n, 3) N, on the nodes.
         """
         out = np.zeros((len(self.points) + 1, 3))
         np.add.at(out, found.nodes, -found.weights[:, :, None] * forces[:, None, :])
-        place = np.einsum("nk,nka->na", found.weights, self.turned(self.points)[found.nodes])
+        place = np.einsum("nk,nka->na", found.weights, self.points[found.nodes])
         out[-1] = -np.cross(seen - place, forces).sum(axis=0)
         return out
 
     def wrenches(self, reaction: FloatArray) -> FloatArray:
         """(c, 6) N, N m on the frames, about them, by a reaction (k + 1, 3), all in the body's axes."""
         forces = reaction[:-1]
-        modal = np.einsum("kai,ka->i", self.given.shapes, forces).reshape(-1, 3)
-        out = np.zeros((len(self.p), 6))
-        out[1:, :3] = modal
-        out[0, :3] = forces.sum(axis=0) - modal.sum(axis=0)
-        arms = self.y.reshape(-1, 3)
-        out[0, 3:] = np.cross(self.points, forces).sum(axis=0) - np.cross(arms, modal).sum(axis=0) + reaction[-1]
-        return out
+        modal = np.einsum("kai,ka->i", self.given.shapes, forces)
+        moment = np.cross(self.points, forces).sum(axis=0) + reaction[-1]
+        return frame_wrenches(forces.sum(axis=0), moment, modal, self.y)
 
     def ways(self, found: NearFacets, seen: FloatArray) -> FloatArray:
         """(n, 3, 3 + 3 c) m: of places behind facets, ``seen`` (n, 3) m, per unit motion of the frame and of y.
@@ -104,8 +100,7 @@ class ReducedContact:
         stiffness: 1/s^2, of the penalty.
         facets: of the other body.
         memory: (owned nodes, 4) m, the stretch of the nodes' bristles, in the other body's axes; 1 of those that touch.
-        forces: (2, k + 1, 3) the `MovedFacets.reaction` by what pushes and by friction, in inertial axes: this rank's
-            part.
+        forces: (2, k + 1, 3) `MovedFacets.reaction` to normal and friction forces, in inertial axes: this rank's part.
         stride: m, the longest way of a node against the facets in the last step.
     """
 
@@ -152,7 +147,7 @@ class ReducedContact:
         return -found.depth[~found.beside]
 
     def push(self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float) -> Pushed:
-        """What the facets do to nodes at x (owned nodes, 3) m."""
+        """Accelerations of nodes at x (owned nodes, 3) m; arguments as of `FrameContact.push`."""
         found, facets = self._find(x), self.facets
         before, points = self._before or (facets.seen(x[self.nodes]), facets.points)
         own, other = facets.seen(x[self.nodes]) - before, facets.points - points
@@ -165,10 +160,11 @@ class ReducedContact:
         return Pushed(self.nodes[pushed.found.points], met, rubbed)
 
     def take(self, x: FloatArray, met: FloatArray, rubbed: FloatArray) -> None:
-        """Note forces (n, 3) N, of both kinds, on the nodes that were pushed last; a step ends."""
+        """Keep, at a step's end, the reaction to forces (n, 3) N on the nodes pushed last, at x (n, 3) m."""
         if self._found is not None:
+            facets = self.facets
             for k, force in enumerate((met, rubbed)):
-                self.forces[k] = self.facets.reaction(self._found, x - self.facets.p[0], force)
+                self.forces[k] = facets.turned(facets.reaction(self._found, facets.seen(x), force @ facets.R[0]))
 
     def walk(self, x: FloatArray) -> None:
         """Note how far nodes, at x (owned nodes, 3) m, went against the facets since this was asked last."""
@@ -200,11 +196,11 @@ class ReducedContact:
         return float(np.linalg.eigvalsh(self._root.T @ springs @ self._root)[-1])
 
     def remembered(self) -> tuple[FloatArray, ...]:
-        """What `worked` wants to know of before a step."""
+        """What `worked` needs of the state before a step."""
         return self.forces.copy(), self._inertial(), self.facets.R[0]
 
     def worked(self, before: tuple[FloatArray, ...]) -> FloatArray:
-        """(2,) J, this rank's part of what contact and friction did on the facets since then."""
+        """(2,) J, work of normal and friction forces on the body since `remembered`: this rank's part."""
         forces, points, R = before
         turn = Rotation.from_matrix(self.facets.R[0] @ R.T).as_rotvec()
         way = np.vstack([self._inertial() - points, turn])
@@ -235,6 +231,22 @@ class ReducedContact:
 
     def _inertial(self) -> FloatArray:
         return np.asarray(self.facets.p[0] + self.facets.turned(self.facets.points))
+
+
+def frame_wrenches(force: FloatArray, moment: FloatArray, modal: FloatArray, y: FloatArray) -> FloatArray:
+    """(c, 6) N, N m on the frames of a reduced body, each about its origin, that do the work of forces on the body.
+
+    All in the body's axes.
+
+    Args:
+        force: (3,) N, their sum.
+        moment: (3,) N m, about the body's frame.
+        modal: (3 (c - 1),) N, their work per displacement of the frames of modes.
+        y: (3 (c - 1),) m, these displacements.
+    """
+    arms, on_modes = y.reshape(-1, 3), modal.reshape(-1, 3)
+    first = np.append(force - on_modes.sum(axis=0), moment - np.cross(arms, on_modes).sum(axis=0))
+    return np.vstack([first, np.hstack([on_modes, np.zeros_like(on_modes)])])
 
 
 def reduced_contacts(

@@ -36,7 +36,7 @@ class ShapeContact:
         nodes: (n,) owned nodes of the surface.
         stiffness: 1/s^2, of the penalty.
         p, R: (3,) m, (3, 3): the shape's frame in inertial axes.
-        forces: (2, 6) wrenches on the frame, N and N m about its origin, by what pushes and by friction: this rank's
+        forces: (2, 6) wrenches on the frame, N and N m about its origin, by normal forces and by friction: this rank's
             part.
         memory: (owned nodes, 4) m, where nodes stick, in the frame's axes, and 1 where they do.
         stride: m, the longest way of a node against the shape in the last step.
@@ -87,7 +87,7 @@ class ShapeContact:
         return self.nodes[near], self.obstacle.distances(y[near])
 
     def push(self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float) -> Pushed:
-        """What the shape does to nodes at x (owned nodes, 3) m; the rest as of `nodal_push.push`."""
+        """Accelerations of nodes at x (owned nodes, 3) m; arguments as of `FrameContact.push`."""
         near, found = self.distances(x, margin=0.0 if self.stiffness else np.inf)
         law: dict[str, Any] = {"stiffness": self.stiffness, "friction": self.obstacle.friction}
         if self.stiffness:
@@ -107,7 +107,7 @@ class ShapeContact:
         return Pushed(near, met, rubbed)
 
     def take(self, x: FloatArray, met: FloatArray, rubbed: FloatArray) -> None:
-        """Note the wrenches of forces (k, 3) N, of both kinds, on nodes at x (k, 3) m; a step ends."""
+        """Keep, at a step's end, the wrenches of forces (k, 3) N on the nodes pushed last, at x (k, 3) m."""
         for k, force in enumerate((met, rubbed)):
             self.forces[k] = -np.append(force.sum(axis=0), np.cross(x - self.p, force).sum(axis=0))
 
@@ -140,11 +140,11 @@ class ShapeContact:
         return 0.0 if mass is None else float(scipy.linalg.eigh(springs, mass, eigvals_only=True)[-1])
 
     def remembered(self) -> tuple[FloatArray, ...]:
-        """What `worked` wants to know of before a step."""
+        """What `worked` needs of the state before a step."""
         return self.forces.copy(), self.p, self.R
 
     def worked(self, before: tuple[FloatArray, ...]) -> FloatArray:
-        """(2,) J, this rank's part of what contact and friction did on the frame since then."""
+        """(2,) J, work of normal and friction forces on the shape since `remembered`: this rank's part."""
         forces, p, R = before
         turn = Rotation.from_matrix(self.R @ R.T).as_rotvec()
         return np.asarray(0.5 * (forces + self.forces) @ np.append(self.p - p, turn))

@@ -103,7 +103,7 @@ class ThicknessMass:
         self.ratio = float(np.sqrt(1.0 + max(body.comm.allgather(float(share.max(initial=0.0))))))
 
     def bond(self, frame_of: NDArray[np.int64]) -> None:
-        """Leave out edges of which one node alone goes with a frame; not collective.
+        """Leave out the edges with one node on a frame and the other free or on another frame; not collective.
 
         Args:
             frame_of: (local nodes,) the frame that each goes with, or -1.
@@ -145,9 +145,10 @@ class ThicknessMass:
         self._answers = np.ones((1, 1, 3)) / self._m[nodes][:, :, None]
 
     def _of_cells(self, x: FloatArray, corners: NDArray[np.int32], scale: float) -> tuple[FloatArray, FloatArray]:
-        """Sums over the cells of each node, share by volume, volume, number; of partners' places.
+        """Sums over the cells of each node, the same on all ranks that have it.
 
-        Of the sums of an edge's nodes each rank has the same.
+        Returns:
+            (local nodes, 3): share times volume, volume (m^3), number of cells; places (m) of the edge's other node.
         """
         at = x[corners]
         length = np.linalg.norm(at[:, _IN_WALL[:, 0]] - at[:, _IN_WALL[:, 1]], axis=2).min(axis=1)
@@ -180,7 +181,7 @@ class ThicknessMass:
         return np.asarray(self.added[:, None] * (each[:, 0] - each[:, 1]))
 
     def _taken(self, vectors: FloatArray, changes: FloatArray) -> FloatArray:
-        """Vectors (owned nodes, 3) with changes (k, 2, 3) at the edges' nodes, of which each node has one edge."""
+        """Vectors (owned nodes, 3) with changes (k, 2, 3) at the edges' nodes; a node is on one edge at most."""
         out, own = vectors.copy(), self.nodes < self._n
         out[self.nodes[own]] += changes[own]
         return out

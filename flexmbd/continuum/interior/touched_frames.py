@@ -1,4 +1,4 @@
-"""The contacts of a body's surfaces with what frames of its machine carry, for central differences."""
+"""The contacts of a body's surfaces with shapes and reduced bodies of its machine, for central differences."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _AHEAD = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Pushed:
-    """What a contact does to some nodes.
+    """Accelerations of nodes by one contact.
 
     Attributes:
-        nodes: (n,) owned nodes.
-        met, rubbed: (n, 3) m/s^2, accelerations out of what they touch and across.
+        nodes: (n,) owned nodes that touch.
+        met, rubbed: (n, 3) m/s^2, normal to what they touch, and across by friction.
     """
 
     nodes: IntArray
@@ -38,15 +38,15 @@ class Pushed:
 
 
 class FrameContact(Protocol):
-    """A contact of some nodes with what c frames carry.
+    """The contact of a surface's nodes with one shape or reduced body, the touched, which moves with c frames.
 
     Attributes:
-        name: of it.
+        name: of the contact.
         nodes: (n,) owned nodes of the surface.
         stiffness: 1/s^2, of the penalty, per mass of a node.
-        forces: (2, ...) on what is touched, of what pushes and of friction, at a step's end: this rank's part.
-        memory: (owned nodes, k) of bristles.
-        stride: m, the longest way of a node against it in the last step.
+        forces: (2, ...) N, N m, normal and friction forces on the touched at a step's end: this rank's part.
+        memory: (owned nodes, k) m, where bristles stick or how they are stretched, and 1 of nodes that have one.
+        stride: m, the longest way of a node against the touched in the last step.
     """
 
     name: str
@@ -58,15 +58,15 @@ class FrameContact(Protocol):
 
     @property
     def frames(self) -> int:
-        """How many frames it exerts wrenches on: c."""
+        """How many frames the touched moves with: c."""
 
     @property
     def own_rate(self) -> float:
-        """1/s^2, the largest squared angular frequency of what is touched, by itself."""
+        """1/s^2, the largest squared angular frequency of the touched by itself; 0 of a rigid one."""
 
     @property
     def has_bristles(self) -> bool:
-        """Whether what sticks does so by bristles."""
+        """Whether nodes stick by bristles."""
 
     def begin(self, x: FloatArray, p: FloatArray, R: FloatArray) -> None:
         """Nothing has touched yet, with nodes at x (owned nodes, 3) m, and frames at p (c, 3) m, R (c, 3, 3)."""
@@ -75,53 +75,73 @@ class FrameContact(Protocol):
         """Put the frames to p (c, 3) m, turned by R (c, 3, 3)."""
 
     def gaps(self, x: FloatArray) -> FloatArray:
-        """(n,) m, of the nodes that are near."""
+        """(k,) m, signed distances of the nodes near the touched, at x (owned nodes, 3) m; negative inside."""
 
     def push(self, x: FloatArray, v: FloatArray, a: FloatArray, *, h: float, reach: float) -> Pushed:
-        """What it does to nodes at x (owned nodes, 3) m; the rest as of `nodal_push.push`."""
+        """Accelerations by the contact, with nodes at x (owned nodes, 3) m.
+
+        Args:
+            x: of the nodes.
+            v: (owned nodes, 3) m/s, with which the step is made before a and contact act.
+            a: (owned nodes, 3) m/s^2, without this contact.
+            h: s, the step.
+            reach: s^2, as of `nodal_push.push`.
+        """
 
     def take(self, x: FloatArray, met: FloatArray, rubbed: FloatArray) -> None:
-        """Note the forces (n, 3) N, of both kinds, on the nodes pushed last, at x (n, 3) m; a step ends."""
+        """Keep, at a step's end, the forces (n, 3) N on the nodes pushed last, at x (n, 3) m."""
 
     def walk(self, x: FloatArray) -> None:
-        """A step has ended with nodes at x (owned nodes, 3) m."""
+        """Find the stride of a step that ends with nodes at x (owned nodes, 3) m."""
 
     def approach(self, x: FloatArray, v: FloatArray, frame_v: FloatArray, frame_w: FloatArray, *, h: float) -> None:
-        """Foresee the stride of a first step h (s), with the frames' twists (c, 3)."""
+        """Estimate the stride of a first step h (s), of nodes at x m with v m/s (owned nodes, 3), and of frames.
+
+        ``frame_v`` (m/s), ``frame_w`` (rad/s): (c, 3) velocities of the frames.
+        """
 
     def forget(self) -> None:
         """Forget where the nodes were."""
 
     def springs(self, x: FloatArray, masses: FloatArray, *, margin: float) -> tuple[IntArray, FloatArray]:
-        """Nodes that are less than a margin (m) before it; the stiffness of their springs on what it is carried by."""
+        """The owned nodes less than a margin (m) before the touched, and its stiffness on their springs.
+
+        Args:
+            x: (owned nodes, 3) m.
+            masses: (owned nodes,) kg.
+            margin: m.
+
+        Returns:
+            (k,) nodes; the matrix (N/m, N, N m) for the velocities of the touched that `rate` takes.
+        """
 
     def rate(self, springs: FloatArray) -> float:
-        """1/s^2, the largest squared angular frequency of that on springs."""
+        """1/s^2, the largest squared angular frequency of the touched on springs of all ranks, nodes held."""
 
     def remembered(self) -> tuple[FloatArray, ...]:
-        """What `worked` wants to know of before a step."""
+        """What `worked` needs of the state before a step."""
 
     def worked(self, before: tuple[FloatArray, ...]) -> FloatArray:
-        """(2,) J, this rank's part of what contact and friction did on what is touched since then."""
+        """(2,) J, work of normal and friction forces on the touched since `remembered`: this rank's part."""
 
     def wrenches(self) -> FloatArray:
         """(c, 6) on the frames: this rank's part."""
 
     def resultant(self, wrenches: FloatArray) -> FloatArray:
-        """(3,) N on the nodes, with these wrenches."""
+        """(3,) N on the nodes, from the wrenches (c, 6) on the frames."""
 
     def poses(self) -> FloatArray:
-        """The frames' places, in a row."""
+        """(12 c,) places (m) and rotations of the frames."""
 
     def place_by(self, poses: FloatArray) -> None:
-        """Put the frames there."""
+        """Put the frames where `poses` had them."""
 
 
 class FrameContacts:
-    """The contacts of one body's surfaces with what frames carry, whose frames follow each other.
+    """All such contacts of one body.
 
     Attributes:
-        contacts: them.
+        contacts: them; arrays over frames have those of the first one, then those of the next.
     """
 
     def __init__(
@@ -154,7 +174,7 @@ class FrameContacts:
             one.place(origins, axes)
 
     def walk(self, x: FloatArray) -> None:
-        """A step has ended with nodes at x (owned nodes, 3) m."""
+        """Find the strides of a step that ends with nodes at x (owned nodes, 3) m."""
         for one in self.contacts:
             one.walk(x)
 
@@ -164,7 +184,7 @@ class FrameContacts:
         return {one.name: one.resultant(wrenches) for one, wrenches in parts}
 
     def approach(self, x: FloatArray, v: FloatArray, frame_v: FloatArray, frame_w: FloatArray, *, h: float) -> None:
-        """The first step is h (s): with nodes at x (owned nodes, 3) m, v m/s, frames with v, w (c, 3)."""
+        """Estimate the strides of a first step h (s); arguments as of `FrameContact.approach`."""
         for one, linear, angular in self._each(frame_v, frame_w):
             one.approach(x, v, linear, angular, h=h)
 
@@ -190,11 +210,11 @@ class FrameContacts:
         return most + sum(rates)
 
     def remembered(self) -> list[tuple[FloatArray, ...]]:
-        """What `worked` wants to know of before a step."""
+        """What `worked` needs of the state before a step."""
         return [one.remembered() for one in self.contacts]
 
     def worked(self, before: Sequence[tuple[FloatArray, ...]]) -> FloatArray:
-        """(2,) J, this rank's part of what contact and friction did on what is touched since then."""
+        """(2,) J, work of normal and friction forces on all that is touched since `remembered`: this rank's part."""
         work = np.zeros(2)
         for one, first in zip(self.contacts, before, strict=True):
             work += one.worked(first)

@@ -1,4 +1,4 @@
-"""Contact forces on nodes at a trial's end, what they do to the frames of what is touched, and their derivatives."""
+"""Contact forces on nodes at a trial's end, the wrenches on the frames of touched bodies, and their derivatives."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmbd.continuum.contract.dof_layout import DofLayout
+from flexmbd.continuum.interior.reduced_contact import frame_wrenches
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -18,18 +19,18 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """What n nodes touch: a body on the first of c frames, which moves further by what the others are displaced.
+    """A touched body: it moves with the first of c frames, and deforms by the displacements of the others.
 
-    A place at the arm r of the body moves by dp + w x r + R phi dy (`ReducedFacets`); c is 1 of a rigid one.
+    A place at the arm r moves by dp + w x r + R phi dy (`ReducedFacets`).  A rigid body has one frame.
 
     Attributes:
         p, R: (3,) m, (3, 3) of the first frame.
         y: (3 (c - 1),) m, displacements of the other frames in the first one's axes.
-        phi: (n, 3, 3 (c - 1)) in these.
-        wander: (n, 3, 3, 3 (c - 1)) 1/m, its derivative by the places' coordinates, the first of its axes.
-        normal: (n, 3) in these axes, of facets, which turn; else 0.
-        rows: of its nodes.
-        first: its first frame, of those of all that is touched.
+        phi: (n, 3, 3 (c - 1)) modes at the places of n nodes that touch it, in these axes.
+        wander: (n, 3, 3, 3 (c - 1)) 1/m, derivative of phi by the places' coordinates; these are the second index.
+        normal: (n, 3) of facets, which turn, in these axes; 0 of a rigid body.
+        rows: the n nodes among those of all contacts.
+        first: number of its first frame among those of all contacts.
     """
 
     p: FloatArray
@@ -102,12 +103,8 @@ class Carrier:
 
     def _by(self, f: FloatArray, r: FloatArray) -> FloatArray:
         """(c, 6) wrenches by forces on the body at r, in its axes."""
-        modal, arms = np.einsum("nai,na->i", self.phi, f).reshape(-1, 3), self.y.reshape(-1, 3)
-        out = np.zeros((self.frames, 6))
-        out[1:, :3] = modal
-        out[0, :3] = f.sum(axis=0) - modal.sum(axis=0)
-        out[0, 3:] = np.cross(r, f).sum(axis=0) - np.cross(arms, modal).sum(axis=0)
-        return out
+        modal = np.einsum("nai,na->i", self.phi, f)
+        return frame_wrenches(f.sum(axis=0), np.cross(r, f).sum(axis=0), modal, self.y)
 
     def _turned(self, wrenches: FloatArray) -> FloatArray:
         return np.asarray((wrenches.reshape(-1, 3) @ self.R.T).reshape(-1, 6))

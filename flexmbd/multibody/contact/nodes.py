@@ -325,5 +325,3 @@ def _mass_about(frame: Frame, name: str) -> FloatArray:
             f"contact {name!r}: body {body.name!r}, which carries the shape, has no inertia about an axis; give it one"
         )
     return mass
-
-

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 class InteriorSeries(MotionSeries):
-    """What bodies with history tell at the rows of a trajectory, of which it is a part.
+    """Questions to a `Trajectory` about its bodies with history.
 
     Attributes:
         interior_rows, recordings: as there.
