@@ -146,7 +146,7 @@ class CellPass:
 
         def found() -> FloatArray:
             self._take_known()
-            return blocks.totals(self._fields, nodes, self._domain.geometry.x, used, count=len(terms))[0]
+            return blocks.totals(self._fields, nodes, self._domain.geometry.x, used, count=len(terms))
 
         return found
 
