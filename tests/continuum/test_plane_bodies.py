@@ -317,7 +317,7 @@ def test_a_column_in_plane_strain_buckles_as_one_layer_of_bricks():
 
 def test_a_load_on_edges_is_refused():
     body = strip(svk, RUBBER)
-    with pytest.raises(MeshError, match="facets of the mesh are edges.*ForceAtNodes"):
+    with pytest.raises(MeshError, match=r"facets of the mesh are edges.*ForceAtNodes"):
         follow(body, [1.0], prescribed=clamped_dofs(body, ["x_min"]), loads=[PressureOnFacets("x_max", 1.0)])
 
 

@@ -28,7 +28,12 @@ IntArray = NDArray[np.int64]
 def checked_conditions(
     conditions: Sequence[Condition], forms: DiscreteForms, shifts: Mapping[str, Any]
 ) -> Sequence[Condition]:
-    """Conditions that are the same on all ranks, on fields of which there is a gauge. Collective.
+    """The conditions; refuses those that differ between ranks, or are on a field without a gauge. Collective.
+
+    Args:
+        conditions: as they were given.
+        forms: the formulations on the mesh.
+        shifts: of the fields with a gauge, by their names.
 
     Raises:
         MeshError: on all ranks: what is no condition, or one named twice.
@@ -94,13 +99,16 @@ def check_apart(comm: MPI.Comm, conditions: Sequence[Condition], places: Sequenc
 
 
 def lowest(comm: MPI.Comm, dofs: IntArray, *, first: int) -> int:
-    """Global number of the first of dofs on any rank; first: that of this rank's own. Collective."""
+    """The least global number of some dofs, local to their ranks; first: of this rank's first dof. Collective."""
     mine = first + int(dofs.min()) if len(dofs) else np.iinfo(np.int64).max
     return int(comm.allreduce(mine, op=MPI.MIN))
 
 
 def free_dof(forms: DiscreteForms, shift: FloatArray, held: BoolArray) -> IntArray:
-    """The dof by which a field is held that nothing else holds, on its rank; no partition changes it. Collective."""
+    """The dof that is held of a field that nothing else holds: (1,) on its rank, (0,) on others. Collective.
+
+    It is the same one for any number of ranks.
+    """
     there = np.flatnonzero((shift != 0.0) & ~held)
     numbers_of = dof_numbers(forms, there)
     least = forms.comm.allreduce(int(numbers_of.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)

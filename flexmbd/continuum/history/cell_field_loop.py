@@ -1,7 +1,7 @@
 """Fields of one cell in the compiled loop over cells: solved for by Newton's method with a kept inverse.
 
-Of what their equations lack follows their change, and of it that of the cell's forces; where this is small it is added,
-and the cell is done.
+What their equations lack gives a step of the fields, and the step a change of the cell's forces. Where the change is
+small, both are added, and the cell is done.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class HeldFields:
 
         Args:
             conditions: the same on all ranks.
-            forms: the formulations on the mesh, of which some has a gauge, or there are no conditions.
+            forms: the formulations on the mesh.
             springs: on facets, which may fix a field.
 
         Raises:
