@@ -12,6 +12,7 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import (
     BulkViscosity,
+    ContinuumModel,
     ExplicitContinuum,
     ExplicitRun,
     ImplicitContinuum,
@@ -253,6 +254,21 @@ def test_what_cannot_be_plane_is_refused():
         NonlinearModel(mesh, made, made.Parameters(RUBBER, T), degree=1)
     with pytest.raises(InterfaceError, match="needs two that are apart"):
         strip(svk, RUBBER, ends=("x_min y_min",))
+    sheet = meshes.sheet(1.0, 0.2, divisions=(2, 2), comm=MPI.COMM_SELF)
+    with pytest.raises(FormulationError, match=r"plane_strain.* moves in its plane alone.*NonlinearModel"):
+        made = plane(svk, strain=True)
+        ContinuumModel(sheet, made, made.Parameters(RUBBER, T), degree=1, interfaces=[Interface("x_min")])
+    body = strip(svk, RUBBER)
+    held = clamped_dofs(body, ["x_min", "x_max"])
+    across = np.isin(held, body.held_dofs) & (body.layout.node_x[held // 3, 0] > 0.5)
+    with pytest.raises(FormulationError, match="moves nodes out of the plane of the body at 1"):
+        follow(body, [1.0], prescribed=held, displacement=lambda t: 0.1 * t * across)
+
+
+def test_made_twice_it_takes_the_same_parameters():
+    mesh = meshes.sheet(1.0, 0.2, divisions=(1, 1), comm=MPI.COMM_SELF)
+    p = plane_form(svk, plane_strain=True).Parameters(RUBBER, T)
+    NonlinearModel(mesh, plane_form(svk, plane_strain=True), p, degree=1)
 
 
 def test_forms_with_rotations_are_told_what_there_is():
