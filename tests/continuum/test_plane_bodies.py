@@ -254,9 +254,8 @@ def test_what_cannot_be_plane_is_refused():
         NonlinearModel(mesh, made, made.Parameters(RUBBER, T), degree=1)
     with pytest.raises(InterfaceError, match="needs two that are apart"):
         strip(svk, RUBBER, ends=("x_min y_min",))
-    sheet = meshes.sheet(1.0, 0.2, divisions=(2, 2), comm=MPI.COMM_SELF)
+    sheet, made = meshes.sheet(1.0, 0.2, divisions=(2, 2), comm=MPI.COMM_SELF), plane(svk, strain=True)
     with pytest.raises(FormulationError, match=r"plane_strain.* moves in its plane alone.*NonlinearModel"):
-        made = plane(svk, strain=True)
         ContinuumModel(sheet, made, made.Parameters(RUBBER, T), degree=1, interfaces=[Interface("x_min")])
     body = strip(svk, RUBBER)
     held = clamped_dofs(body, ["x_min", "x_max"])

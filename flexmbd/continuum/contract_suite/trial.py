@@ -336,7 +336,7 @@ class Trial:
         if what in _ON_FACETS:
             name, order = _ON_FACETS[what]
             terms = getattr(optional_entries(self.form), name)(u, p)
-            forms = [self._integral(*term, over=ufl.ds) for term in terms]
+            forms = [self._integral(density, rule, over=ufl.ds) for density, rule in terms]
             for _ in range(order):
                 forms = [ufl.derivative(form, u) for form in forms]
             return forms
