@@ -131,7 +131,7 @@ class WallLaw:
         gradient = _gradient(self._assumed(u, p).strain) if begin is None else ufl.zero(3, 3)
         _, volume = _since(gradient, begin)
         names = list(self.law.energies(_symbol(u), own, p))
-        found = at_gradient(lambda c: [self.law.energies(c, own, p)[name][0] for name in names], u, gradient)
+        found = at_gradient(lambda c: [density for density, _ in self.law.energies(c, own, p).values()], u, gradient)
         return {name: (volume * density, self.rule) for name, density in zip(names, found, strict=True)}
 
     def stress(self, u: Expr, state: Expr | None, p: Any, **given: Expr) -> Expr:

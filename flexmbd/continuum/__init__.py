@@ -35,13 +35,13 @@ from flexmbd.continuum.finite_elements.cell_group import CellGroup as CellGroup
 from flexmbd.continuum.finite_elements.cell_group import Pairs as Pairs
 from flexmbd.continuum.finite_elements.cell_group import Source as Source
 from flexmbd.continuum.finite_elements.condensed_stiffness import CondensedStiffness as CondensedStiffness
+from flexmbd.continuum.finite_elements.condition_places import FloatingGroup as FloatingGroup
 from flexmbd.continuum.finite_elements.cut_mesh import CutMesh as CutMesh
 from flexmbd.continuum.finite_elements.cut_mesh import cut_mesh as cut_mesh
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms as DiscreteForms
 from flexmbd.continuum.finite_elements.discretisation import Discretisation as Discretisation
 from flexmbd.continuum.finite_elements.electrode import Electrode as Electrode
 from flexmbd.continuum.finite_elements.field_conditions import FieldConditions as FieldConditions
-from flexmbd.continuum.finite_elements.field_conditions import FloatingGroup as FloatingGroup
 from flexmbd.continuum.finite_elements.field_conditions import UniformShift as UniformShift
 from flexmbd.continuum.finite_elements.held_surface import HeldSurface as HeldSurface
 from flexmbd.continuum.finite_elements.held_surface import Roller as Roller

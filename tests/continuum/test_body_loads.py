@@ -18,16 +18,19 @@ from flexmbd.continuum import (
     ExplicitContinuum,
     ExplicitRun,
     ForceAtNodes,
+    Heating,
     ImplicitContinuum,
     Interface,
     MpiTeam,
     NonlinearModel,
     PressureOnFacets,
     TractionOnFacets,
+    Voltage,
     follow,
     prescribed_dofs,
 )
 from flexmbd.continuum.history.applied_loads import AppliedLoads
+from flexmbd.continuum.history.loads import told
 from flexmbd.errors import MeshError, SceneError
 from flexmbd.forms import hencky_plasticity, j2_plasticity, neo_hookean, solid_linear
 from flexmbd.multibody.bodies.continuum_body import FrameMotion, Scheme
@@ -319,6 +322,32 @@ def test_bad_loads_are_told_on_every_rank():
     turning = CentrifugalLoad((0.0, 0.0, 1.0))
     with pytest.raises(SceneError, match="a centrifugal load would count twice"):
         ExplicitRun(body, loads=[turning])
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        lambda k: PressureOnFacets("x_min", 1.0, follows=k == 0),
+        lambda k: TractionOnFacets("x_min", (1.0, 0.0, 2.0 + k)),
+        lambda k: ForceAtNodes([0, 1 + k], (1.0, 0.0, 0.0)),
+        lambda k: BodyAcceleration((0.0, 0.0, 2.0 + k)),
+        lambda k: CentrifugalLoad((0.0, 0.0, 1.0), point=(2.0 + k, 0.0, 0.0)),
+        lambda k: Heating(2.0 + k),
+        lambda k: Heating(np.arange(1000) + k),
+        lambda k: Voltage("x_min" if k == 0 else "x_max", 1.0, name="port"),
+    ],
+)
+def test_loads_that_differ_are_told_apart(load):
+    assert told(load(0)) == told(load(0))
+    assert told(load(0)) != told(load(1))
+
+
+@pytest.mark.mpi
+def test_loads_that_differ_between_the_ranks_are_refused():
+    if COMM.size == 1:
+        pytest.skip("on several ranks")
+    with pytest.raises(SceneError, match="give the same on all ranks"):
+        AppliedLoads(cube(), [BodyAcceleration((0.0, 0.0, 1.0 + COMM.rank))])
 
 
 def test_a_load_that_fails_on_one_rank_is_told_on_all():

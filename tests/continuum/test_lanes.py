@@ -51,6 +51,17 @@ def choosing():
     return module
 
 
+def two_rules():
+    """A form without history whose terms have rules, and so kernels, of their own."""
+    module = types.ModuleType("two_rules")
+    vars(module).update({name: value for name, value in vars(neo_hookean).items() if name[:2] != "__"})
+    module.strain_energy = lambda u, p: [  # type: ignore[attr-defined]
+        *neo_hookean.strain_energy(u, p),
+        (p.E * ufl.det(ufl.Identity(3) + ufl.grad(u)) ** 2, neo_hookean.Quadrature(1)),
+    ]
+    return module
+
+
 def metal(form, **more):
     return form.Parameters(**METAL, **more)
 
@@ -71,6 +82,7 @@ CASES = {
         PLANE, PLANE.Parameters(metal(j2, hardening=j2.VoceHardening(0.1e9, 200.0)), 0.01), "quadrilateral"
     ),
     "no history": (neo_hookean, neo_hookean.Parameters(1e6, 0.4, 1000.0), "tetrahedron"),
+    "two rules": (two_rules(), neo_hookean.Parameters(1e6, 0.4, 1000.0), "hexahedron"),
 }
 
 
@@ -193,7 +205,7 @@ def test_lanes_and_threads_change_no_bit_of_fields_of_one_cell(case, monkeypatch
             np.testing.assert_array_equal(many, one)
 
 
-@pytest.mark.parametrize("name", ["finite strain", "Newton steps that run away", "no history"])
+@pytest.mark.parametrize("name", ["finite strain", "Newton steps that run away", "no history", "two rules"])
 def test_threads_change_no_bit(name, monkeypatch):
     one = stepped(built(*CASES[name], lanes=2, monkeypatch=monkeypatch))
     for threads in (2, 3):

@@ -12,18 +12,22 @@ import flexmbd as fm
 from flexmbd import forms, meshes
 from flexmbd.continuum import (
     BulkViscosity,
+    ContinuumModel,
     ExplicitContinuum,
     ExplicitRun,
     ImplicitContinuum,
     Interface,
     MpiTeam,
     NonlinearModel,
+    PressureOnFacets,
     RigidPlane,
+    clamped_dofs,
+    equilibrium_path,
     follow,
     plane_form,
     prescribed_dofs,
 )
-from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError, SceneError
+from flexmbd.errors import FlexmbdError, FormulationError, InterfaceError, MeshError, SceneError
 from flexmbd.forms import hencky_plasticity, neo_hookean, plate_mitc, updated_lagrangian
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import st_venant_kirchhoff as svk
@@ -250,6 +254,20 @@ def test_what_cannot_be_plane_is_refused():
         NonlinearModel(mesh, made, made.Parameters(RUBBER, T), degree=1)
     with pytest.raises(InterfaceError, match="needs two that are apart"):
         strip(svk, RUBBER, ends=("x_min y_min",))
+    sheet, made = meshes.sheet(1.0, 0.2, divisions=(2, 2), comm=MPI.COMM_SELF), plane(svk, strain=True)
+    with pytest.raises(FormulationError, match=r"plane_strain.* moves in its plane alone.*NonlinearModel"):
+        ContinuumModel(sheet, made, made.Parameters(RUBBER, T), degree=1, interfaces=[Interface("x_min")])
+    body = strip(svk, RUBBER)
+    held = clamped_dofs(body, ["x_min", "x_max"])
+    across = np.isin(held, body.held_dofs) & (body.layout.node_x[held // 3, 0] > 0.5)
+    with pytest.raises(FormulationError, match="moves nodes out of the plane of the body at 1"):
+        follow(body, [1.0], prescribed=held, displacement=lambda t: 0.1 * t * across)
+
+
+def test_made_twice_it_takes_the_same_parameters():
+    mesh = meshes.sheet(1.0, 0.2, divisions=(1, 1), comm=MPI.COMM_SELF)
+    p = plane_form(svk, plane_strain=True).Parameters(RUBBER, T)
+    NonlinearModel(mesh, plane_form(svk, plane_strain=True), p, degree=1)
 
 
 def test_forms_with_rotations_are_told_what_there_is():
@@ -281,6 +299,41 @@ def test_a_ball_beside_the_plane_pushes_the_body_in_it_alone(interior):
     assert push[:, 2].min() < 0.3 * push[:, 1].min() < 0.0
     total = run.energy().total + sum(run.energies(sheet).values())
     assert abs(total - 0.1).max() < 0.02 * 0.1  # in halves of a step, while they touch
+
+
+def test_a_column_in_plane_strain_buckles_as_one_layer_of_bricks():
+    """Held across, these are the same equations; a push out of the plane is the guide's."""
+
+    def buckling(mesh, form, parameters, push):
+        body = NonlinearModel(mesh, form, parameters, degree=1)
+        held = clamped_dofs(body, ["x_min"])
+        if mesh.dim == 3:
+            across = body.displacement_dofs[: body.layout.n_owned_nodes, 2]
+            held = np.union1d(held, across).astype(np.int32)
+        x, dofs = body.layout.node_x, body.displacement_dofs
+        end = dofs[x[:, 0] > 0.999]
+        force = np.zeros(body.n_owned)
+        force[end] = np.asarray(push) / len(end)
+        path = equilibrium_path(body, fm.Continuation(to=1.0), prescribed=held, load=lambda factor: factor * force)
+        assert not body.displacement[dofs[:, 2]].any()
+        return [one.t for one in path.critical], body
+
+    flat = plane(svk, strain=True)
+    sheet = meshes.sheet(1.0, 0.1, divisions=(10, 2), comm=MPI.COMM_SELF)
+    bricks = meshes.block(1.0, 0.1, T, divisions=(10, 2, 1), comm=MPI.COMM_SELF)
+    euler = np.pi**2 / 4 * RUBBER.E / (1 - RUBBER.nu**2) * T * 0.1**3 / 12
+    push = (-3.0 * euler, 0.0, 0.0)
+    (exact,), _ = buckling(bricks, svk, RUBBER, push)
+    (found,), _ = buckling(sheet, flat, flat.Parameters(RUBBER, T), push)
+    (beside,), _ = buckling(sheet, flat, flat.Parameters(RUBBER, T), (*push[:2], euler))
+    np.testing.assert_allclose([found, beside], exact, rtol=1e-6)
+    assert 0.3 < exact < 0.6
+
+
+def test_a_load_on_edges_is_refused():
+    body = strip(svk, RUBBER)
+    with pytest.raises(MeshError, match=r"facets of the mesh are edges.*ForceAtNodes"):
+        follow(body, [1.0], prescribed=clamped_dofs(body, ["x_min"]), loads=[PressureOnFacets("x_max", 1.0)])
 
 
 def test_edges_of_plane_bodies_are_touched_by_no_nodes():

@@ -2,9 +2,9 @@
 
 Schemes are those of basix by name, "vertex", and "layers n" of hexahedra in layers: Gauss points of the degree in the
 plane, at each of them n points through the third direction, from below upwards.  Up to three are Gauss's.  From four
-on the halves above and below the middle have each a rule of its own with a point on the surface, Radau's where n is
-even and Lobatto's where it is odd, of which the one in the middle belongs to both: so the surface is seen to yield at
-once, stress of either sign in a half and moments of it are exact, and n = 5 is Simpson's rule, twice.
+on the half above the middle and that below have a rule each, with a point on the surface: Radau's where n is even,
+Lobatto's where n is odd, and then the point in the middle is of both.  So the surface is seen to yield at once, and the
+force and the moment of a stress that is constant in each half are exact; n = 5 is Simpson's rule, twice.
 """
 
 from __future__ import annotations

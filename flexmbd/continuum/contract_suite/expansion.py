@@ -26,7 +26,8 @@ _RISE, _COEFFICIENT, _LEFT = 50.0, 1e-5, 1e-8
 def free_expansion(trial: Trial) -> Outcome:
     """Forces and stress of a block that is free to expand, over those of one that is held in its shape.
 
-    Stress is over that of one that is held across alone, too: a pressure that is an unknown does not know of the heat.
+    Stress is also over that of a block that is stretched along one axis: where the pressure is an unknown, it is zero
+    in the block that is held.
     """
     form = trial.form
     named = expansion_of(form)
@@ -56,7 +57,6 @@ def free_expansion(trial: Trial) -> Outcome:
         body.commit(displacement, dt=0.0)
         stresses.append(max(largest(part) for part in body.stress()))
         body.restore(begun)
-        body.set_temperature(np.array(_RISE))
     if trial.dim < 3 and ratio(forces[1], forces[0]) > _LEFT:
         return Remark(Verdict.NOTE, "it does not expand as freely as a block does, as what is held along the normal")
     return [
@@ -66,9 +66,10 @@ def free_expansion(trial: Trial) -> Outcome:
 
 
 def expanding_parameters(form: Formulation) -> Any:
-    """Those of `reference()`, but for numbers that are zero there and let the material expand; None: there are none.
+    """Those of `reference()`, with an expansion; None where none is found.
 
-    These are found by what they do to the expansion.
+    Where the reference does not expand, each number that is zero in it is tried with another value, and takes that if
+    the form expands then.
     """
     parameters: Any = form.reference().parameters
     if expands(form, parameters):

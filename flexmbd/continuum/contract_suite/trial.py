@@ -311,8 +311,8 @@ class Trial:
     def _directions(self) -> tuple[fem.Function, fem.Function]:
         return fem.Function(self.space), fem.Function(self.space)
 
-    def _integral(self, density: ufl.core.expr.Expr, rule: Quadrature) -> ufl.Form:
-        return density * ufl.dx(domain=self.mesh, metadata=quadrature.metadata(self.mesh.topology.cell_name(), rule))
+    def _integral(self, density: ufl.core.expr.Expr, rule: Quadrature, over: ufl.Measure = ufl.dx) -> ufl.Form:
+        return density * over(domain=self.mesh, metadata=quadrature.metadata(self.mesh.topology.cell_name(), rule))
 
     def _forms(self, what: str) -> list[ufl.Form]:
         """One form a term."""
@@ -336,10 +336,7 @@ class Trial:
         if what in _ON_FACETS:
             name, order = _ON_FACETS[what]
             terms = getattr(optional_entries(self.form), name)(u, p)
-            forms = [
-                density * ufl.ds(domain=self.mesh, metadata=quadrature.metadata(self.mesh.topology.cell_name(), rule))
-                for density, rule in terms
-            ]
+            forms = [self._integral(density, rule, over=ufl.ds) for density, rule in terms]
             for _ in range(order):
                 forms = [ufl.derivative(form, u) for form in forms]
             return forms

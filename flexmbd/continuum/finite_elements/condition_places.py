@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from mpi4py import MPI
@@ -25,10 +26,102 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False)
+class FloatingGroup:
+    """Dofs of one value: those of an electrode that floats.
+
+    Attributes:
+        dofs: (m,) owned by this rank; m may be zero.
+        leader: global number of the dof that stands for all.
+    """
+
+    dofs: IntArray
+    leader: int
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionPlaces:
+    """Where conditions lie on a mesh.
+
+    Attributes:
+        ports: those whose value is given, k of them.
+        units: (owned dofs, k) one unit of each port's effort.
+        held: (owned dofs,) what is given, or follows another dof.
+        floating: dofs of one value each.
+        fixed: names of the fields of which some value is given.
+    """
+
+    ports: tuple[Condition, ...]
+    units: FloatArray
+    held: BoolArray
+    floating: tuple[FloatingGroup, ...]
+    fixed: frozenset[str]
+
+
+def find_places(
+    conditions: Sequence[Condition], forms: DiscreteForms, shifts: Mapping[str, FloatArray]
+) -> ConditionPlaces:
+    """Find the dofs of conditions. Collective.
+
+    Args:
+        conditions: as `checked_conditions` gave them.
+        forms: the formulations on the mesh.
+        shifts: (owned dofs,) one unit of each field, by its name.
+
+    Raises:
+        MeshError, FormulationError: on all ranks: as `dofs_on` and `check_apart`.
+    """
+    places = [dofs_on(one, forms, shifts[one.field]) for one in conditions]
+    check_apart(forms.comm, conditions, places)
+    n, first = forms.layout.n_owned, first_dof(forms)
+    ports = tuple(one for one in conditions if one.is_port)
+    units, held = np.zeros((n, len(ports)), order="F"), np.zeros(n, dtype=bool)
+    floating = []
+    for one, dofs in zip(conditions, places, strict=True):
+        held[dofs] = True
+        if one.floating:
+            group = FloatingGroup(dofs, lowest(forms.comm, dofs, first=first))
+            floating.append(group)
+            held[dofs[dofs + first == group.leader]] = False
+        elif one.is_port:
+            units[dofs, ports.index(one)] = shifts[one.field][dofs]
+    fixed = frozenset(one.field for one in conditions if not one.floating)
+    return ConditionPlaces(ports, units, held, tuple(floating), fixed)
+
+
+def first_dof(forms: DiscreteForms) -> int:
+    """Global number of this rank's first dof; not collective."""
+    return int(forms.space.dofmap.index_map.local_range[0] * forms.space.dofmap.index_map_bs)
+
+
+def condense(
+    comm: MPI.Comm, forces: FloatArray, *, held: BoolArray, floating: Sequence[FloatingGroup], first: int
+) -> None:
+    """Take what is held out of forces, and add up those on each floating electrode at its leader. Collective.
+
+    Args:
+        comm: of the body.
+        forces: (owned dofs,), which are changed.
+        held: (owned dofs,) as in `ConditionPlaces`, and what else is held.
+        floating: dofs of one value each.
+        first: global number of this rank's first dof.
+    """
+    for group in floating:
+        whole = comm.allreduce(float(forces[group.dofs].sum()))
+        if 0 <= group.leader - first < len(forces):
+            forces[group.leader - first] = whole
+    forces[held] = 0.0
+
+
 def checked_conditions(
     conditions: Sequence[Condition], forms: DiscreteForms, shifts: Mapping[str, Any]
 ) -> Sequence[Condition]:
-    """Conditions that are the same on all ranks, on fields of which there is a gauge. Collective.
+    """The conditions; refuses those that differ between ranks, or are on a field without a gauge. Collective.
+
+    Args:
+        conditions: as they were given.
+        forms: the formulations on the mesh.
+        shifts: of the fields with a gauge, by their names.
 
     Raises:
         MeshError: on all ranks: what is no condition, or one named twice.
@@ -94,13 +187,16 @@ def check_apart(comm: MPI.Comm, conditions: Sequence[Condition], places: Sequenc
 
 
 def lowest(comm: MPI.Comm, dofs: IntArray, *, first: int) -> int:
-    """Global number of the first of dofs on any rank; first: that of this rank's own. Collective."""
+    """The least global number of some dofs, local to their ranks; first: of this rank's first dof. Collective."""
     mine = first + int(dofs.min()) if len(dofs) else np.iinfo(np.int64).max
     return int(comm.allreduce(mine, op=MPI.MIN))
 
 
 def free_dof(forms: DiscreteForms, shift: FloatArray, held: BoolArray) -> IntArray:
-    """The dof by which a field is held that nothing else holds, on its rank; no partition changes it. Collective."""
+    """The dof that is held of a field that nothing else holds: (1,) on its rank, (0,) on others. Collective.
+
+    It is the same one for any number of ranks.
+    """
     there = np.flatnonzero((shift != 0.0) & ~held)
     numbers_of = dof_numbers(forms, there)
     least = forms.comm.allreduce(int(numbers_of.min(initial=np.iinfo(np.int64).max)), op=MPI.MIN)

@@ -28,12 +28,12 @@ from flexmbd.continuum.contract.dof_layout import DofLayout
 from flexmbd.continuum.contract.entries import optional_entries
 from flexmbd.continuum.finite_elements.cell_group import CellGroup
 from flexmbd.continuum.finite_elements.condition_places import (
-    check_apart,
+    FloatingGroup,
     checked_conditions,
-    dofs_on,
+    condense,
+    find_places,
     free_dof,
     is_broken,
-    lowest,
     mean_of,
     owned,
 )
@@ -45,19 +45,6 @@ from flexmbd.given import numbers
 from flexmbd.round_off import EQUAL
 
 BoolArray = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class FloatingGroup:
-    """Dofs of one value: those of an electrode that floats.
-
-    Attributes:
-        dofs: (m,) owned by this rank; m may be zero.
-        leader: global number of the dof that stands for all.
-    """
-
-    dofs: NDArray[np.int64]
-    leader: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +106,8 @@ class FieldConditions:
         return whole
 
     def condense(self, comm: MPI.Comm, forces: FloatArray, *, first: int) -> None:
-        """Take out of forces (owned dofs,), which are changed, what is held, and add up what floats. Collective."""
-        for group in self.floating:
-            whole = float(total(comm, forces[group.dofs].sum()[None])[0])
-            if 0 <= group.leader - first < len(forces):
-                forces[group.leader - first] = whole
-        forces[self.held] = 0.0
+        """As `condition_places.condense`. Collective."""
+        condense(comm, forces, held=self.held, floating=self.floating, first=first)
 
     def free(self, comm: MPI.Comm, block: FloatArray, *, first: int) -> FloatArray:
         """The way back from `completed` (owned dofs, k): what follows is zero, and what is pinned. Collective."""
@@ -207,30 +190,14 @@ class _Builder:
         self.comm, self.first = forms.comm, int(K.getOwnershipRange()[0])
 
     def build(self, conditions: Sequence[Condition]) -> tuple[PETSc.Mat, FieldConditions]:
-        places = [dofs_on(one, self.forms, self.shifts[one.field].values) for one in conditions]
-        check_apart(self.comm, conditions, places)
-        held = np.zeros(self.layout.n_owned, dtype=bool)
-        ports = tuple(one for one in conditions if one.is_port)
-        units = np.zeros((self.layout.n_owned, len(ports)), order="F")
-        floating = []
-        for one, dofs in zip(conditions, places, strict=True):
-            if one.floating:
-                group = FloatingGroup(dofs, lowest(self.comm, dofs, first=self.first))
-                floating.append(group)
-                held[dofs] = True
-                if self._owns(group.leader):
-                    held[group.leader - self.first] = False
-                continue
-            held[dofs] = True
-            if one.is_port:
-                units[dofs, ports.index(one)] = self.shifts[one.field].values[dofs]
-        K = self.K if not floating else self._gathered(floating)
-        images = multiply(K, units)
-        capacity = -inner(self.comm, units, images)
+        places = find_places(conditions, self.forms, {name: shift.values for name, shift in self.shifts.items()})
+        held = places.held.copy()
+        K = self._gathered(places.floating) if places.floating else self.K
+        images = multiply(K, places.units)
+        capacity = -inner(self.comm, places.units, images)
         sprung = any(group.optional.surface_energy is not None for group in self.forms.surfaces)
         for name, shift in list(self.shifts.items()):
-            fixed = any(one.field == name and not one.floating for one in conditions)
-            if not fixed and not (sprung and not costs_nothing(K, shift.values)):
+            if name not in places.fixed and not (sprung and not costs_nothing(K, shift.values)):
                 pin = free_dof(self.forms, shift.values, held)
                 held[pin] = True
                 self.shifts[name] = replace(shift, mean=mean_of(self.forms, shift.values), pin=pin)
@@ -238,10 +205,7 @@ class _Builder:
         take_out(K, held, first=self.first)
         others = tuple(one for one in conditions if not one.is_port)
         symmetric = 0.5 * (capacity + capacity.T)
-        return K, FieldConditions(ports, others, forces, symmetric, held, tuple(floating), self.shifts)
-
-    def _owns(self, number: int) -> bool:
-        return self.first <= number < self.first + self.layout.n_owned
+        return K, FieldConditions(places.ports, others, forces, symmetric, held, places.floating, self.shifts)
 
     def _gathered(self, floating: Sequence[FloatingGroup]) -> PETSc.Mat:
         """P^T K P, P giving all dofs of a floating electrode the value of one of them."""

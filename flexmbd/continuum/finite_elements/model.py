@@ -68,7 +68,8 @@ class ContinuumModel(LinearModel):
             FormulationError: a form file breaks its contract, or does not fit its parameters, the
                 cell or the degree; the pairs do not fit the cell groups or each other; K or M has
                 entries that are not finite; terms on facets without `surfaces`; a field of one cell that its own
-                equations do not determine; electrodes on a field of which the formulation names no gauge.
+                equations do not determine; electrodes on a field of which the formulation names no gauge; a plane
+                formulation (`plane_form`).
             InterfaceError: an interface cannot carry a frame (see `find_interfaces`), nodal interfaces that do not fit
                 (`find_nodal_groups`), or the ranks were given different ones.
             MeshError: `mesh` is not a `TaggedMesh`; with several pairs, cells in no group or in two; `surfaces` on
@@ -83,6 +84,11 @@ class ContinuumModel(LinearModel):
         forms = discretise(
             mesh, formulation, parameters, degree=degree, interfaces=framed, surfaces=surfaces, condense=condense
         )
+        if any(group.optional.thickness is not None for group in forms.groups):
+            raise FormulationError(
+                f"{forms.form_name} moves in its plane alone, and what is reduced moves in space: take "
+                "forms.plane_stress, or make it a NonlinearModel"
+            )
         held = find_supports(supports, mesh=mesh, layout=forms.layout)
         nodal = find_nodal_groups(
             nodes,

@@ -117,7 +117,7 @@ class StressRecovery:
         return self._nodes.x
 
     def nodal(self, u: FloatArray) -> FloatArray:
-        """Stress at the nodes, averaged over the cells, in the mesh's axes: what is linear in u. Collective.
+        """Stress at the nodes, averaged over the cells, in the mesh's axes: the part linear in u. Collective.
 
         Args:
             u: (local dofs including ghosts,).
@@ -154,7 +154,7 @@ class StressRecovery:
                 slope = ufl.algorithms.expand_derivatives(ufl.replace(slope, {base: ufl.zero(*base.ufl_shape)}))
             if self._u not in ufl.algorithms.extract_coefficients(slope):
                 raise FormulationError(
-                    f"{group.form_name}: its stress is not linear in the displacement; small ones make none"
+                    f"{group.form_name}: its stress is not linear in the displacement, and a small one makes none"
                 )
             found.append((group.cells, fem.Expression(slope, points)))
         return found

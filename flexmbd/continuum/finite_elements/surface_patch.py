@@ -122,9 +122,14 @@ def surface_facets(body: Discretisation, name: str, *, what: str = "load") -> In
         what: it is for, in messages.
 
     Raises:
-        MeshError: on all ranks: no such group, no facet in it, or facets inside the part.
+        MeshError: on all ranks: the cells are not solid; no such group, no facet in it, or facets inside the part.
     """
     topology, groups = body.mesh.mesh.topology, body.mesh.facet_groups
+    if body.mesh.dim < 3:
+        raise MeshError(
+            f"{what} on {name!r}: the facets of the mesh are edges, and those of solid cells alone are taken; mesh "
+            "the body with solid cells, or load its nodes (ForceAtNodes)"
+        )
     if name not in groups:
         there = ", ".join(repr(known) for known in sorted(groups)) or "none"
         raise MeshError(f"{what} on {name!r}: the mesh has no such group of facets; it has: {there}")

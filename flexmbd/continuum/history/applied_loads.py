@@ -120,7 +120,7 @@ class AppliedLoads:
             self._body.set_temperature(np.asarray(sum(values[k] * rise for k, rise in self._rises.items())))
 
     def heat_factors(self, values: FloatArray) -> FloatArray:
-        """(temperatures + voltages,) of all factors theirs; not collective."""
+        """(temperatures + voltages,) their factors, taken out of those of all loads (loads,); not collective."""
         return values[list(self._held)]
 
     def size_of_heat(self, values: FloatArray) -> float:

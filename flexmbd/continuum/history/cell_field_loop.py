@@ -1,14 +1,14 @@
 """Fields of one cell in the compiled loop over cells: solved for by Newton's method with a kept inverse.
 
-Of what their equations lack follows their change, and of it that of the cell's forces; where this is small it is added,
-and the cell is done.
+What their equations lack gives a step of the fields, and the step a change of the cell's forces. Where the change is
+small, both are added, and the cell is done.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from flexmbd.continuum.history.point_loop import FORCES, solve_points, tabulate
+from flexmbd.continuum.history.point_loop import solve_points, tabulate_forces
 from flexmbd.multibody.kernels.base.compiling import kernel
 from flexmbd.round_off import ROUND_OFF
 
@@ -226,12 +226,9 @@ def solve_cell(  # type: ignore[no-untyped-def]
             change = solve_points(cell, begin, fields.state.shape[1], fields, kernels, room, sweeps, tolerance)
             if change != 0.0:
                 return change
+        tabulate_forces(kernels, room, begin)
         for i in range(n + m):
-            inner.force[i] = 0.0
-        for k in range(FORCES, kernels.addresses.shape[0]):
-            tabulate(kernels, k, room, begin)
-            for i in range(n + m):
-                inner.force[i] += room.tensor[i]
+            inner.force[i] = room.tensor[i]
         found = change_fields(cell, room, inner, inner.search, accuracy, extent)
         if found == 1:
             inner.solved[cell] = 1

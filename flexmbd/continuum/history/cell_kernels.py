@@ -155,7 +155,7 @@ class CellCompiler:
 
     def totals(self, terms: Sequence[IntegralTerm]) -> CellKernel | None:
         """That of the integrals of terms over a cell, (terms,); None where a rule is not the history's."""
-        if any(rule != self._rule for _, rule in terms):
+        if not all(self._is_of_history(rule) for _, rule in terms):
             return None
         cell = self._domain.topology.cell_name()
         of_cell = self._test_function(basix.ufl.element("DG", cell, 0, shape=(len(terms),)))

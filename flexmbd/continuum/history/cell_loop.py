@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexmbd.continuum.history.cell_field_loop import gather_whole, solve_cell
-from flexmbd.continuum.history.point_loop import FORCES, MEAN, solve_points, tabulate
+from flexmbd.continuum.history.point_loop import FORCES, MEAN, solve_points, tabulate, tabulate_forces
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 
@@ -105,11 +105,12 @@ def pass_cells(  # type: ignore[no-untyped-def]
             change = solve_points(cell, begin, states, fields, kernels, room, sweeps, tolerance)
             if change != 0.0:
                 return change
-        for k in range(FORCES, kernels.addresses.shape[0]):
-            tabulate(kernels, k, room, begin)
-            for i in range(blocks.shape[1]):
-                for d in range(width):
-                    forces[width * blocks[cell, i] + d] += room.tensor[width * i + d]
-        if states > 0 and kernels.addresses.shape[0] > FORCES:
+        if kernels.addresses.shape[0] == FORCES:
+            continue
+        tabulate_forces(kernels, room, begin)
+        for i in range(blocks.shape[1]):
+            for d in range(width):
+                forces[width * blocks[cell, i] + d] += room.tensor[width * i + d]
+        if states > 0:
             _keep(cell, dofs, fields, kernels, room)
     return 0.0

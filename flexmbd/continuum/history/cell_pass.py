@@ -128,10 +128,10 @@ class CellPass:
             self._blocks.threads = threads
 
     def totals(self, terms: Sequence[IntegralTerm]) -> Callable[[], FloatArray] | None:
-        """A function that integrates terms over this rank's cells of the group, means found before, (terms,).
+        """A function that finds the means and integrates terms over this rank's cells of the group, (terms,).
 
-        None where there are few cells, or terms have other rules than the history; collective, compiles. The function
-        is not.
+        None where there are few cells, or terms have other rules than the history. Collective, compiles; calls of the
+        function are not collective.
         """
         code = None if self._blocks is None or self._solved is not None else self._compiler.totals(terms)
         if self._blocks is None or code is None:
@@ -146,7 +146,7 @@ class CellPass:
 
         def found() -> FloatArray:
             self._take_known()
-            return blocks.totals(self._fields, nodes, self._domain.geometry.x, used, count=len(terms))[0]
+            return blocks.totals(self._fields, nodes, self._domain.geometry.x, used, count=len(terms))
 
         return found
 

@@ -23,11 +23,11 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from flexmbd.continuum.finite_elements.condition_places import (
-    check_apart,
     checked_conditions,
-    dofs_on,
+    condense,
+    find_places,
+    first_dof,
     free_dof,
-    lowest,
 )
 from flexmbd.continuum.finite_elements.discrete_forms import DiscreteForms
 from flexmbd.continuum.finite_elements.electrode import Condition
@@ -36,21 +36,6 @@ from flexmbd.continuum.history.surface_springs import SurfaceSprings
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class _Floating:
-    """An electrode that floats.
-
-    Attributes:
-        dofs: local, ghosts included.
-        own: those of them that this rank owns.
-        leader: the one whose value all have, on the rank that owns it; elsewhere -1.
-    """
-
-    dofs: NDArray[np.int64]
-    own: NDArray[np.int64]
-    leader: int
 
 
 class HeldFields:
@@ -69,41 +54,27 @@ class HeldFields:
 
         Args:
             conditions: the same on all ranks.
-            forms: the formulations on the mesh, of which some has a gauge, or there are no conditions.
+            forms: the formulations on the mesh.
             springs: on facets, which may fix a field.
 
         Raises:
             MeshError, FormulationError: on all ranks: as `find_conditions`.
         """
         self._comm, self._n = forms.comm, forms.layout.n_owned
-        self._first = forms.space.dofmap.index_map.local_range[0] * forms.space.dofmap.index_map_bs
+        self._first = first_dof(forms)
         shifts = {name: shift.values for name, shift in uniform_shifts(forms.groups, forms.layout).items()}
         given = checked_conditions(conditions, forms, shifts)
-        places = [dofs_on(one, forms, shifts[one.field]) for one in given]
-        check_apart(forms.comm, given, places)
-        self.ports = tuple(one for one in given if one.is_port)
-        self.held: BoolArray = np.zeros(self._n, dtype=bool)
-        units = np.zeros((self._n, len(self.ports)))
-        floating = []
-        for one, dofs in zip(given, places, strict=True):
-            self.held[dofs] = True
-            if one.floating:
-                leader = lowest(forms.comm, dofs, first=self._first) - self._first
-                mine = leader if 0 <= leader < self._n else -1
-                if mine >= 0:
-                    self.held[mine] = False
-                floating.append((dofs, mine))
-            elif one.is_port:
-                units[dofs, self.ports.index(one)] = shifts[one.field][dofs]
+        places = find_places(given, forms, shifts)
+        self.ports, self._floating = places.ports, places.floating
+        self.held: BoolArray = places.held.copy()
         for name, shift in shifts.items():
-            fixed = any(one.field == name and not one.floating for one in given)
-            if not fixed and not _is_sprung(springs, shift, forms.layout.n_local):
+            if name not in places.fixed and not _is_sprung(springs, shift, forms.layout.n_local):
                 self.held[free_dof(forms, shift, self.held)] = True
         self._vector = fem.Function(forms.space).x
-        self._units = np.stack([self._spread(unit) for unit in units.T], axis=1) if self.ports else self._empty
-        self._floating = tuple(
-            _Floating(np.flatnonzero(self._spread(_marked(self._n, dofs))), dofs, leader) for dofs, leader in floating
-        )
+        none = np.zeros((len(self._vector.array), 0))
+        self._units = np.stack([self._spread(unit) for unit in places.units.T], axis=1) if self.ports else none
+        # local dofs, ghosts included, of each floating electrode
+        self._together = [np.flatnonzero(self._spread(_marked(self._n, one.dofs))) for one in self._floating]
         self._zero = np.flatnonzero(self._spread(self.held.astype(float)))
         self.efforts: FloatArray = np.zeros(len(self.ports))
         self._change, self._gathered = PETSc.Mat(), PETSc.Mat()  # no handles before the first tangent
@@ -111,21 +82,17 @@ class HeldFields:
     def complete(self, values: FloatArray) -> None:
         """Give an unknown (local dofs including ghosts,) the values of the conditions; it is changed. Collective."""
         values[self._zero] = self._units[self._zero] @ self.efforts
-        for one in self._floating:
-            mine = values[one.leader] if one.leader >= 0 else 0.0
-            values[one.dofs] = self._comm.allreduce(mine)
+        for one, dofs in zip(self._floating, self._together, strict=True):
+            place = one.leader - self._first
+            values[dofs] = self._comm.allreduce(values[place] if 0 <= place < self._n else 0.0)
 
     def flows(self, parts: FloatArray) -> FloatArray:
         """(k,) C, charges, of the parts (local dofs including ghosts,) of forces that the ranks have. Collective."""
         return np.asarray(self._comm.allreduce(-(self._units.T @ parts))) if self.ports else np.zeros(0)
 
     def condense(self, forces: FloatArray) -> None:
-        """Take what is held out of forces (owned dofs,), which are changed. Collective."""
-        for one in self._floating:
-            total = self._comm.allreduce(float(forces[one.own].sum()))
-            if one.leader >= 0:
-                forces[one.leader] = total
-        forces[self.held] = 0.0
+        """As `condition_places.condense`. Collective."""
+        condense(self._comm, forces, held=self.held, floating=self._floating, first=self._first)
 
     def constrain(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """The tangent of what is free, the same matrix or one that is filled anew at each call. Collective."""
@@ -146,9 +113,8 @@ class HeldFields:
         for row in rows:
             change.setValue(row, row, 1.0)
         for one in self._floating:
-            leader = self._comm.allreduce(one.leader + self._first if one.leader >= 0 else 0)
-            for row in one.own + self._first:
-                change.setValue(row, leader, 1.0)
+            for row in one.dofs + self._first:
+                change.setValue(row, one.leader, 1.0)
         change.assemble()
         return change
 
@@ -157,10 +123,6 @@ class HeldFields:
         self._vector.array[: self._n] = values
         self._vector.scatter_forward()
         return np.asarray(self._vector.array.copy())
-
-    @property
-    def _empty(self) -> FloatArray:
-        return np.zeros((len(self._vector.array), 0))
 
 
 @dataclass(frozen=True, eq=False)

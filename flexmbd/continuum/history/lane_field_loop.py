@@ -9,8 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from flexmbd.continuum.history.cell_field_loop import CELL_SWEEPS, begin_search, change_fields, gather_whole
-from flexmbd.continuum.history.lane_loop import keep_lane, of_lane, solve_points_of_lanes, tabulate_lanes
-from flexmbd.continuum.history.point_loop import FORCES, CellUnknowns
+from flexmbd.continuum.history.lane_loop import (
+    keep_lane,
+    of_lane,
+    solve_points_of_lanes,
+    tabulate_forces_of_lanes,
+    take_block,
+)
+from flexmbd.continuum.history.point_loop import CellUnknowns
 from flexmbd.multibody.kernels.base.compiling import entry_kernel, kernel
 
 # What becomes of a cell of a block.
@@ -27,13 +33,10 @@ def _inner_of_lane(inner, room, lane):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _gather_block(count, nodes, x, blocks, width, fields, inner, room):  # type: ignore[no-untyped-def]
+def _gather_block(count, blocks, width, fields, inner, room):  # type: ignore[no-untyped-def]
     """Collect a block; cells without a tangent are left, and none stand behind the last."""
     for lane in range(room.row.shape[1]):
         cell = room.cells[lane]
-        for i in range(nodes.shape[1]):
-            for d in range(3):
-                room.coordinates[3 * i + d, lane] = x[nodes[cell, i], d]
         if lane >= count:
             room.found[lane] = _IS_NONE
             for i in range(room.row.shape[0]):
@@ -77,20 +80,14 @@ def _solve_block(begin, fields, kernels, room, inner, sweeps, tolerance, accurac
             _solve_points(begin, fields, kernels, room, inner, sweeps, tolerance)
         goes_on = False
         for lane in range(lanes):
-            if room.found[lane] == _GOES_ON:
-                goes_on = True
-                for i in range(size):
-                    room.force[lane, i] = 0.0
+            goes_on = goes_on or room.found[lane] == _GOES_ON
         if not goes_on:
             return
-        for k in range(FORCES, kernels.addresses.shape[0]):
-            tabulate_lanes(kernels, k, room, begin)
-            for lane in range(lanes):
-                if room.found[lane] == _GOES_ON:
-                    for i in range(size):
-                        room.force[lane, i] += room.tensor[i, lane]
+        tabulate_forces_of_lanes(kernels, room, begin)
         for lane in range(lanes):
             if room.found[lane] == _GOES_ON:
+                for i in range(size):
+                    room.force[lane, i] = room.tensor[i, lane]
                 cell, own = room.cells[lane], _inner_of_lane(inner, room, lane)
                 room.found[lane] = change_fields(cell, of_lane(room, lane), own, own.search, accuracy, 0.0)
                 if room.found[lane] == _SOLVED and fields.trial.shape[1] > 0:
@@ -117,7 +114,7 @@ def pass_field_blocks(  # type: ignore[no-untyped-def]
         room: to work in.
         inner: fields of one cell; ``solved`` tells of those that are.
         forces: (dofs,) N, to which they are added.
-        kept: (k, 1, dofs of a cell) N, where they are put in the place of it; without rows, not.
+        kept: (k, dofs of a cell) N, where they are put in the place of it; without rows, not.
         left: (k,) set to 1 where there is no tangent yet, or local unknowns were not solved for; these are as before.
         sweeps: the most local Newton steps.
         tolerance: change of the local unknowns over their sizes at which they end.
@@ -125,10 +122,8 @@ def pass_field_blocks(  # type: ignore[no-untyped-def]
     """
     shared, lanes, begin = width * blocks.shape[1], room.row.shape[1], inner.force.shape[0] + fields.state.shape[1]
     for b in range(first, last):
-        count = min(lanes, cells.shape[0] - lanes * b)
-        for lane in range(lanes):
-            room.cells[lane] = cells[lanes * b + min(lane, count - 1)]
-        _gather_block(count, nodes, x, blocks, width, fields, inner, room)
+        count = take_block(cells, b, nodes, x, room)
+        _gather_block(count, blocks, width, fields, inner, room)
         _solve_block(begin, fields, kernels, room, inner, sweeps, tolerance, accuracy)
         for lane in range(count):
             c, cell, is_solved = lanes * b + lane, room.cells[lane], room.found[lane] == _SOLVED
@@ -137,6 +132,6 @@ def pass_field_blocks(  # type: ignore[no-untyped-def]
             for j in range(shared):
                 force = room.force[lane, inner.shared[j]] if is_solved else 0.0
                 if kept.shape[0] > 0:
-                    kept[c, 0, j] = force
+                    kept[c, j] = force
                 elif is_solved:
                     forces[width * blocks[cell, j // width] + j % width] += force

@@ -68,7 +68,7 @@ class LaneRoom(NamedTuple):
 
 @kernel
 def tabulate_lanes(kernels, k, room, size):  # type: ignore[no-untyped-def]
-    """Let the kernel k write the first ``size`` entries of its tensor."""
+    """Let the kernel k add to the tensor, whose first ``size`` entries are zeroed before."""
     lanes = room.row.shape[1]
     given = room.row[kernels.begins[k, 0] :].ctypes.data
     if kernels.sizes[k, 1] > 0:
@@ -88,23 +88,25 @@ def tabulate_lanes(kernels, k, room, size):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _gather(room, nodes, x, blocks, width, fields):  # type: ignore[no-untyped-def]
-    """Collect the coordinates, displacements, history and local unknowns of a block's cells."""
-    dofs, states = width * blocks.shape[1], fields.state.shape[1]
-    for lane in range(room.row.shape[1]):
-        cell = room.cells[lane]
+def tabulate_forces_of_lanes(kernels, room, size):  # type: ignore[no-untyped-def]
+    """As `tabulate_forces`."""
+    for k in range(FORCES, kernels.addresses.shape[0]):
+        tabulate_lanes(kernels, k, room, size if k == FORCES else 0)
+
+
+@kernel
+def take_block(cells, b, nodes, x, room):  # type: ignore[no-untyped-def]
+    """Collect the numbers and coordinates of a block's cells; how many it has."""
+    lanes = room.cells.shape[0]
+    count = min(lanes, cells.shape[0] - lanes * b)
+    for lane in range(lanes):
+        cell = cells[lanes * b + min(lane, count - 1)]
+        room.cells[lane] = cell
         for i in range(nodes.shape[1]):
             node = nodes[cell, i]
             for d in range(3):
                 room.coordinates[3 * i + d, lane] = x[node, d]
-        for i in range(blocks.shape[1]):
-            block = blocks[cell, i]
-            for d in range(width):
-                room.row[width * i + d, lane] = fields.u[width * block + d]
-        for i in range(states):
-            room.row[dofs + i, lane] = fields.state[cell, i]
-        for i in range(fields.local.shape[1]):
-            room.row[dofs + states + i, lane] = fields.local[cell, i]
+    return count
 
 
 @kernel
@@ -115,6 +117,24 @@ def _average(kernels, room, place, fields):  # type: ignore[no-untyped-def]
         mean = room.tensor[0, lane] / room.tensor[1, lane]
         room.row[place, lane] = mean
         fields.mean[room.cells[lane]] = mean
+
+
+@kernel
+def _gather(blocks, width, fields, kernels, room):  # type: ignore[no-untyped-def]
+    """Collect the displacements, history, local unknowns and means of a block's cells."""
+    dofs, states = width * blocks.shape[1], fields.state.shape[1]
+    for lane in range(room.row.shape[1]):
+        cell = room.cells[lane]
+        for i in range(blocks.shape[1]):
+            block = blocks[cell, i]
+            for d in range(width):
+                room.row[width * i + d, lane] = fields.u[width * block + d]
+        for i in range(states):
+            room.row[dofs + i, lane] = fields.state[cell, i]
+        for i in range(fields.local.shape[1]):
+            room.row[dofs + states + i, lane] = fields.local[cell, i]
+    if kernels.addresses[MEAN] != 0:
+        _average(kernels, room, dofs + states + fields.local.shape[1], fields)
 
 
 @kernel
@@ -240,7 +260,7 @@ def pass_blocks(  # type: ignore[no-untyped-def]
         kernels: of blocks; the law is that of a point.
         room: to work in.
         forces: (dofs,) N, to which they are added.
-        kept: (k, kernels of forces, dofs of a cell) N, where they are put in the place of it; without rows, not.
+        kept: (k, dofs of a cell) N, where they are put in the place of it; without rows, not.
         left: (k,) set to 1 where local unknowns were not solved for, and nothing was added or kept.
         sweeps: the most local Newton steps.
         tolerance: change of the local unknowns over their sizes at which they end.
@@ -248,12 +268,8 @@ def pass_blocks(  # type: ignore[no-untyped-def]
     dofs, states, locals_ = width * blocks.shape[1], fields.state.shape[1], fields.local.shape[1]
     lanes, begin = room.row.shape[1], dofs + states
     for b in range(first, last):
-        count = min(lanes, cells.shape[0] - lanes * b)
-        for lane in range(lanes):
-            room.cells[lane] = cells[lanes * b + min(lane, count - 1)]
-        _gather(room, nodes, x, blocks, width, fields)
-        if kernels.addresses[MEAN] != 0:
-            _average(kernels, room, begin + locals_, fields)
+        count = take_block(cells, b, nodes, x, room)
+        _gather(blocks, width, fields, kernels, room)
         if locals_ > 0:
             room.before[:] = np.inf
             solve_points_of_lanes(kernels, room, fields, dofs, begin, sweeps, tolerance)
@@ -263,21 +279,20 @@ def pass_blocks(  # type: ignore[no-untyped-def]
                     continue
                 for i in range(locals_):
                     fields.local[room.cells[lane], i] = room.row[begin + i, lane]
-        for k in range(FORCES, kernels.addresses.shape[0]):
-            tabulate_lanes(kernels, k, room, begin)
-            if kept.shape[0] == 0:
-                _add(room, count, blocks, width, forces)
-            else:
-                for lane in range(count):
-                    for i in range(dofs):
-                        kept[lanes * b + lane, k - FORCES, i] = room.tensor[i, lane]
+        tabulate_forces_of_lanes(kernels, room, begin)
+        if kept.shape[0] == 0:
+            _add(room, count, blocks, width, forces)
+        else:
+            for lane in range(count):
+                for i in range(dofs):
+                    kept[lanes * b + lane, i] = room.tensor[i, lane]
         if states > 0:
             _keep(room, count, dofs, fields, kernels)
 
 
 @entry_kernel
 def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, room, totals):  # type: ignore[no-untyped-def]
-    """What kernels integrate over each cell, of some blocks, with its mean before.
+    """What a kernel integrates over each cell, of some blocks, with its mean before.
 
     Args:
         cells: (k,) the group's.
@@ -288,23 +303,18 @@ def block_totals(cells, first, last, nodes, x, blocks, width, fields, kernels, r
         blocks: (all cells, m) of the unknowns' dofs.
         width: dofs of a block.
         fields: what is read and written.
-        kernels: that of the mean, and in the places of those of forces what integrates.
+        kernels: that of the mean, and in the place of that of forces what integrates.
         room: to work in.
-        totals: (k, kernels of totals, n) of the group's cells, n numbers of each kernel, which are set.
+        totals: (k, n) of the group's cells, which are set.
     """
-    lanes, begin = room.row.shape[1], width * blocks.shape[1] + fields.state.shape[1]
+    lanes = room.row.shape[1]
     for b in range(first, last):
-        count = min(lanes, cells.shape[0] - lanes * b)
-        for lane in range(lanes):
-            room.cells[lane] = cells[lanes * b + min(lane, count - 1)]
-        _gather(room, nodes, x, blocks, width, fields)
-        if kernels.addresses[MEAN] != 0:
-            _average(kernels, room, begin + fields.local.shape[1], fields)
-        for k in range(totals.shape[1]):
-            tabulate_lanes(kernels, FORCES + k, room, totals.shape[2])
-            for lane in range(count):
-                for i in range(totals.shape[2]):
-                    totals[lanes * b + lane, k, i] = room.tensor[i, lane]
+        count = take_block(cells, b, nodes, x, room)
+        _gather(blocks, width, fields, kernels, room)
+        tabulate_lanes(kernels, FORCES, room, totals.shape[1])
+        for lane in range(count):
+            for i in range(totals.shape[1]):
+                totals[lanes * b + lane, i] = room.tensor[i, lane]
 
 
 @entry_kernel
@@ -320,10 +330,9 @@ def sum_kept(first, last, starts, places, kept, width, forces):  # type: ignore[
         width: dofs of a node.
         forces: (dofs,) N.
     """
-    nodes = kept.shape[2] // width
+    nodes = kept.shape[1] // width
     for node in range(first, last):
         for j in range(starts[node], starts[node + 1]):
             c, i = places[j] // nodes, places[j] % nodes
-            for k in range(kept.shape[1]):
-                for d in range(width):
-                    forces[width * node + d] += kept[c, k, width * i + d]
+            for d in range(width):
+                forces[width * node + d] += kept[c, width * i + d]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flexmbd.continuum.history.lane_field_loop import pass_field_blocks
 from flexmbd.continuum.history.lane_library import common_lanes, lane_kernel
 from flexmbd.continuum.history.lane_loop import LaneRoom, block_totals, pass_blocks, sum_kept
-from flexmbd.continuum.history.point_loop import FORCES, LAW, CellUnknowns, Fields, Kernels, Room
+from flexmbd.continuum.history.point_loop import LAW, CellUnknowns, Fields, Kernels, Room
 from flexmbd.errors import FormulationError
 
 FloatArray = NDArray[np.float64]
@@ -75,7 +75,7 @@ class LanePass:
         self._room, self._inner, self._lanes, self._held = room, inner, lanes, keep
         self.threads = 1
         self._rooms: list[LaneRoom] = []
-        self._kept: FloatArray = np.zeros((0, 1, 1))
+        self._kept: FloatArray = np.zeros((0, 1))
         self._starts: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._places: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._left = np.zeros(len(cells), dtype=np.int64)
@@ -134,17 +134,17 @@ class LanePass:
         return self._cells[rows]
 
     def totals(self, fields: Fields, nodes: Indices, x: FloatArray, kernels: Kernels, *, count: int) -> FloatArray:
-        """Sums over the cells of what some kernels integrate, (kernels, count); not collective.
+        """Sums over the cells of what a kernel integrates, (count,); not collective.
 
         Args:
             fields: what is read.
             nodes: (all cells, n) of the geometry.
             x: (nodes, 3) m.
-            kernels: that of the mean, and in the places of those of forces what integrates, for the same lanes.
-            count: numbers of each, the same for all.
+            kernels: that of the mean, and in the place of that of forces what integrates, for the same lanes.
+            count: of its numbers.
         """
         self._prepare(nodes.shape[1])
-        found = np.zeros((len(self._cells), len(kernels.addresses) - FORCES, count))
+        found = np.zeros((len(self._cells), count))
 
         def part(first: int, last: int, room: LaneRoom) -> None:
             block_totals(
@@ -183,14 +183,13 @@ class LanePass:
         if len(self._rooms) == self.threads:
             return
         self._rooms = [_lane_room(self._room, self._inner, self._lanes, nodes) for _ in range(self.threads)]
-        self._kept = np.zeros((0, 1, 1))
+        self._kept = np.zeros((0, 1))
         if self.threads > 1:
             dofs = self._blocks[self._cells]
             counted = np.bincount(dofs.ravel()) if dofs.size else np.zeros(0, dtype=np.int64)
             self._starts = np.concatenate([[0], np.cumsum(counted)]).astype(np.int64)
             self._places = np.argsort(dofs.ravel(), kind="stable").astype(np.int64)
-            forms = 1 if self._inner.places.size else len(self._kernels.addresses) - FORCES
-            self._kept = np.zeros((len(self._cells), forms, self._width * self._blocks.shape[1]))
+            self._kept = np.zeros((len(self._cells), self._width * self._blocks.shape[1]))
 
 
 def lane_pass(

@@ -9,7 +9,8 @@ section 8.5.2).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ FloatArray = NDArray[np.float64]
 
 #: A function of time, or of the load parameter: a number, data (fm.Table, fm.Sine, a PPoly), compiled or a callable.
 LoadFactor = Any
+
+_FEW = 100  # numbers that are named one by one where the ranks disagree
 
 
 @checked("facets", "follows", "name")
@@ -241,13 +244,16 @@ def listed(loads: Sequence[BodyLoad]) -> tuple[BodyLoad, ...]:
 
 
 def told(load: BodyLoad) -> str:
-    """A load by its kind, place and size; of its factor the kind alone, which is rank 0's anyway."""
-    parts = [type(load).__name__, load.name]
-    if isinstance(load, (PressureOnFacets, TractionOnFacets)):
-        parts += [load.facets, str(load.follows)]
-    if isinstance(load, ForceAtNodes):
-        parts += [str(list(load.nodes)), str(np.asarray(load.force).tolist())]
-    return " ".join([*parts, type(load.factor).__name__])
+    """A load by all that it was given; of functions the kind alone. A factor is rank 0's anyway."""
+    parts = [type(load).__name__]
+    for item in fields(load):
+        value = getattr(load, item.name)
+        if item.name == "factor" or callable(value):
+            parts.append(type(value).__name__)
+        else:
+            values = np.asarray(value)
+            parts.append(str(values.tolist()) if values.size <= _FEW else sha256(values.tobytes()).hexdigest())
+    return " ".join(parts)
 
 
 def _check(load: Any, name: str) -> None:

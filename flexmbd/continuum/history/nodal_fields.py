@@ -123,9 +123,8 @@ def _polynomial_weights(body: NonlinearModel, points: FloatArray, corners: Float
     """(nodes, points) of a cell: by the polynomial of the displacement's degree, or of less where points are few."""
     element = body.layout.node_space.element.basix_element
     for degree in range(element.degree, 0, -1):
-        basis = basix.create_element(
-                basix.ElementFamily.P, element.cell_type, degree, basix.LagrangeVariant.gll_warped
-            )
+        family, variant = basix.ElementFamily.P, basix.LagrangeVariant.gll_warped
+        basis = basix.create_element(family, element.cell_type, degree, variant)
         at_points, at_nodes = (basis.tabulate(0, places)[0, :, :, 0] for places in (points, corners))
         if np.linalg.matrix_rank(at_points) == at_points.shape[1]:
             return np.asarray(at_nodes @ np.linalg.pinv(at_points))

@@ -131,7 +131,7 @@ class Room(NamedTuple):
 
 @kernel
 def tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
-    """Let the kernel k write the first ``size`` entries of its tensor."""
+    """Let the kernel k add to the tensor, whose first ``size`` entries are zeroed before."""
     given = room.row[kernels.begins[k, 0] :].ctypes.data
     if kernels.sizes[k, 1] > 0:
         filled = 0
@@ -145,6 +145,13 @@ def tabulate(kernels, k, room, size):  # type: ignore[no-untyped-def]
         room.tensor[i] = 0.0
     pointers = room.tensor.ctypes.data, given, kernels.constants[k], room.coordinates.ctypes.data
     call_tabulate(kernels.addresses[k], pointers)
+
+
+@kernel
+def tabulate_forces(kernels, room, size):  # type: ignore[no-untyped-def]
+    """Let the kernels of forces write their sum, with the history behind it, the first ``size`` entries."""
+    for k in range(FORCES, kernels.addresses.shape[0]):
+        tabulate(kernels, k, room, size if k == FORCES else 0)  # a kernel adds to what is there
 
 
 @kernel

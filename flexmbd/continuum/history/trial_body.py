@@ -60,7 +60,7 @@ class TrialBody(DiscretisedBody):
         temperature: K, its rise, which the formulations read; None where the body is not heated.
         cold_groups: the groups with the formulations as they were given.
         plane_axis: of the mesh, along the normal of a plane body; None of others.
-        conditions: on fields of which these name a gauge; None where they name none.
+        conditions: on fields with a gauge, as electrodes; None where there is no such field.
     """
 
     def __init__(
@@ -79,11 +79,11 @@ class TrialBody(DiscretisedBody):
             means: whether formulations with `cell_mean` use it against volumetric locking.
             heated: whether they are at a temperature, which begins at zero.
             threads: among which each rank shares the cells of large bodies.
-            conditions: on fields of which they name a gauge.
+            conditions: on fields with a gauge, as electrodes.
 
         Raises:
             FormulationError: formulations of both references, or with gyroscopic forces; of a heated body those
-                without an expansion; conditions on a field of which they name no gauge.
+                without an expansion; conditions on a field without a gauge.
             MeshError: conditions that are none, or on groups that the mesh has not.
         """
         self.temperature: fem.Function | None = None

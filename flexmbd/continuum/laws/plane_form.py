@@ -58,7 +58,7 @@ def plane_form(formulation: str | Path | ModuleType, *, plane_strain: bool) -> M
     _check(form, optional, name, plane_strain=plane_strain)
     first = next(cell for cell in ("hexahedron", "tetrahedron") if cell in form.CELLS)
     reference = form.reference()
-    parameters = _parameters_of(form, name)
+    parameters = _parameters_of(form.Parameters, name)
     trial = parameters(reference.parameters, 1.0)
     made = ModuleType(f"plane_{'strain' if plane_strain else 'stress'}({name})")
     vars(made).update({
@@ -101,8 +101,9 @@ class PlaneReference:
         return self.solid.body_force(x)
 
 
-def _parameters_of(form: Any, name: str) -> type:
-    """Of a plane form: the solid's, and a thickness."""
+@functools.cache
+def _parameters_of(own: type, name: str) -> type:
+    """Of a plane form: the solid's own, and a thickness. The same class at each call."""
 
     @dataclasses.dataclass(frozen=True)
     class PlaneParameters:
@@ -112,12 +113,13 @@ def _parameters_of(form: Any, name: str) -> type:
         t: float
 
         def __post_init__(self) -> None:
-            if not isinstance(self.material, form.Parameters):
+            if not isinstance(self.material, own):
                 raise ValueError(f"material must be the Parameters of {name}, got {self.material!r}")
             if isinstance(self.t, bool) or not isinstance(self.t, (int, float)) or not 0.0 < self.t < float("inf"):
                 raise ValueError(f"thickness t must be positive and finite (m), got {self.t!r}")
             object.__setattr__(self, "t", float(self.t))
 
+    PlaneParameters.__qualname__ = "PlaneParameters"
     return PlaneParameters
 
 

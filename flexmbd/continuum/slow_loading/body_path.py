@@ -259,8 +259,8 @@ def _refuse_unheld(body: NonlinearModel, prescribed: NDArray[np.int32]) -> None:
     if body.springs is not None:  # which hold it as well
         return
     columns = body.layout.rigid_columns(np.zeros(3), np.eye(3))[: body.n_owned]
-    held = np.zeros_like(columns)
-    held[prescribed] = columns[prescribed]
+    held, given = np.zeros_like(columns), np.union1d(prescribed, body.held_dofs).astype(np.int32)
+    held[given] = columns[given]
     whole, left = (inner(body.comm, part, part) for part in (columns, held))
     # of each motion, what the given dofs take part in
     if scipy.linalg.eigh(left, whole, eigvals_only=True)[0] <= ROUND_OFF:

@@ -59,7 +59,7 @@ class BodyPathSpace:
         self._loads, self._body = loads, loads.body
         body, prescribed = loads.body, loads.prescribed
         self.solver = TangentSolver(body, prescribed, LinearSolver(0), counts=True)
-        self._free = np.setdiff1d(np.arange(body.n_owned), prescribed)
+        self._free = np.setdiff1d(np.arange(body.n_owned), np.union1d(prescribed, body.held_dofs))
         self._ghosted = body.vector()
         self._size, self._weights = motion_metric(body)
         self.typical, self._round_off = 1.0, 0.0
@@ -243,6 +243,7 @@ class BodyPathSpace:
         left.array[prescribed] = slope
         matrix.mult(left, right)
         block = np.stack([-balance.residual, self._load_slope(increment, factor) - right.array], axis=1)
+        block[self._body.held_dofs] = 0.0
         self._factored = None
         self.solver.constrain(matrix)
         self.solver.set_operator(matrix)

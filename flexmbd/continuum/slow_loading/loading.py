@@ -35,7 +35,8 @@ class SlowLoads:
 
     Raises:
         FormulationError: on all ranks: `prescribed` is no array of owned dofs, each once; at a load parameter a
-            displacement or a load of another shape, or one that is not finite.
+            displacement or a load of another shape, or one that is not finite; a displacement that moves a plane body
+            out of its plane.
     """
 
     body: NonlinearModel
@@ -50,7 +51,13 @@ class SlowLoads:
     def given(self, t: float) -> FloatArray:
         """(prescribed dofs,) m, from the undeformed body. Collective."""
         n = len(self.prescribed)
-        return np.zeros(n) if self.displacement is None else self._answer("displacement", self.displacement, t, n)
+        if self.displacement is None:
+            return np.zeros(n)
+        found = self._answer("displacement", self.displacement, t, n)
+        if self.body.plane_axis is not None:
+            leaves = found[np.isin(self.prescribed, self.body.held_dofs)].any()
+            self._agree(f"displacement moves nodes out of the plane of the body at {t:g}" if leaves else "")
+        return found
 
     def outer(self, t: float) -> TrialLoads:
         """The forces at a load parameter. Collective."""
