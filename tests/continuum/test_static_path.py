@@ -8,11 +8,12 @@ from cooks_membrane import raised
 from thick_cylinder import LIMIT, NU, cylinder
 
 from flexmbd import meshes
+from flexmbd.continuum.history.loads import BodyAcceleration
 from flexmbd.continuum.history.nonlinear_model import NonlinearModel
 from flexmbd.continuum.history.tangent_solver import LinearSolver, Preconditioner
-from flexmbd.continuum.slow_loading.static_path import follow, prescribed_dofs
+from flexmbd.continuum.slow_loading.static_path import clamped_dofs, follow, prescribed_dofs
 from flexmbd.errors import FormulationError, MeshError, PathError
-from flexmbd.forms import beam_exact
+from flexmbd.forms import beam_exact, st_venant_kirchhoff
 from flexmbd.forms import hencky_plasticity as hencky
 from flexmbd.forms import j2_plasticity as j2
 from flexmbd.forms import updated_lagrangian as updated
@@ -212,6 +213,20 @@ def test_multigrid_in_place_of_a_factor():
     assert found[1][0] == pytest.approx(found[0][0], rel=1e-8)
     # an older factor of nearly this tangent takes a few iterations, multigrid some tens
     assert found[1][1].iterations > 2 * found[0][1].iterations
+
+
+def test_multigrid_bends_a_slender_bar_as_a_factor_does():
+    """Bending has the energy, by the square of its slenderness: systems want far more iterations than thirty."""
+    found = []
+    for preconditioner in Preconditioner:
+        mesh = meshes.block(1.5, 0.05, 0.05, divisions=(60, 2, 2), comm=MPI.COMM_SELF)
+        body = NonlinearModel(mesh, st_venant_kirchhoff, st_venant_kirchhoff.Parameters(2e9, 0.3, 1e3), degree=2)
+        weight = BodyAcceleration((0.0, 0.0, -3.0))
+        solver = LinearSolver(preconditioner=preconditioner)
+        path = follow(body, [1.0], prescribed=clamped_dofs(body, ["x_min"]), loads=[weight], solver=solver)
+        found.append((body.displacement, path.iterations))
+    np.testing.assert_allclose(found[1][0], found[0][0], atol=1e-8 * abs(found[0][0]).max())
+    assert found[1][1] < 300
 
 
 def test_multigrid_refuses_what_it_does_not_know():

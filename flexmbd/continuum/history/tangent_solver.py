@@ -260,7 +260,9 @@ class TangentSolver:
     def _new_ksp(self, matrix: PETSc.Mat, preconditioning_matrix: PETSc.Mat) -> PETSc.KSP:
         """Krylov's method on a matrix, preconditioned by a copy of it that is kept. Collective."""
         ksp = PETSc.KSP().create(matrix.comm)
-        ksp.setType(PETSc.KSP.Type.GCR)  # as GMRES, with the residual at hand
+        ksp.setType(PETSc.KSP.Type.GMRES)
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setGMRESRestart(100)  # slender bodies by multigrid take some 70
         ksp.setOperators(matrix, preconditioning_matrix)
         if self._uses_multigrid:
             self._set_up_multigrid(ksp, preconditioning_matrix)
