@@ -91,13 +91,15 @@ def test_an_update_that_misses_a_state_is_refused_when_it_is_loaded(tmp_path, ch
 
 
 def test_two_rules_in_one_history(tmp_path):
-    """History lies at the points of one rule."""
+    """History lies at the points of one rule; terms without it may have others."""
     one = "    return [(ufl.inner(deviator, strain) + pressure * ufl.div(v), rule(u))]\n"
-    two = "    return [(ufl.inner(deviator, strain), rule(u)), (pressure * ufl.div(v), Quadrature(1))]\n"
-    form = changed(tmp_path, (one, two))
+    half, other = "ufl.inner(deviator, strain) / 2", "pressure * ufl.div(v)"
     mesh = tagged(cube("hexahedron", n=1, degree=1, amplitude=0.0))
-    with pytest.raises(FormulationError, match=r"its terms have the quadrature rules .*give all terms the same rule"):
-        NonlinearModel(mesh, form, form.Parameters(**STEEL), degree=1)
+    free = changed(tmp_path, (one, f"    return [(2 * {half}, rule(u)), ({other}, Quadrature(1))]\n"))
+    NonlinearModel(mesh, free, free.Parameters(**STEEL), degree=1)
+    both = changed(tmp_path, (one, f"    return [({half}, rule(u)), ({half} + {other}, Quadrature(1))]\n"))
+    with pytest.raises(FormulationError, match=r"terms with the history have the quadrature rules .*the same rule"):
+        NonlinearModel(mesh, both, both.Parameters(**STEEL), degree=1)
 
 
 @pytest.mark.parametrize("form", [updated_lagrangian, hencky_plasticity], ids=["Truesdell", "logarithmic"])

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from flexmbd.errors import SceneError
@@ -98,6 +97,8 @@ def reduced_facets(body: FlexibleBody, group: str | None, *, what: str, **told: 
         frames.append(Frame(body, np.zeros(3), np.eye(3), modes, f"{frames[0].label} modes {3 * k} to {3 * k + 2}"))
     mass, stiffness = body.record.mass_matrix(), np.zeros(6 + body.record.n_modes)
     stiffness[6:] = body.record.stiffness
+    import scipy.linalg  # on need: it takes longer to load than a first run
+
     rate = float(scipy.linalg.eigh(np.diag(stiffness), mass, eigvals_only=True)[-1])
     # of lengths, and of what no mode moves none
     kept = np.concatenate([np.arange(6), 6 + felt])
